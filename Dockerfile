@@ -29,8 +29,7 @@ RUN . "/opt/ros/$ROS_DISTRO/setup.bash" \
     && python3 -m colcon build --base-paths src --cmake-args -DBUILD_TESTING=OFF -DPython3_EXECUTABLE=/ws/venv/bin/python3 \
     && rm -rf build log
 
-# Compiled models are kept in the cache: mount a volume there, or each container makes them anew (a second; a quarter of a minute for kinds of knee that are not in config/).
-# `docker run ... warm` fills it, and so does `RUN knee-contact warm` in an image of your own on the same kind of processor.
+# The build has compiled the model, for the kind of processor that it ran on. On others the first start compiles it, for some 6 to 12 s, and keeps it in the cache: mount a volume there.
 RUN install --directory --owner=1000 --group=1000 /home/ubuntu/.cache
 USER 1000
 WORKDIR /home/ubuntu

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import ast
 import io
+import sys
 import tokenize
+from functools import cache
 from pathlib import Path
+from types import CodeType, FrameType
+from typing import Any
 
 import grimp
 from tabulate import tabulate
@@ -43,6 +47,41 @@ def room(module: str) -> str:
     return parts[1] if len(parts) > 2 or (ROOT / PACKAGE / parts[-1]).is_dir() else ""
 
 
+def longest_chain(folder: Path) -> int:
+    """Number of modules in the longest chain of a room's own imports, those on first use left out."""
+    names = {path.stem for path in folder.glob("*.py")} - {"__init__"}
+
+    @cache
+    def below(name: str) -> int:
+        tree = ast.parse((folder / f"{name}.py").read_text(encoding="utf-8"))
+        found = [node for node in tree.body if isinstance(node, ast.ImportFrom) and node.module]
+        words = {f"{node.module}.{alias.name}" for node in found for alias in node.names}
+        own = {other for other in names for word in words if f"{PACKAGE}.{folder.name}.{other}." in f"{word}."}
+        return 1 + max(map(below, own - {name}), default=0)
+
+    return max(map(below, names), default=0)
+
+
+def entered_in_a_tick() -> tuple[int, int]:
+    """Functions that an uncompiled tick enters, and the files that they are in: most of any tick of gait."""
+    from knee_contact_ros.parameters.build import load_model
+    from studies.gait import gait
+
+    stream, most = load_model("healthy", compiled=False).stream(), (0, 0)
+    for time, angle, load in zip(*gait("right"), strict=True):
+        entered: set[CodeType] = set()
+
+        def note(frame: FrameType, event: str, _argument: Any, entered: set[CodeType] = entered) -> None:
+            if event == "call":
+                entered.add(frame.f_code)
+
+        sys.setprofile(note)
+        stream.tick(time, angle, load)
+        sys.setprofile(None)
+        most = max(most, (len(entered), len({code.co_filename for code in entered})))
+    return most
+
+
 def figures() -> dict[str, int]:
     """Figures of the package by their names."""
     modules, lines, code = lines_in(ROOT / PACKAGE)
@@ -52,6 +91,8 @@ def figures() -> dict[str, int]:
     importers = {module: graph.find_modules_that_directly_import(module) for module in inner}
     packages = {module for module in inner if graph.find_children(module)}
     between = sum(room(one) != room(module) for module in inner for one in importers[module])
+    model_modules, _, model_code = lines_in(ROOT / PACKAGE / "model")
+    functions, files = entered_in_a_tick()
     return {
         "modules": modules,
         "modules at the root": len([p for p in (ROOT / PACKAGE).glob("*.py") if p.name != "__init__.py"]),
@@ -60,6 +101,11 @@ def figures() -> dict[str, int]:
         "rooms": len({room(module) for module in inner} - {""}),
         "imports between rooms": between,
         "modules with one importer": sum(len(importers[module]) == 1 for module in inner if module not in packages),
+        "modules of the model": model_modules,
+        "lines of code of the model": model_code,
+        "longest chain of imports in the model": longest_chain(ROOT / PACKAGE / "model"),
+        "functions that an uncompiled tick enters": functions,
+        "files that they are in": files,
         "test modules": tests,
         "test lines of code": test_code,
     }

@@ -3,8 +3,7 @@
 python -m scripts.same_messages OTHER [--first N] [--scenes N]
 
 Both compute the bundled bags with all shipped parameter files, and random scenes: laws, constants, surfaces, and
-streams of two sensors some of whose samples are wrong; at the level `auto`, which comes through all of them. Each
-checkout has its own .venv. Ends with 1 if they differ.
+streams of two sensors some of whose samples are wrong. Each checkout has its own .venv. Ends with 1 if they differ.
 """
 
 from __future__ import annotations

@@ -18,7 +18,7 @@ from knee_contact_ros.system.ros_graph import private_graph
 
 ROOT = Path(__file__).parents[1]
 COMMAND = [sys.executable, "-m", "knee_contact_ros.cli.main"]
-MODEL = ("core/", "compiled/")
+MODEL = ("model/",)
 
 
 def files_on_the_way(work: Path) -> set[str]:

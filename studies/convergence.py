@@ -9,27 +9,21 @@ import itertools
 import math
 from pathlib import Path
 from typing import NamedTuple
+from unittest.mock import patch
 
 import click
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.core.contact_laws import CONTACT_LAWS, ContactLaw, Layer
-from knee_contact_ros.core.contact_modes import NOWHERE, ContactMode, ContactModes
-from knee_contact_ros.core.contact_pairs.on_plane import OnPlane
-from knee_contact_ros.core.error_estimate import EXACT
-from knee_contact_ros.core.events import end_on_boundary
-from knee_contact_ros.core.geometries import Circle
-from knee_contact_ros.core.integrators.base import FemurState, Motion
-from knee_contact_ros.core.integrators.esdirk4 import esdirk4_step
-from knee_contact_ros.core.integrators.fehlberg import fehlberg_step
-from knee_contact_ros.core.levels import LEVELS
-from knee_contact_ros.core.levels.dynamic import accepted, begin_stretch, behind_boundary, dynamic_tick
-from knee_contact_ros.core.mechanisms.hinge import Hinge
-from knee_contact_ros.core.prescribed import Interval
-from knee_contact_ros.core.scene import RunState, Scene, begin_with
-from knee_contact_ros.core.statics import NO_LIMIT, static_depth
-from knee_contact_ros.core.stepping import NO_LANDING, StepperState, attempt
+from knee_contact_ros.model import laws as model_laws
+from knee_contact_ros.model import solver
+from knee_contact_ros.model.error_estimate import EXACT
+from knee_contact_ros.model.knee import KneeModel
+from knee_contact_ros.model.laws import BEGIN, CONTACT_LAWS, ContactLaw
+from knee_contact_ros.model.mechanisms import hinge
+from knee_contact_ros.model.solver import NOWHERE, Femur, Interval, Stage, Step
+from knee_contact_ros.model.surfaces import Circle, ContactPair, Plane
+from knee_contact_ros.model.ticks import LEVELS
 from knee_contact_ros.tools.work_precision import reference
 from knee_contact_ros.tools.work_precision import reference_laws as laws
 from knee_contact_ros.tools.work_precision.reference_femur import ByDepth, circle
@@ -77,26 +71,8 @@ class Case(NamedTuple):
     layers: laws.Layers
 
 
-class Across(NamedTuple):
-    """A whole contact law as one formula, clamped at zero force."""
-
-    law: ContactLaw
-
-    def force_at(self, depth: float, rate: float, impact_speed: float) -> tuple[float, float, float]:
-        """See `LayerFormula`."""
-        if depth <= 0.0:
-            return 0.0, 0.0, 0.0
-        layer = sum(layer.begin < depth for layer in self.law.layers) - 1
-        answer = self.law.layers[layer].formula.force_at(depth, rate, impact_speed)
-        return answer if answer[0] > 0.0 else (0.0, 0.0, 0.0)
-
-    def remembers_impact(self) -> bool:
-        """See `LayerFormula`."""
-        return False
-
-
-METHODS = {"implicit": math.inf, "explicit": 0.0}
-"""Methods by the spectral radius [1/s] of the contact above which a step takes the implicit one"""
+METHODS = {"implicit": 0.0, "explicit": math.inf}
+"""Methods by the largest step times spectral radius that `solver.attempt` takes explicitly"""
 
 
 def cases() -> list[Case]:
@@ -130,86 +106,83 @@ def two_layers(name: str, loads: tuple[float, ...], stiffness: float, stiffness_
     return Case(name, loads, law, laws.two_layer(stiffness, exponent, DAMPING, LAYER, stiffness_2, damped=False))
 
 
+def model_of(case: Case, tolerance: float) -> KneeModel:
+    """Model of a case with a tolerance [m]."""
+    pair = ContactPair(Circle(RADIUS), Plane(0.0), hinge())
+    return KneeModel(pair, case.law, MASS, tolerance, budget=0, level=LEVELS["dynamic"])
+
+
 def intervals(case: Case) -> list[Interval]:
     """Intervals of the ticks of a case."""
-    pair, hinge = OnPlane(Circle(RADIUS)), Hinge()
     return [
-        Interval(pair, hinge, PERIOD, 0.0, 0.0, load, (following - load) / PERIOD, math.nan)
+        Interval(PERIOD, 0.0, 0.0, load, (following - load) / PERIOD, solver.FORCE_ROUNDING * max(abs(load), 1.0))
         for load, following in itertools.pairwise(case.loads)
     ]
 
 
-def scene_of(case: Case, tolerance: float) -> Scene:
-    """Scene of a case with a tolerance [m]."""
-    modes = ContactModes(case.law, allow_tension=False)
-    return Scene(OnPlane(Circle(RADIUS)), Hinge(), modes, MASS, tolerance, 0.0, 0, LEVELS["dynamic"])
+def static_start(case: Case) -> Femur:
+    """State of a case at rest under the first load."""
+    return Femur(RADIUS - model_of(case, 1e-13).static_depth(case.loads[0]), 0.0, EXACT, math.inf, 0.0, 0.0)
 
 
 def ended_on_events(case: Case, steps: int, method: str) -> list[float]:
     """Signed depths [m] after each tick by the model's own stepping, without error control."""
-    scene, size, state, impact_speed = scene_of(case, 1e-13), PERIOD / steps, static_start(case).state, 0.0
-    depths = []
-    for interval in intervals(case):
-        going = StepperState(
-            0.0, state, EXACT, size, 0.0, impact_speed, 0.0, 0, 0, given_up=False, most=NO_LIMIT, landing=NO_LANDING
-        )  # fmt: skip
-        going, region = begin_stretch(scene, interval, going, 0.0)
-        while going.s < PERIOD:
-            going, region = fixed_step(scene, interval, going._replace(spectral_radius=METHODS[method]), region, size)
-        state, impact_speed = going.state, going.impact_speed
-        depths.append(RADIUS - state.height)
+
+    def fixed_step(
+        knee: solver.Knee, tick: Interval, layer: int, impact: float, s: float, y: float, v: float, begin: Stage,
+        until: float, try_step: float, _landed: bool, room: int,
+    ) -> tuple[Step, float, int, float, int, bool]:  # fmt: skip
+        """Take a step of the fixed size, or of what is left, and end it on the first boundary that it crosses."""
+        size, remaining, boundary = PERIOD / steps, until - s, NOWHERE
+        h = remaining if remaining < 1.5 * size else size
+        step = solver.attempt(knee, tick, layer, True, impact, NOWHERE, s, y, v, h, begin, room)
+        while step.boundary != NOWHERE and boundary == NOWHERE:
+            high = step.fraction * h
+            step, h, boundary, _ = solver.end_on_boundary(
+                knee, tick, layer, True, impact, s, y, v, 0.0, high, begin, begin, step.boundary, room
+            )
+        return step, h, boundary, try_step, 0, False
+
+    knee, femur, depths = model_of(case, 1e-13).knee, static_start(case), []
+    with patch.object(solver, "EXPLICIT", METHODS[method]), patch.object(solver, "pressed_step", fixed_step):
+        for tick in intervals(case):
+            result = solver.advance(knee, tick, femur, knee.budget)
+            if not result.converged:
+                raise RuntimeError(f"given up in {case.name}")
+            femur = result.femur
+            depths.append(RADIUS - femur.height)
     return depths
 
 
-def fixed_step(
-    scene: Scene, interval: Interval, going: StepperState, region: ContactMode, size: float
-) -> tuple[StepperState, ContactMode]:
-    """Take a step of the fixed size [s], or of what is left, and end it on the first boundary that it crosses."""
-    remaining = PERIOD - going.s
-    h = remaining if remaining < 1.5 * size else size
-    going, step = attempt(scene, interval, going, region, h, NOWHERE)
-    boundary = NOWHERE
-    while h > 0.0 and step.crossing.boundary != NOWHERE and not going.given_up:
-        going, step, h, boundary = end_on_boundary(scene, interval, going, region, step, h)
-    if going.given_up:
-        raise RuntimeError(f"given up at {going.s} s")
-    going = accepted(scene, interval, going, region, step, h, PERIOD)
-    return (going, region) if boundary == NOWHERE else behind_boundary(scene, interval, going, region, step, boundary)
-
-
-def controlled(case: Case, tolerance: float) -> tuple[list[float], float]:
-    """Signed depths [m] after each tick with error control, and the mean evaluations per tick."""
-    scene = scene_of(case, tolerance)
-    progress, answers = static_start(case), []
-    for interval in intervals(case):
-        answers.append(dynamic_tick(scene, interval, progress, 0))
-        progress = answers[-1].run_state
-    return [answer.depth for answer in answers], float(np.mean([answer.evaluations for answer in answers]))
-
-
-def static_start(case: Case) -> RunState:
-    """State of a case at rest under the first load."""
-    depth = static_depth(case.law, case.loads[0], 0.0, 0.0, NO_LIMIT).depth
-    state = FemurState(RADIUS - depth, 0.0)
-    return begin_with(state, 0.0, 0.0)
+def across(law: NDArray[np.float64], _layer: int, depth: float, rate: float, impact: float) -> tuple[float, ...]:
+    """Return a whole contact law as one formula, clamped at zero force; see `laws.force_at`."""
+    layer = int(np.sum(law[1:, BEGIN] < depth))
+    answer = model_laws.force_at(law, layer, depth, rate, impact)
+    return answer if layer > 0 and answer[0] > 0.0 else (0.0, 0.0, 0.0)
 
 
 def stepped_across(case: Case, steps: int, method: str) -> list[float]:
     """Signed depths [m] after each tick by the same method with the law as one function, clamped at zero force."""
-    modes, region = (
-        ContactModes(ContactLaw((Layer(-1.0, Across(case.law)),)), allow_tension=True),
-        ContactMode(0, pressing=True),
-    )
-    state, h, depths = static_start(case).state, PERIOD / steps, []
-    for interval in intervals(case):
-        motion = Motion(interval, modes, region, 0.0, MASS, NOWHERE)
-        for i in range(steps):
-            if method == "explicit":
-                state = fehlberg_step(motion, i * h, state, h).state
-            else:
-                state = esdirk4_step(motion, i * h, state, h, 1e-16, NO_LIMIT).state
-        depths.append(RADIUS - state.height)
+    knee, femur, h, depths = model_of(case, 1e-14).knee, static_start(case), PERIOD / steps, []
+    y, v = femur.height, femur.velocity
+    with patch.object(solver, "force_at", across):
+        for tick in intervals(case):
+            for i in range(steps):
+                begin = solver.stage_at(knee, tick, 1, 0.0, i * h, y, v)
+                if method == "explicit":
+                    step = solver.explicit_step(knee, tick, 1, 0.0, NOWHERE, i * h, y, v, h, begin)
+                else:
+                    step = solver.implicit_step(knee, tick, 1, 0.0, NOWHERE, i * h, y, v, h, begin, knee.budget)
+                y, v = step.height, step.velocity
+            depths.append(RADIUS - y)
     return depths
+
+
+def controlled(case: Case, tolerance: float) -> tuple[list[float], float]:
+    """Signed depths [m] after each tick with error control, and the mean evaluations per tick."""
+    time = PERIOD * np.arange(len(case.loads))
+    answers = model_of(case, tolerance).run(time, np.zeros_like(time), np.array(case.loads))
+    return list(answers.penetration_depth - answers.gap)[1:], float(answers.evaluations[1:].mean())
 
 
 def exact(case: Case) -> NDArray[np.float64]:

@@ -5,9 +5,6 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 
 class Ellipse(NamedTuple):
     """An ellipse about the reference point."""
@@ -18,25 +15,8 @@ class Ellipse(NamedTuple):
     """Half axis, superior [m]"""
 
     def support(self, angle: float) -> tuple[float, float]:
-        """See `FemoralGeometry`."""
+        """Return the support [m] at a flexion angle [rad], and its slope [m/rad]."""
         a, b = self.a, self.b
         sine, cosine = math.sin(angle), math.cos(angle)
         h = math.sqrt(a * a * sine * sine + b * b * cosine * cosine)
         return h, (a * a - b * b) * sine * cosine / h
-
-    def next_kink(self, start: float, end: float) -> float:
-        """See `FemoralGeometry`."""
-        return math.nan
-
-    def knot_spacing(self) -> float:
-        """See `FemoralGeometry`."""
-        return math.inf
-
-    def largest_radius(self) -> float:
-        """See `FemoralGeometry`."""
-        return max(self.a, self.b)
-
-    def outline(self) -> NDArray[np.float64]:
-        """See `FemoralGeometry`."""
-        turn = np.linspace(0.0, math.tau, 181)
-        return np.stack([self.a * np.cos(turn), self.b * np.sin(turn)], axis=1)

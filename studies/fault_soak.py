@@ -26,11 +26,11 @@ from std_srvs.srv import Trigger
 
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.bags.reader import BagReader, RawMessage
-from knee_contact_ros.core.types import Status
 from knee_contact_ros.messages.cdr import decode_joint_state
 from knee_contact_ros.messages.ros_types import deserialize
 from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, MESSAGE_TYPES
+from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.stage import RECORDING, node_process
 from knee_contact_ros.parameters.schema import Parameters

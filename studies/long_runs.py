@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
-from knee_contact_ros.core.levels import LEVELS
 from studies.honesty.judging import Judged, judge
 from studies.honesty.loads import STRIDE, bag
 from studies.honesty.ours import knee
 from studies.honesty.scenes import ARTHRITIC, FEMUR, HEALTHY, KNEE, Scene, shipped
-from studies.honesty.tally import Tally, percentile
+from studies.honesty.study import LEVELS
+from studies.honesty.tally import Tally, not_finite, percentile
 from studies.honesty.truth import knee_of
 from studies.reference import Reference
 from studies.report import Section, machine, save
@@ -157,24 +157,18 @@ def measured(run: LongRun, part: float, seed: int, level: str) -> Found:
     scene = scene_of(run, part, seed)
     truth, stream = Reference(knee_of(scene)), knee(scene, level, TOLERANCE).stream()
     stamps = np.rint(scene.time * 1e9).astype(np.int64)
-    tally, not_finite, first, largest = Tally(), 0, math.nan, 0.0
+    tally, lost, first, largest = Tally(), 0, math.nan, 0.0
     for begin in range(0, len(stamps), CHUNK):
         here = slice(begin, begin + CHUNK)
         answers = stream.advance_all(stamps[here], scene.angle[here], scene.load[here], None)
         series = answers.view(np.recarray)
         judged = judge(series, truth.take(scene.time[here], scene.angle[here], scene.load[here]), TOLERANCE)
         tally.count(judged)
-        not_finite += _not_finite(judged) + int(np.sum(~np.isfinite(series.penetration_depth)))
+        lost += not_finite(series)
         if math.isnan(first) and judged.depth.wrong.any():
             first = float(scene.time[here][np.argmax(judged.depth.wrong)])
         largest = max(largest, _largest(judged))
-    return Found(tally, not_finite, first, largest)
-
-
-def _not_finite(judged: Judged) -> int:
-    """Number of estimates that are not finite."""
-    verdicts = [judged.depth] if judged.force is None else [judged.depth, judged.force]
-    return sum(int(np.sum(~np.isfinite(verdict.estimate))) for verdict in verdicts)
+    return Found(tally, lost, first, largest)
 
 
 def _largest(judged: Judged) -> float:
@@ -206,13 +200,13 @@ def total_row(found: list[tuple[LongRun, Found]]) -> list[str]:
     hours = sum(one.tally.ticks / run.rate / HOUR for run, one in found)
     ticks = sum(one.tally.ticks for _, one in found)
     wrong = sum(one.tally.depth.wrong for _, one in found)
-    not_finite = sum(one.not_finite for _, one in found)
-    return ["all", f"{hours:.3g}", "", str(ticks), str(wrong), "", str(not_finite), *[""] * (len(HEADER) - 7)]
+    lost = sum(one.not_finite for _, one in found)
+    return ["all", f"{hours:.3g}", "", str(ticks), str(wrong), "", str(lost), *[""] * (len(HEADER) - 7)]
 
 
 @click.command()
 @click.option("--part", default=1.0, show_default=True, help="Part of each run's duration.")
-@click.option("--level", type=click.Choice(list(LEVELS)), default="auto", show_default=True)
+@click.option("--level", type=click.Choice(LEVELS), default="dynamic", show_default=True)
 @click.option("--output", type=click.Path(path_type=Path), default=Path("docs/studies/long_runs.md"), show_default=True)
 def main(part: float, level: str, output: Path) -> None:
     """Measure and write the table."""
@@ -227,7 +221,7 @@ def main(part: float, level: str, output: Path) -> None:
     command = (
         "python -m studies.long_runs"
         + (f" --part {part:g}" if part != 1.0 else "")
-        + f" --level {level}" * (level != "auto")
+        + f" --level {level}" * (level != "dynamic")
     )
     save(output, f"Long runs at level {level}", command, [Section("", TEXT, HEADER, rows)], machine())
 

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import click
 import numpy as np
 
-from knee_contact_ros.core.types import Status
+from knee_contact_ros.model.types import Status
 from knee_contact_ros.tools.work_precision import reference
 from knee_contact_ros.tools.work_precision import reference_laws as laws
 from knee_contact_ros.tools.work_precision.reference_femur import ByDepth, circle, ellipse
@@ -38,7 +38,8 @@ REFERENCE_HEADER = (
 )  # fmt: skip
 TEXT = f"""
 A tick may cost {BUDGET} evaluations of the contact law; beyond, it is answered with the static solution
-(settled), which is flagged. A scene fails if an answer is not finite, the contact pulls, depth and gap are
+(settled), which is flagged, as are the ticks after it until the contact has forgotten the difference.
+A scene fails if an answer is not finite, the contact pulls, depth and gap are
 there at once, a tick is not flagged although its estimate exceeds the tolerance or it was settled, the error of
 a tick that is not flagged exceeds the tolerance, energy is made, or anything is raised. The error is measured
 against the same model at a tolerance {FINER:g} times smaller, at the ticks up to which that run stayed within
@@ -172,7 +173,7 @@ def main(output: Path, scenes: int, seed: int) -> None:
         pending = pool.map(against_reference, checked)
         random = "random, all ranges"
         given = [(family, "dynamic", list(tried)) for family, tried in families(scenes, seed).items()]
-        given += [(f"{family}; level auto", "auto", tried) for family, _, tried in given if family == random]
+        given += [(f"{family}; quasi-static", "quasi_static", tried) for family, _, tried in given if family == random]
         for family, level, tried in given:
             outcomes = list(pool.map(functools.partial(judge, level=level, quick=True), tried, chunksize=2))
             rows.append(row(family, outcomes))

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.core.contact_laws import ContactLaw
-from knee_contact_ros.core.types import Fidelity, Status
+from knee_contact_ros.model.laws import ContactLaw
+from knee_contact_ros.model.types import Fidelity, Status
 from studies.stability_scenes import Scene, law_of, run
 
 FINER = 300.0
@@ -110,7 +110,7 @@ class Energy:
         for layer, end in zip(self.law.layers, ends, strict=True):
             inside = min(depth, end) - layer.begin
             if inside > 0.0:
-                force = [layer.formula.force_at(layer.begin + inside * u * u, 0.0, 0.0)[0] for u in NODES]
+                force = [layer.force_at(layer.begin + inside * u * u, 0.0)[0] for u in NODES]
                 total += 2.0 * inside * sum(w * u * f for w, u, f in zip(WEIGHTS, NODES, force, strict=True))
         return total
 
@@ -125,9 +125,9 @@ class Energy:
         """Change of energy [J] that an error of the depth [m] amounts to.
 
         A mass m that swings with an energy E on a stiffness k has a speed of at most v = √(2E/m). An error e of the
-        depth is one of e√(k/m), or of e c/m where the dashpot c holds it back, in the speed (`core.error_estimate`).
+        depth is one of e√(k/m), or of e c/m where the dashpot c holds it back, in the speed (`model.error_estimate`).
         """
-        slopes = [layer.formula.force_at(depth, 0.0, 0.0)[1:] for layer in self.law.layers]
+        slopes = [layer.force_at(depth, 0.0)[1:] for layer in self.law.layers]
         stiffness = max(slope[0] for slope, layer in zip(slopes, self.law.layers, strict=True) if layer.begin < depth)
         damping = max(slope[1] for slope in slopes)
         off = error * max(math.sqrt(stiffness / self.mass), damping / self.mass, 10.0)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 
-from knee_contact_ros.core.contact_laws import CONTACT_LAWS
+from knee_contact_ros.model.laws import CONTACT_LAWS
 from studies.stability_scenes import DEGENERATE, Scene, arguments_of
 
 LAWS = tuple(CONTACT_LAWS)

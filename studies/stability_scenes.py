@@ -11,17 +11,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.core import ticks
-from knee_contact_ros.core.contact_laws import CONTACT_LAWS, ContactLaw
-from knee_contact_ros.core.contact_modes import ContactModes
-from knee_contact_ros.core.contact_pairs import ContactPair, OnPlane, in_circle, on_profile
-from knee_contact_ros.core.geometries import Circle, FemoralGeometry, Profile
-from knee_contact_ros.core.integrators.base import FemurState
-from knee_contact_ros.core.levels import LEVELS
-from knee_contact_ros.core.mechanisms import Hinge, ParallelMechanism, Table
-from knee_contact_ros.core.model import KneeModel
-from knee_contact_ros.core.scene import at_height, begin_with
-from knee_contact_ros.core.types import NANOSECOND, blank
+from knee_contact_ros.model import ticks
+from knee_contact_ros.model.knee import KneeModel
+from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw
+from knee_contact_ros.model.mechanisms import hinge, parallel_mechanism
+from knee_contact_ros.model.surfaces import Circle, ContactPair, Cup, Plane, Plateau, Profile, SmoothFemur
+from knee_contact_ros.model.ticks import LEVELS
+from knee_contact_ros.model.types import NANOSECOND, Fidelity, blank
 from knee_contact_ros.parameters.schema import Parameters, constants_of
 from studies.ellipse import Ellipse
 
@@ -93,7 +89,7 @@ def _points(path: Path) -> NDArray[np.float64]:
 
 
 @lru_cache
-def femur(name: str) -> FemoralGeometry:
+def femur(name: str) -> Circle | Profile | SmoothFemur:
     """Femoral surface by its name; all but the circles and ellipses are profiles of measured or made-up points."""
     around = np.linspace(-math.pi - 0.9, 0.9, 160)
     noise = np.random.default_rng(1).normal(0.0, 2e-4, (2, 160))
@@ -110,8 +106,9 @@ def femur(name: str) -> FemoralGeometry:
         "repeated points": lambda: (np.repeat(x, 3), np.repeat(y, 3)),
         "raw": lambda: (x + noise[0], y + noise[1]),
     }
-    closed_form: dict[str, FemoralGeometry] = {"circle": Circle(RADIUS), "closed ellipse": Ellipse(a, b)}
-    return closed_form.get(name) or Profile(*profiles[name]())
+    if name == "circle":
+        return Circle(RADIUS)
+    return SmoothFemur(Ellipse(a, b).support) if name == "closed ellipse" else Profile(*profiles[name]())
 
 
 DEGENERATE = ("4 points", "zigzag", "nearly straight", "repeated points", "raw")
@@ -119,17 +116,11 @@ DEGENERATE = ("4 points", "zigzag", "nearly straight", "repeated points", "raw")
 
 @lru_cache
 def pair(femoral: str, tibial: str) -> ContactPair:
-    """Contact pair of a femur on a plane, a concave circle or the measured plateau."""
-    surface = femur(femoral)
-    if tibial == "plane" or not isinstance(surface, (Circle, Profile)):
-        return OnPlane(surface)
-    return in_circle(surface, 0.095) if tibial == "circle" else on_profile(surface, *_points(PLATEAU))
-
-
-@lru_cache
-def parallel_mechanism() -> Table:
-    """Table of the parallel mechanism with the published geometry."""
-    return ParallelMechanism().table
+    """Contact pair of a femur on a plane; or on a concave circle or the measured plateau, by the parallel mechanism."""
+    if tibial == "plane":
+        return ContactPair(femur(femoral), Plane(0.0), hinge())
+    tibia = Cup(0.095) if tibial == "circle" else Plateau(*_points(PLATEAU))
+    return ContactPair(femur(femoral), tibia, parallel_mechanism())
 
 
 def law_of(scene: Scene) -> ContactLaw:
@@ -146,21 +137,16 @@ def knee(
     quick: bool = False,
 ) -> KneeModel:
     """Model of a scene; `quick` compiles it, which is quicker where many runs share a kind of scene."""
-    model = KneeModel(
+    return KneeModel(
         pair=pair(scene.femur, scene.tibia),
-        mechanism=Hinge() if scene.tibia == "plane" else parallel_mechanism(),
-        modes=ContactModes(law_of(scene), allow_tension=False),
+        law=law_of(scene),
         mass=scene.mass,
         tolerance=tolerance,
         budget=budget,
         height_prescribed=height_prescribed,
         level=LEVELS[level],
+        compiled=quick,
     )
-    if not quick:
-        return model
-    from knee_contact_ros.compiled.kernel import compiled
-
-    return compiled(model)
 
 
 def run(
@@ -174,16 +160,17 @@ def run(
     model = knee(scene, tolerance or scene.tolerance, budget, level=level, quick=quick)
     if not scene.thrown:
         return model.run(scene.time, scene.angle, scene.load)
-    touching = model.pair.at(scene.angle[0], 0.0, 0.0, 0.0).touch(0.0)[0]
-    state = FemurState(touching + scene.start_gap, -scene.thrown)
-    progress = begin_with(state, math.nan, -scene.start_gap)
-    memory, answers = np.zeros(1, ticks.MEMORY), blank(len(scene.time))
-    memory["begun"], memory["angle"], memory["load"] = 1, scene.angle[0], scene.load[0]
-    ticks.write_run_state(memory[0]["run_state"], progress)
-    start = at_height(model.scene, state.height, state.velocity, -scene.start_gap, scene.thrown, math.nan)
-    ticks.write_answer(answers[0], model.scene, scene.angle[0], 0.0, scene.load[0], start)
-    durations = np.diff(np.rint(np.array(scene.time) / NANOSECOND)) * NANOSECOND
-    angles, loads, heights = np.array(scene.angle[1:]), np.array(scene.load[1:]), np.full(len(durations), math.nan)
-    model.kernel.run(model.scene, memory, durations, angles, loads, heights, answers[1:])
+    height = model.closest(scene.angle[0], 0.0).depth + scene.start_gap  # of a level plane
+    state = np.zeros(ticks.STATE_SIZE)
+    state[[ticks.BEGUN, ticks.ANGLE, ticks.LOAD]] = 1.0, scene.angle[0], scene.load[0]
+    state[[ticks.HEIGHT, ticks.VELOCITY]] = height, -scene.thrown
+    state[[ticks.TRY_STEP, ticks.IMPACT]] = math.inf, math.nan
+    answers = blank(len(scene.time))
+    start = answers[:1]
+    start["flexion_angle"], start["load"], start["fidelity"] = scene.angle[0], scene.load[0], Fidelity.DYNAMIC
+    start["gap"], start["penetration_rate"], start["femoral_height"] = scene.start_gap, scene.thrown, height
+    times = np.rint(np.array(scene.time) / NANOSECOND) * NANOSECOND
+    columns = np.diff(times), scene.angle[1:], scene.load[1:], np.full(len(times) - 1, math.nan)
+    model.compute(np.column_stack(columns), answers[1:], state)
     series: np.recarray[Any, Any] = answers.view(np.recarray)
     return series

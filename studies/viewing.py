@@ -22,10 +22,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES
-from knee_contact_ros.core.types import ROW
 from knee_contact_ros.messages.answer import Ending
 from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.messages.topics import KNEE_CONTACT
+from knee_contact_ros.model.types import ROW
 from knee_contact_ros.node.outputs import Outputs
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline

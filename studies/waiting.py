@@ -25,13 +25,12 @@ HERE = Path(__file__).parents[1]
 BAG = share_folder() / "bags" / "gait2354_right"
 KINDS = ("healthy", "mri_femur", "mri_knee")
 CONCAVE = {"tibia.geometry": "circle"}
-"""A kind that no kernel comes with the package for"""
+"""A circle in a circle: another kind of surfaces"""
 COMMAND = ("-m", "knee_contact_ros.cli.main")
 HEADER = ("what", "before [s]", "now [s]", "now over before")
 TEXT = """
 Medians of {turns} turns, each a process of its own, in turns with the tree before. "First use" is the processor time of
-a process that has nothing kept, less that of one that has: run and stream of one kind of knee. For the first three a
-kernel comes with the package; the last one is compiled. "Loading" is the time
+a process that has nothing kept, less that of one that has: run and stream of one kind of knee. "Loading" is the time
 from a model to its first tick in a new process, with what is compiled kept, "without Numba's import" the same after
 Numba was imported. A tick is one of a run over the recorded gait of the right leg (387 ticks), the best of many.
 """

@@ -33,11 +33,11 @@ def test_a_model_and_its_runs_take_no_library_of_tables() -> None:
 
 def test_models_and_streams_fit_a_line() -> None:
     model = knee_contact_ros.load_model()
-    assert repr(model) == "<KneeModel: Circle on plane, Hinge, KelvinVoigtFormula in 1 layer(s), force drive>"
+    assert repr(model) == "<KneeModel: circle on plane, hinge, contact law in 1 layer(s), force drive>"
     stream = model.stream()
-    assert repr(stream).startswith("<Stream no tick yet: Circle on plane")
+    assert repr(stream).startswith("<Stream no tick yet: circle on plane")
     contact = stream.tick(0.25, 0.3, 700.0)
-    assert repr(stream).startswith("<Stream at 0.25 s: Circle on plane")
+    assert repr(stream).startswith("<Stream at 0.25 s: circle on plane")
     assert repr(contact) == "<Contact at 0.25 s: load 700.0 N, contact force 700.0 N, depth 0.428 mm>"
     mri = repr(knee_contact_ros.load_model("mri_knee"))
     assert "\n" not in mri

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import knee_contact_ros.core
+import knee_contact_ros.model
 from knee_contact_ros import __version__
 from knee_contact_ros.bags.bag_files import files_of, is_there
 from knee_contact_ros.bags.mcap_metadata import metadata_records
@@ -155,7 +155,7 @@ def with_values(provenance: Provenance, values: Mapping[str, Any]) -> Provenance
 
 def model_digest() -> str:
     """SHA-256 of the source of the model."""
-    return _digest(Path(knee_contact_ros.core.__file__).parent.rglob("*.py"))
+    return _digest(Path(knee_contact_ros.model.__file__).parent.rglob("*.py"))
 
 
 def bag_digest(bag: Path) -> str:

@@ -13,7 +13,7 @@ from knee_contact_ros.bags.topic_names import names_in_bag
 from knee_contact_ros.cohort.computing import Computed, compute, outcomes_of
 from knee_contact_ros.cohort.knees import Files, Knees, Recording, checked_names, knees_in
 from knee_contact_ros.cohort.outcomes import OF_A_RUN
-from knee_contact_ros.core.types import NANOSECOND, ROW
+from knee_contact_ros.model.types import NANOSECOND, ROW
 from knee_contact_ros.offline.in_memory import Name, in_python_words
 from knee_contact_ros.parameters.reading import Source, check_value, dotted, load_parameters
 from knee_contact_ros.system.errors import UsageError

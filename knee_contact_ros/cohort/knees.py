@@ -1,8 +1,9 @@
-"""The knees of a study over one recording: scenes from parameter values, and the loads that drive them."""
+"""The knees of a study over one recording: models from parameter values, and the loads that drive them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import replace
 from functools import lru_cache
 from pathlib import Path
 from types import MappingProxyType
@@ -12,24 +13,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
-from knee_contact_ros.core.contact_laws.base import ContactLaw
-from knee_contact_ros.core.contact_pairs.base import ContactPair
-from knee_contact_ros.core.levels import LEVELS
-from knee_contact_ros.core.mechanisms.base import Mechanism
-from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD
-from knee_contact_ros.core.plausible_depth import plausible_depth, radius_of
-from knee_contact_ros.core.readouts import ContactPatch
-from knee_contact_ros.core.scene import PRESCRIBED_HEIGHT, Scene
-from knee_contact_ros.core.types import NANOSECOND, Status
+from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD, KneeModel
+from knee_contact_ros.model.surfaces import ContactPair
+from knee_contact_ros.model.types import NANOSECOND, Status
 from knee_contact_ros.offline.uncertainty.replay import Given, given_in
-from knee_contact_ros.parameters.build import (
-    contact_law,
-    contact_pair,
-    contact_patch,
-    femoral_geometry,
-    mechanism,
-    untried_law,
-)
+from knee_contact_ros.parameters.build import build_model, contact_pair
 from knee_contact_ros.parameters.compartments import COMPARTMENTS
 from knee_contact_ros.parameters.curves import curve_files, read_curve
 from knee_contact_ros.parameters.lateral import has_both, lateral_knee, lateral_texts
@@ -49,25 +37,9 @@ SECTIONS = ("load.", "femur.", "tibia.", "translation.", "contact.", "lateral.",
 class Side(NamedTuple):
     """A compartment of a case: medial (or the only one), or lateral."""
 
-    scene: Scene
-    patch: ContactPatch | None
-    """Area over which the contact spreads; None where it is not known"""
+    model: KneeModel
     loads: Floats
     """Compressive load of the compartment [N], shape (n,)"""
-
-    @property
-    def law(self) -> ContactLaw:
-        """Contact law of the compartment."""
-        return self.scene.modes.law
-
-
-class Surfaces(NamedTuple):
-    """Parts of a scene that take long to make."""
-
-    pair: ContactPair
-    mechanism: Mechanism
-    radius: float
-    """Radius [m] of the circle that fits the femur"""
 
 
 class Recording(NamedTuple):
@@ -132,43 +104,29 @@ class Knees:
         self._surfaces = lru_cache(KEPT_SURFACES)(self._made_surfaces)
         self._medial = lru_cache(KEPT_SURFACES)(self._made_medial)
 
-    def sides(self, parameters: Parameters, *, tried: bool) -> tuple[Side, ...]:
-        """Make the compartments of a knee: the only one, or medial and lateral.
-
-        Args:
-            parameters: All parameters of the knee.
-            tried: Whether to check that the contact laws keep their contract.
+    def sides(self, parameters: Parameters, *, compiled: bool = False) -> tuple[Side, ...]:
+        """Make the compartments of a knee, with compiled models or plain ones: the only one, or medial and lateral.
 
         Raises:
-            UsageError: a surface cannot be made, a law breaks its contract, or a load is too large for a knee.
+            UsageError: a surface or a law cannot be made, or a load is too large for a knee.
         """
         texts = self.files.texts(parameters)
         medial = self._medial(parameters.load, parameters.body_weight)
-        first = self._side(parameters, texts, medial, tried=tried)
-        if not has_both(parameters):
-            return (first,)
-        lateral, texts = lateral_knee(parameters), lateral_texts(texts)
-        return first, self._side(lateral, texts, self.recording.axial - medial, tried=tried)
+        parts = [(parameters, texts, medial)]
+        if has_both(parameters):
+            parts.append((lateral_knee(parameters), lateral_texts(texts), self.recording.axial - medial))
+        return tuple(Side(replace(self._model(own, files), compiled=compiled), loads) for own, files, loads in parts)
 
-    def _side(self, parameters: Parameters, texts: Mapping[str, str], loads: Floats, *, tried: bool) -> Side:
-        contact, fidelity = parameters.contact, parameters.fidelity
-        modes = contact_law(contact) if tried else untried_law(contact)
+    def _model(self, parameters: Parameters, texts: Mapping[str, str]) -> KneeModel:
         femur = parameters.femur.model_copy(update={"mass": 1.0})
-        surfaces = self._surfaces(femur, parameters.tibia, parameters.translation, tuple(texts.items()))
-        displaced = parameters.drive == "displacement"
-        scene = Scene(
-            pair=surfaces.pair, mechanism=surfaces.mechanism, modes=modes, mass=parameters.femur.mass,
-            tolerance=fidelity.tolerance, force_tolerance=fidelity.force_tolerance, budget=fidelity.budget,
-            level=PRESCRIBED_HEIGHT if displaced else LEVELS[fidelity.level],
-            plausible_depth=plausible_depth(modes.law, surfaces.radius),
-        )  # fmt: skip
-        return Side(scene, contact_patch(contact, modes), loads)
+        pair = self._surfaces(femur, parameters.tibia, parameters.translation, tuple(texts.items()))
+        return build_model(parameters, pair=pair)
 
-    @staticmethod
-    def _made_surfaces(femur: Any, tibia: Any, translation: Any, texts: tuple[tuple[str, str], ...]) -> Surfaces:
-        by_parameter = dict(texts)
-        pair = contact_pair(femoral_geometry(femur, by_parameter), tibia, by_parameter)
-        return Surfaces(pair, mechanism(translation, by_parameter), radius_of(pair.femur))
+    def _made_surfaces(
+        self, femur: Any, tibia: Any, translation: Any, texts: tuple[tuple[str, str], ...]
+    ) -> ContactPair:
+        parts = {"femur": femur, "tibia": tibia, "translation": translation}
+        return contact_pair(self.parameters.model_copy(update=parts), dict(texts))
 
     def _made_medial(self, load: Any, body_weight: float) -> Floats:
         parameters = self.parameters.model_copy(update={"load": load, "body_weight": body_weight})

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.core.contact_laws.base import ContactLaw
-from knee_contact_ros.core.readouts import ContactPatch
-from knee_contact_ros.core.types import ContactState, Rows, Status
+from knee_contact_ros.model.laws import ContactLaw
+from knee_contact_ros.model.readouts import ContactPatch
+from knee_contact_ros.model.types import ContactState, Rows, Status
 
 Floats = NDArray[np.float64]
 

@@ -16,7 +16,7 @@ import pyarrow as pa
 from knee_contact_ros.cohort.computing import Computed, outcomes_of
 from knee_contact_ros.cohort.knees import Knees, Values, may_vary
 from knee_contact_ros.cohort.outcomes import OUTCOMES
-from knee_contact_ros.core.types import FLAT, TOLD
+from knee_contact_ros.model.types import FLAT, TOLD
 from knee_contact_ros.parameters.lateral import LATERAL as LATERAL_KNEE
 from knee_contact_ros.parameters.reading import all_values, known_parameters
 

@@ -14,11 +14,11 @@ import numpy as np
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat, Nodetype
 from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
-from knee_contact_ros.core.types import FLAT, TOLD, Rows, untold
 from knee_contact_ros.messages.cdr import BYTE_ORDERS, MOST_TRAILING, STAMP_END, Order
 from knee_contact_ros.messages.ros_types import definition
 from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.messages.topics import KNEE_CONTACT, MESSAGE_TYPES
+from knee_contact_ros.model.types import FLAT, TOLD, Rows, untold
 
 TYPE = MESSAGE_TYPES[KNEE_CONTACT]
 ADDED = frozenset({"sliding_velocity", "force_error_estimate"})

@@ -8,9 +8,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from knee_contact_ros.core.types import MESSAGE, ROW, WRENCH, Rows
 from knee_contact_ros.messages.cdr import HEADER, STAMP_END, Bytes, Stamps, filled
 from knee_contact_ros.messages.stamps import NANOSECONDS, check_stamp
+from knee_contact_ros.model.types import MESSAGE, ROW, WRENCH, Rows
 
 
 def encode_answer(stamp: int, frame_id: str, row: bytes) -> bytes:

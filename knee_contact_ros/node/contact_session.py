@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection
+from importlib.util import find_spec
 from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
@@ -19,8 +20,6 @@ from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from knee_contact_ros.bags.provenance import provenance_record
-from knee_contact_ros.compiled.choice import forced
-from knee_contact_ros.core.types import ROW, reader
 from knee_contact_ros.messages.dynamic_joint_states import as_joint_state
 from knee_contact_ros.messages.topics import (
     DYNAMIC_JOINT_STATES,
@@ -33,6 +32,8 @@ from knee_contact_ros.messages.topics import (
     knee_name,
     recorded_topics,
 )
+from knee_contact_ros.model.compiler import kept_files
+from knee_contact_ros.model.types import ROW, reader
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.node.health import ContactHealth
 from knee_contact_ros.node.kind import NodeKind, Topics
@@ -47,6 +48,7 @@ from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.pipeline.synchronise import PairedSample
 from knee_contact_ros.sinks.protocol import Knee
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.processes import OWN_GROUP, python_module, start
 from knee_contact_ros.view.markers import KneeMarkers
 from knee_contact_ros.view.outlines import drawings_of
 from knee_contact_ros.view.window import address
@@ -57,11 +59,11 @@ _LIVE = frozenset({
     "knee.flexion_offset", "load.share", "load.compartment_spacing", "femur.mass",
     "contact.stiffness", "contact.exponent", "contact.damping", "contact.layer_depth", "contact.stiffness_2",
     "contact.restitution", "contact.least_impact_speed",
-    "fidelity.tolerance", "fidelity.force_tolerance", "fidelity.budget", "deadline", "record.path",
+    "fidelity.level", "fidelity.tolerance", "fidelity.force_tolerance", "fidelity.budget", "deadline", "record.path",
 })  # fmt: skip
 LIVE = _LIVE | {LATERAL + name for name in _LIVE if name.startswith(("femur.", "contact."))}
-"""Parameters that may change while the node is configured: numbers of the model and of its inputs, which need no
-other kernel, and the name of the next recording. They take effect between two ticks."""
+"""Parameters that may change while the node is configured: numbers of the model and of its inputs, and the
+name of the next recording. They take effect between two ticks."""
 
 
 def type_of_angles(source: str) -> Any:
@@ -136,13 +138,21 @@ class ContactSession(Session):
             node.get_logger().info(f"the scene is served on this machine at {url}; to see it: knee-contact view {url}")
 
     def make_ready(self) -> None:
-        """Compile the model's kernel; where that is not possible, the plain one computes."""
-        from knee_contact_ros.compiled.ahead import compile_ahead
+        """Load the compiled model; where that is not possible, the plain one computes.
 
-        text = "making the model ready; if it has to be compiled, once on a machine, for a third of a minute or so"
-        self.node.get_logger().info(text)
-        compile_ahead(compartment.model.scene for compartment in self.pipeline.compartments)
-        self.pipeline.compile(forced)
+        It is compiled in a process of its own, which can just be killed. A signal in a process that compiles may come
+        during a finalizer or a callback from C, where Python drops the exception; or it leaves LLVM's objects half
+        made, which crashes at the end of the process.
+        """
+        self.node.get_logger().info("making the model ready; if it has to be compiled, once on a machine, for some 8 s")
+        if find_spec("numba") and not kept_files():
+            process = start(output=None, **OWN_GROUP, **python_module("knee_contact_ros.cli.main", "warm"))
+            try:
+                process.wait()
+            finally:
+                process.kill()
+                process.wait()
+        self.pipeline.compile()
 
     def stop(self) -> None:
         """Close the inputs, answer what still waits, and show no markers any more."""

@@ -13,8 +13,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-from knee_contact_ros.core.types import UNUSABLE, Fidelity, Status
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES
+from knee_contact_ros.model.types import UNUSABLE, Fidelity, Status
 from knee_contact_ros.pipeline.synchronise import Synchroniser
 from knee_contact_ros.sinks.process import WORTH_A_WARNING
 

@@ -71,7 +71,7 @@ class Session(ABC):
         """Description for outputs that begin now, with these parameters."""
 
     def make_ready(self) -> None:  # noqa: B027
-        """Prepare what takes long, such as a compiled kernel; it may be interrupted."""
+        """Prepare what takes long, such as the compiled model; it may be interrupted."""
 
     def _input_streams(
         self,

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.bags.recorded_answers import answer_blocks
 from knee_contact_ros.bags.topic_names import OWN_NAMES
-from knee_contact_ros.core.types import Rows
 from knee_contact_ros.messages.cdr import decode_joint_state, encode_joint_state
 from knee_contact_ros.messages.topics import (
     GROUND_REACTION_FORCE,
@@ -29,6 +28,7 @@ from knee_contact_ros.messages.topics import (
     LOAD_INPUTS,
     MESSAGE_TYPES,
 )
+from knee_contact_ros.model.types import Rows
 from knee_contact_ros.offline import stage
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, wanted_joints
 from knee_contact_ros.offline.demo import Source

@@ -17,11 +17,11 @@ from knee_contact_ros.bags.bag_files import in_a_line, refuse_input
 from knee_contact_ros.bags.load_provenance import LOAD_PROVENANCE, load_provenance_record
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
 from knee_contact_ros.bags.writer import BagWriter
-from knee_contact_ros.core.types import Status
 from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.messages.answer import Answer
 from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.messages.topics import GROUND_REACTION_FORCE, JOINT_STATES, LOAD_RECORDED
+from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms
 from knee_contact_ros.offline.solve import SOURCE_DAMAGE
 from knee_contact_ros.parameters.load_schema import LoadParameters

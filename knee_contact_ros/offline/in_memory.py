@@ -15,8 +15,8 @@ import numpy as np
 from knee_contact_ros.bags.bag_files import in_a_line, others_beside
 from knee_contact_ros.bags.provenance import Provenance, read_provenance, with_values
 from knee_contact_ros.bags.topic_names import Names, names_in_bag
-from knee_contact_ros.core.model import KneeModel
-from knee_contact_ros.core.types import ROW, Rows
+from knee_contact_ros.model.knee import KneeModel
+from knee_contact_ros.model.types import ROW, Rows
 from knee_contact_ros.offline.solve import parameters_in, texts_of
 from knee_contact_ros.offline.solve import solve as solve_bag
 from knee_contact_ros.parameters.reading import Source, dotted, load_parameters

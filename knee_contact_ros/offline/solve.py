@@ -26,10 +26,10 @@ from knee_contact_ros.bags.provenance import (
 )  # fmt: skip
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
 from knee_contact_ros.bags.writer import BagWriter
-from knee_contact_ros.compiled.choice import forced, worth_compiling
-from knee_contact_ros.core.types import ROW, Rows
 from knee_contact_ros.messages.answer import Answer
 from knee_contact_ros.messages.topics import JOINT_STATES, recorded_topics
+from knee_contact_ros.model.compiler import worth_compiling
+from knee_contact_ros.model.types import ROW, Rows
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms, wanted_joints
 from knee_contact_ros.offline.solve_blocks import take
 from knee_contact_ros.offline.summary import Summary
@@ -103,8 +103,8 @@ def solve(
             writer = opened.enter_context(BagWriter(output, overwrite=overwrite, alone=True))
             topics = {topic: f"/{topic}" for topic in recorded_topics(has_both(parameters))}
             recorder = AnswerWriter(writer, provenance_record(parameters, curves, bag), topics)
-        if worth_compiling(pipeline.model.scene, ticks) if compiled is None else compiled:
-            pipeline.compile(forced)
+        if worth_compiling(ticks) if compiled is None else compiled:
+            pipeline.compile()
         prepare(pipeline)
         summary, *others = (Summary(parameters.body_weight, one.doubts) for one in pipeline.compartments)
         summary.lateral = others[0] if others else None

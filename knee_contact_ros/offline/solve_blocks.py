@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.bags.block_recorder import Messages
-from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD
-from knee_contact_ros.core.types import Rows
 from knee_contact_ros.messages.answer_out import encode_answer_wrenches, encode_answers
 from knee_contact_ros.messages.cdr import JOINT_STATE, WRENCH, Block
 from knee_contact_ros.messages.column import Column
 from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT_WRENCH
+from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD
+from knee_contact_ros.model.types import Rows
 from knee_contact_ros.pipeline.compartment import summed_wrenches
 from knee_contact_ros.pipeline.pair_blocks import PairedSamples, Stamps, all_go_on, pair, steps_of
 from knee_contact_ros.pipeline.pipeline import Pipeline

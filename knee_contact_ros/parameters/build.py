@@ -3,28 +3,23 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
 from types import MappingProxyType
+from typing import Any, cast
 
-from knee_contact_ros.compiled.choice import chosen, forced
-from knee_contact_ros.core.contact_laws import CONTACT_LAWS, contract
-from knee_contact_ros.core.contact_laws.material import hertz_stiffness, relative_radius
-from knee_contact_ros.core.contact_modes import ContactModes
-from knee_contact_ros.core.contact_pairs import TIBIAL_GEOMETRIES
-from knee_contact_ros.core.contact_pairs.base import ContactPair
-from knee_contact_ros.core.geometries import Circle, Profile
-from knee_contact_ros.core.levels import LEVELS
-from knee_contact_ros.core.mechanisms import MECHANISMS
-from knee_contact_ros.core.mechanisms.base import Mechanism
-from knee_contact_ros.core.model import KneeModel
-from knee_contact_ros.core.readouts import POINT_CONTACT, SPREADS, ContactPatch
-from knee_contact_ros.parameters import copies  # noqa: F401  (models can be copied and pickled)
+from knee_contact_ros.model.knee import KneeModel
+from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw, check, hertz_stiffness, relative_radius
+from knee_contact_ros.model.mechanisms import MECHANISMS, Mechanism
+from knee_contact_ros.model.profiles import Circle, Profile
+from knee_contact_ros.model.readouts import POINT_CONTACT, SPREADS, ContactPatch
+from knee_contact_ros.model.surfaces import TIBIAL_GEOMETRIES, ContactPair
+from knee_contact_ros.model.ticks import LEVELS
 from knee_contact_ros.parameters.curves import curve_texts, profile_points, translation_points
 from knee_contact_ros.parameters.plausibility import doubts_about
 from knee_contact_ros.parameters.reading import Source, load_parameters
-from knee_contact_ros.parameters.schema import ContactParameters, Femur, Parameters, Tibia, Translation, constants_of
+from knee_contact_ros.parameters.schema import ContactParameters, Femur, Parameters, Translation, constants_of
 from knee_contact_ros.results import Results
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.resources import DEFAULT_PARAMETERS
@@ -42,10 +37,10 @@ def load_model(
     one of the package's own, as `"osteoarthritis"`. Of several, the later one wins:
     `["osteoarthritis", "mri_femur", {"femur.mass": 8.0}]`.
 
-    The compiled kernel computes the same bits some hundred times faster, after 15 to 20 s of compiling or, if this
-    machine has compiled this kind of scene before, 0.1 s of loading. Without `compiled` the model uses it for a run
-    where that is faster altogether, and for a stream where it need not be compiled; with `compiled` True always, with
-    False never. Where Numba cannot be used, a warning says so once, and the plain kernel computes.
+    The compiled model computes the same bits some hundred times faster. It is compiled once, for every kind of knee, in
+    some 8 s, and kept: then it takes half a second to load. Without `compiled` the model uses it for a run where that
+    is faster altogether, and for a stream where it is kept; with `compiled` True always, with False never. Where Numba
+    cannot be used, a warning says so once, and the plain model computes.
 
     `curves` has the contents of files that parameters name, by parameter, in place of the files. Implausible parameters
     (a stiffness or a body weight that must be in other units) cause a warning.
@@ -56,72 +51,62 @@ def load_model(
     """
     parameters = load_parameters(source)
     plain = build_model(parameters, curves=curve_texts(parameters, curves))
-    model = replace(plain if compiled is False else (forced if compiled else chosen)(plain), results=Results)
+    model = replace(plain, compiled=compiled, results=Results)
     for doubt in doubts_about(parameters, model).about_parameters:
         warnings.warn(doubt, stacklevel=2)
     return model
 
 
-def build_model(parameters: Parameters, *, curves: Mapping[str, str] | None = None) -> KneeModel:
-    """Build a model from parameters, with the plain kernel and without warnings.
+def build_model(
+    parameters: Parameters, *, curves: Mapping[str, str] | None = None, pair: ContactPair | None = None
+) -> KneeModel:
+    """Build a model from parameters, which is not compiled, and without warnings.
 
-    `curves` has the contents of all files that are needed, by parameter; with it no file is opened.
+    `curves` has the contents of all files that are needed, by parameter; with it no file is opened. With `pair` no
+    surface is made.
 
     Raises:
         UsageError: a file cannot be read, or a profile, a table or the contact law cannot be used.
     """
-    texts = curve_texts(parameters, {}) if curves is None else curves
-    law = contact_law(parameters.contact)
-    return KneeModel(
-        pair=contact_pair(femoral_geometry(parameters.femur, texts), parameters.tibia, texts),
-        mechanism=mechanism(parameters.translation, texts),
-        modes=law,
-        mass=parameters.femur.mass,
-        tolerance=parameters.fidelity.tolerance,
-        budget=parameters.fidelity.budget,
-        force_tolerance=parameters.fidelity.force_tolerance,
-        height_prescribed=parameters.drive == "displacement",
-        level=LEVELS[parameters.fidelity.level],
-        patch=contact_patch(parameters.contact, law),
-    )
+    if pair is None:
+        pair = contact_pair(parameters, curve_texts(parameters, {}) if curves is None else curves)
+    return KneeModel(pair, height_prescribed=parameters.drive == "displacement", **_numbers(parameters))
 
 
 def retuned(model: KneeModel, parameters: Parameters) -> KneeModel:
-    """Copy of a model with the numbers of other parameters: the law's constants, mass, tolerances and budget.
+    """Copy of a model with the numbers of other parameters; surfaces, mechanism and drive stay.
 
-    Surfaces, mechanism, level and the law's name stay, so that the compiled kernel still fits.
+    Raises:
+        UsageError: the contact law cannot be used.
     """
-    law = contact_law(parameters.contact)
-    return replace(
-        model, modes=law, mass=parameters.femur.mass,
-        tolerance=parameters.fidelity.tolerance, force_tolerance=parameters.fidelity.force_tolerance,
-        budget=parameters.fidelity.budget, patch=contact_patch(parameters.contact, law),
-    )  # fmt: skip
+    return replace(model, **_numbers(parameters))
 
 
-def contact_law(contact: ContactParameters) -> ContactModes:
+def _numbers(parameters: Parameters) -> dict[str, Any]:
+    """Fields of a model that need no surface, by name: law, mass, level, tolerances, budget and patch."""
+    law, fidelity = contact_law(parameters.contact), parameters.fidelity
+    return {
+        "law": law, "allow_tension": parameters.contact.allow_tension, "mass": parameters.femur.mass,
+        "tolerance": fidelity.tolerance, "force_tolerance": fidelity.force_tolerance, "budget": fidelity.budget,
+        "level": LEVELS[fidelity.level], "patch": contact_patch(parameters.contact, law),
+    }  # fmt: skip
+
+
+def contact_law(contact: ContactParameters) -> ContactLaw:
     """Contact law by its name, with the parameters that are the arguments of its factory.
 
     Raises:
-        UsageError: the law breaks the contract of `ContactLaw`.
-    """
-    modes = untried_law(contact)
-    try:
-        contract.check(modes.law)
-    except ValueError as error:
-        raise UsageError(f"parameter contact.law: {contact.law}: {error}") from None
-    return modes
-
-
-def untried_law(contact: ContactParameters) -> ContactModes:
-    """Contact law as `contact_law` makes it, but without the check of its contract, which takes a millisecond.
-
-    For callers that vary the numbers of one law.
+        UsageError: the law breaks what `ContactLaw` asks for.
     """
     constants = {name: getattr(contact, name) for name in constants_of(contact.law)}
     if contact.stiffness_from == "material":
         constants |= {name: value for name, value in material_stiffness(contact).items() if name in constants}
-    return ContactModes(CONTACT_LAWS[contact.law](**constants), contact.allow_tension)
+    try:
+        law = CONTACT_LAWS[contact.law](**constants)
+        check(law)
+    except ValueError as error:
+        raise UsageError(f"parameter contact.law: {contact.law}: {error}") from None
+    return law
 
 
 def material_stiffness(contact: ContactParameters) -> dict[str, float]:
@@ -133,7 +118,7 @@ def material_stiffness(contact: ContactParameters) -> dict[str, float]:
     }
 
 
-def contact_patch(contact: ContactParameters, modes: ContactModes) -> ContactPatch | None:
+def contact_patch(contact: ContactParameters, law: ContactLaw) -> ContactPatch | None:
     """Contact patch from the radii and the cartilage's thickness; None if the radii do not fit each other.
 
     The cartilage is as thick as the law's first layer; if the law has one layer, as `contact.foundation_thickness`.
@@ -142,7 +127,7 @@ def contact_patch(contact: ContactParameters, modes: ContactModes) -> ContactPat
         radius = relative_radius(contact.femoral_radius, contact.tibial_radius)
     except ValueError:
         return None
-    layers = modes.law.layers
+    layers = law.layers
     thickness = layers[1].begin if len(layers) > 1 else contact.foundation_thickness
     return ContactPatch(SPREADS.get(contact.law, POINT_CONTACT), radius, thickness)
 
@@ -156,14 +141,15 @@ def femoral_geometry(femur: Femur, texts: Mapping[str, str]) -> Circle | Profile
         return Profile(*(femur.scale * column for column in points))
 
 
-def contact_pair(femur: Circle | Profile, tibia: Tibia, texts: Mapping[str, str]) -> ContactPair:
-    """Contact pair of the femur and the tibial surface, by the name of its geometry."""
-    pair = TIBIAL_GEOMETRIES[tibia.geometry]
+def contact_pair(parameters: Parameters, texts: Mapping[str, str]) -> ContactPair:
+    """Both surfaces and the mechanism of some parameters; `texts` has the contents of files by parameter."""
+    femur, moved = femoral_geometry(parameters.femur, texts), mechanism(parameters.translation, texts)
+    tibia, make = parameters.tibia, cast("Callable[..., Any]", TIBIAL_GEOMETRIES[parameters.tibia.geometry])
     if tibia.geometry != "profile":
-        return pair(femur, tibia.slope if tibia.geometry == "plane" else tibia.radius)
+        return ContactPair(femur, make(tibia.slope if tibia.geometry == "plane" else tibia.radius), moved)
     points = profile_points("tibia.profile", tibia.profile, texts["tibia.profile"])
     with _naming("tibia.profile", tibia.profile):
-        return pair(femur, *(tibia.scale * column for column in points))
+        return ContactPair(femur, make(*(tibia.scale * column for column in points)), moved)
 
 
 def mechanism(translation: Translation, texts: Mapping[str, str]) -> Mechanism:

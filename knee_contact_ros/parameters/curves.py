@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.core.model import LARGEST_ANGLE
+from knee_contact_ros.model.knee import LARGEST_ANGLE
 from knee_contact_ros.parameters.columns import LARGEST, read_columns
 from knee_contact_ros.parameters.lateral import LATERAL, has_both, lateral_knee
 from knee_contact_ros.parameters.measured_share import PARAMETER as SHARE_FILE

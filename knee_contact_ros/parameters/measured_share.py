@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.core.model import LARGEST_ANGLE
+from knee_contact_ros.model.knee import LARGEST_ANGLE
 from knee_contact_ros.parameters.columns import not_columns, read_columns
 from knee_contact_ros.system.errors import UsageError
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.core.contact_laws.base import ContactLaw
-from knee_contact_ros.core.model import KneeModel
-from knee_contact_ros.core.statics import NO_LIMIT, static_depth
-from knee_contact_ros.core.types import Status
 from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.messages.stamps import NANOSECONDS
+from knee_contact_ros.model.knee import KneeModel
+from knee_contact_ros.model.laws import ContactLaw
+from knee_contact_ros.model.statics import plain_static_depth
+from knee_contact_ros.model.types import Status
 from knee_contact_ros.parameters.schema import ContactParameters, Parameters
 from knee_contact_ros.parameters.sections import Pairing
 
@@ -66,7 +66,7 @@ def _stiffness(parameters: Parameters, law: ContactLaw, plausible_depth: float) 
     """Sentence about a stiffness or modulus that gives an implausible depth under the body weight; empty if it fits."""
     contact, share = parameters.contact, SHARES.get(parameters.load.rule, parameters.load.share)
     load = share * parameters.body_weight
-    depth = static_depth(law, load, 0.0, 0.0, NO_LIMIT).depth
+    depth = plain_static_depth(law.rows, load)
     if depth <= plausible_depth:
         return ""
     under = f"{load:.1f} N ({share:g} body weights)"
@@ -121,8 +121,7 @@ def _per_millimetre(contact: ContactParameters, stiffness: float) -> str:
 def doubts_about(parameters: Parameters, model: KneeModel) -> Doubts:
     """Doubts about parameters, ready to watch a run of their model."""
     limit = model.plausible_depth
-    law = model.modes.law
-    return Doubts(limit, _beyond(law, limit), parameter_doubts(parameters, law, limit))
+    return Doubts(limit, _beyond(model.law, limit), parameter_doubts(parameters, model.law, limit))
 
 
 def _beyond(law: ContactLaw, plausible_depth: float) -> str:

@@ -7,25 +7,43 @@ from __future__ import annotations
 
 import functools
 import inspect
+import logging
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_type_hints
 
 from pydantic import AfterValidator, BeforeValidator, Field, create_model
 
-from knee_contact_ros.core.contact_laws import CONTACT_LAWS
-from knee_contact_ros.core.contact_pairs import TIBIAL_GEOMETRIES
-from knee_contact_ros.core.geometries import GEOMETRIES
-from knee_contact_ros.core.levels import LEVELS
-from knee_contact_ros.core.mechanisms import MECHANISMS
 from knee_contact_ros.messages.topics import DYNAMIC_JOINT_STATES, JOINT_STATES
+from knee_contact_ros.model.knee import BUDGET
+from knee_contact_ros.model.laws import CONTACT_LAWS
+from knee_contact_ros.model.mechanisms import MECHANISMS
+from knee_contact_ros.model.surfaces import GEOMETRIES, TIBIAL_GEOMETRIES
+from knee_contact_ros.model.ticks import LEVELS
 from knee_contact_ros.parameters.compartments import BOTH, COMPARTMENTS, SPLITS
 from knee_contact_ros.parameters.limits import OffOrAtLeast, OneOf
 from knee_contact_ros.parameters.sections import Diagnostics, Pairing, Record, Section, frame_name, queue, queue_size
+
+FIRST_ORDER = "first_order"
+"""Level of earlier versions"""
+_log = logging.getLogger(__name__)
 
 
 def _off(value: object) -> object:
     """Restore `off`, which ROS 2 parameter files read as the truth value false (YAML 1.1)."""
     return "off" if value is False else value
+
+
+def _level_of_today(level: object) -> object:
+    """Replace the level of earlier versions that is gone, and say so once."""
+    if level != FIRST_ORDER:
+        return level
+    _tell_of_first_order()
+    return "dynamic"
+
+
+@functools.cache
+def _tell_of_first_order() -> None:
+    _log.warning("fidelity.level: %s is gone; dynamic is used, which takes less time for less error", FIRST_ORDER)
 
 
 class Knee(Section):
@@ -182,13 +200,17 @@ class Lateral(Section):
 class FidelityParameters(Section):
     """Level and accuracy of the solution, and its largest cost."""
 
-    level: Annotated[str, OneOf(*LEVELS)] = Field("auto", description=", ".join(LEVELS) + " (which picks one)")
+    level: Annotated[str, BeforeValidator(_level_of_today), OneOf(*LEVELS)] = Field(
+        "auto", description=", ".join(LEVELS) + " (which is dynamic)"
+    )
     tolerance: float = Field(1.0e-6, ge=1e-12, le=1e-3, description="[m] wanted error of the penetration depth")
     force_tolerance: Annotated[float, OffOrAtLeast(1e-9)] = Field(
         0.0, le=1e6, description="[N] wanted error of the contact force; 0: off"
     )
-    budget: Annotated[int, OffOrAtLeast(100, "no limit", "an integer")] = Field(
-        0, description="contact law evaluations a tick may cost; 0: no limit"
+    budget: Annotated[int, OffOrAtLeast(100, "a hundred thousand", "an integer")] = Field(
+        BUDGET,
+        description="largest number of contact law evaluations in a tick; a tick that reaches it is answered with the "
+        "static contact and flagged, and so are later ones until the contact has forgotten; 0: a hundred thousand",
     )
 
 

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from operator import add
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.core.model import KneeModel
-from knee_contact_ros.core.types import FLAT, ROW, WRENCH, Rows
 from knee_contact_ros.messages.cdr import Stamps
 from knee_contact_ros.messages.topics import KNEE_CONTACT, KNEE_CONTACT_LATERAL
+from knee_contact_ros.model.knee import KneeModel
+from knee_contact_ros.model.types import FLAT, ROW, WRENCH, Rows
 from knee_contact_ros.parameters.build import build_model, retuned
 from knee_contact_ros.parameters.lateral import has_both, lateral_knee, lateral_texts
 from knee_contact_ros.parameters.plausibility import doubts_about
@@ -50,9 +51,9 @@ class Compartment:
         force, torque = row["contact_wrench"]["force"], row["contact_wrench"]["torque"]
         self._force_x, self._force_y, self._torque_x, self._torque_y = force["x"], force["y"], torque["x"], torque["y"]
 
-    def compile(self, kernel: Callable[[KneeModel], KneeModel]) -> None:
-        """Replace the model by what `kernel` makes of it; to be called before the first tick."""
-        self.model = kernel(self.model)
+    def compile(self) -> None:
+        """Use the compiled model; to be called before the first tick."""
+        self.model = replace(self.model, compiled=True)
         self.start_anew()
 
     def retune(self, parameters: Parameters, z: float) -> None:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 
-from knee_contact_ros.core.model import LARGEST_ANGLE
 from knee_contact_ros.joint_reaction.sensed import UNKNOWN, Ground, Joints, Vector
 from knee_contact_ros.messages.cdr import JointState, WrenchStamped
 from knee_contact_ros.messages.topics import GROUND_REACTION_FORCE
+from knee_contact_ros.model.knee import LARGEST_ANGLE
 from knee_contact_ros.parameters.load_schema import ActuatedJoint, GroundForce, LoadParameters, MeasuredJoint
 from knee_contact_ros.pipeline.samples import AngleSample, LoadSample, RefusedSampleError, checked_stamp, number_of
 

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 
-from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.messages.answer import Answer, Record
 from knee_contact_ros.messages.answer_out import encode_answer, encode_answer_wrench
 from knee_contact_ros.messages.cdr import JointState, WrenchStamped
 from knee_contact_ros.messages.ros_types import deserialize
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT_WRENCH
+from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.parameters.compartments import BY_MOMENT, COMPARTMENTS, VARYING, Rule, Split
 from knee_contact_ros.parameters.curves import curve_texts
 from knee_contact_ros.parameters.lateral import lateral_knee
@@ -47,12 +47,10 @@ class Pipeline(Intake):
         if compiled:
             self.compile()
 
-    def compile(self, kernel: Callable[[KneeModel], KneeModel] | None = None) -> None:
-        """Use the compiled kernel, or what `kernel` makes of each model; to be called before the first sample."""
-        from knee_contact_ros.compiled.kernel import compiled  # LLVM
-
+    def compile(self) -> None:
+        """Use the compiled model, if there can be one; to be called before the first sample."""
         for compartment in self.compartments:
-            compartment.compile(kernel or compiled)
+            compartment.compile()
 
     @property
     def model(self) -> KneeModel:

@@ -6,10 +6,10 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD
 from knee_contact_ros.messages.cdr import JOINT_STATE, WRENCH, Coder, Content, JointState, WrenchStamped
 from knee_contact_ros.messages.stamps import NANOSECONDS, stamp_to_ns
 from knee_contact_ros.messages.topics import JOINT_STATES
+from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD
 from knee_contact_ros.parameters.compartments import Rule
 from knee_contact_ros.parameters.schema import Knee
 from knee_contact_ros.system.printable import listed, printable

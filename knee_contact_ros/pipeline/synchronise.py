@@ -11,8 +11,8 @@ from collections import Counter, deque
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from knee_contact_ros.core.types import Status
 from knee_contact_ros.messages.stamps import NANOSECONDS
+from knee_contact_ros.model.types import Status
 from knee_contact_ros.parameters.sections import Pairing
 from knee_contact_ros.pipeline.samples import AngleSample, LoadSample
 from knee_contact_ros.pipeline.timeline import Timeline

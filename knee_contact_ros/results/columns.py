@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.core.types import FLAT, NANOSECOND, Rows
+from knee_contact_ros.model.types import FLAT, NANOSECOND, Rows
 from knee_contact_ros.system.errors import UsageError
 
 DATES_FROM = 10 * 365 * 86_400 * 1_000_000_000

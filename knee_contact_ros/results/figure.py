@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from knee_contact_ros.core.types import NANOSECOND, Rows
+from knee_contact_ros.model.types import NANOSECOND, Rows
 from knee_contact_ros.results.columns import begin_in
 from knee_contact_ros.results.extra import library
 

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.core.model import KneeModel
-from knee_contact_ros.core.readouts import Readings
-from knee_contact_ros.core.types import ROW
+from knee_contact_ros.model.knee import KneeModel
+from knee_contact_ros.model.readouts import Readings
+from knee_contact_ros.model.types import ROW
 from knee_contact_ros.results import figure, table
 from knee_contact_ros.results.columns import TIME, columns, time_of, unit_of
 from knee_contact_ros.results.extra import library

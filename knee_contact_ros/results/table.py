@@ -10,7 +10,7 @@ from rich import box
 from rich.console import Console
 from rich.table import Table
 
-from knee_contact_ros.core.types import NANOSECOND, Rows, Status
+from knee_contact_ros.model.types import NANOSECOND, Rows, Status
 from knee_contact_ros.results.columns import begin_in, stamp_text, time_of
 
 ENDS = 4

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 from knee_contact_ros.messages.answer import Ending
 
 if TYPE_CHECKING:
-    from knee_contact_ros.core.model import KneeModel
+    from knee_contact_ros.model.knee import KneeModel
 
 OPEN, REFUSED, FAILED, ENDED, DONE = "open", "refused", "failed", "ended", "done"
 """States of a child: its output is open, could not be opened, has failed, is complete earlier than intended, is

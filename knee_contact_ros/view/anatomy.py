@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.core.model import KneeModel
+from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.view.overlap import overlaps
 
 Floats = NDArray[np.float64]
@@ -91,16 +91,16 @@ def anatomy_of(model: KneeModel, contact_range: tuple[float, float] = (0.0, 0.0)
 
 def cartilage_of(model: KneeModel) -> tuple[float, bool]:
     """Return the fields `thickness` and `thickness_is_drawn` of `Anatomy`."""
-    thickness = min(model.cartilage_thickness, model.modes.law.thickness)
+    thickness = min(model.cartilage_thickness, model.law.thickness)
     return (0.5 * thickness, False) if math.isfinite(thickness) else (DRAWN_THICKNESS, True)
 
 
 def picture_of(model: KneeModel, flexion_angle: float, femoral_height: float) -> Picture:
     """Make the polygons of a tick, from the flexion angle [rad] and the femoral height [m] of its answer."""
     knee = anatomy_of(model)
-    x, _ = model.mechanism.translation(flexion_angle)
+    x, _ = model.pair.mechanism.translation(flexion_angle)
     pose = flexion_angle, x, femoral_height
-    closest = model.pair.closest(*pose)
+    closest = model.closest(flexion_angle, femoral_height)
     point, normal = closest.point(x, femoral_height), (closest.normal_x, closest.normal_y)
     overlap = np.zeros((0, 2))
     if closest.depth > 0.0:

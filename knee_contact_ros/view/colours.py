@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.core.types import ContactState
+from knee_contact_ros.model.types import ContactState
 
 Colour = tuple[int, int, int]
 

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from knee_contact_ros.core.types import ROW, ContactState, reader
 from knee_contact_ros.messages.marker_out import Colour, Marker, MarkerMessage, Shape
+from knee_contact_ros.model.types import ROW, ContactState, reader
 from knee_contact_ros.view import colours
 from knee_contact_ros.view.outlines import NEWTONS_PER_MM, KneeOutlines
 

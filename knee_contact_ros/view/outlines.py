@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.core.contact_laws.base import ContactLaw
-from knee_contact_ros.core.model import KneeModel
-from knee_contact_ros.core.readouts import ContactPatch
 from knee_contact_ros.messages.topics import KNEE_CONTACT, LATERAL, MEDIAL, compartment_name, knee_name
+from knee_contact_ros.model.knee import KneeModel
+from knee_contact_ros.model.laws import ContactLaw
+from knee_contact_ros.model.readouts import ContactPatch
 from knee_contact_ros.sinks.protocol import Job, Knee, Sink
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.view.anatomy import Anatomy, anatomy_of
@@ -120,7 +120,7 @@ def drawing_of(model: KneeModel, knee: str, body_weight: float) -> KneeOutlines:
     femur, tibia = model.pair.femur.outline(), model.pair.outline(PLATEAU_REACH)
     reach = contact_range(model)
     return KneeOutlines(
-        knee, femur, tibia, model.cartilage_thickness, reach, body_weight, anatomy_of(model, reach), model.modes.law,
+        knee, femur, tibia, model.cartilage_thickness, reach, body_weight, anatomy_of(model, reach), model.law,
         model.patch, model.height_prescribed,
     )  # fmt: skip
 
@@ -129,7 +129,7 @@ def contact_range(model: KneeModel) -> tuple[float, float]:
     """Return the lowest and the highest x [m] of the contact in a walking knee."""
     places = []
     for angle in FLEXIONS.tolist():
-        x, _ = model.mechanism.translation(angle)
+        x, _ = model.pair.mechanism.translation(angle)
         height = model.pair.femur.support(angle)[0]
-        places.append(model.pair.closest(angle, x, height).point(x, height)[0])
+        places.append(model.closest(angle, height).point(x, height)[0])
     return min(places), max(places)

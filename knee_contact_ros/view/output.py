@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from knee_contact_ros.core.types import ROW
 from knee_contact_ros.messages.answer import Ending
+from knee_contact_ros.model.types import ROW
 from knee_contact_ros.system.output_files import all_names, cut_off, leftovers, refuse_impossible
 from knee_contact_ros.view.outlets import Outlet, RerunFile, Served
 from knee_contact_ros.view.outlines import KneeOutlines, Serving

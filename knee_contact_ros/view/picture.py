@@ -15,8 +15,8 @@ import numpy as np
 
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.bags.recorded_answers import answer_blocks, answer_topics
-from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.messages.topics import MEDIAL
+from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.lateral import has_both
 from knee_contact_ros.results.columns import begin_of, stamp_text

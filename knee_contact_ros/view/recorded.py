@@ -8,9 +8,9 @@ from typing import NamedTuple
 
 from knee_contact_ros.bags.provenance import Change, read_provenance
 from knee_contact_ros.bags.recorded_answers import answer_blocks, answer_topics
-from knee_contact_ros.core.model import KneeModel
-from knee_contact_ros.core.types import Rows
 from knee_contact_ros.messages.topics import KNEE, LATERAL, MEDIAL, compartment_name, is_lateral, knee_name
+from knee_contact_ros.model.knee import KneeModel
+from knee_contact_ros.model.types import Rows
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.curves import curve_texts
 from knee_contact_ros.parameters.lateral import answering
@@ -79,8 +79,8 @@ def place(model: KneeModel, answers: Rows, pictures: Pictures) -> None:
     """Add femoral x and normal to the answers that are drawn: messages do not hold them."""
     for i in pictures.choose(answers["stamp"]).tolist():
         angle, height = float(answers["flexion_angle"][i]), float(answers["femoral_height"][i])
-        x, _ = model.mechanism.translation(angle)
-        closest = model.pair.closest(angle, x, height)
+        x, _ = model.pair.mechanism.translation(angle)
+        closest = model.closest(angle, height)
         answers["femoral_x"][i], answers["normal_x"][i], answers["normal_y"][i] = x, closest.normal_x, closest.normal_y
 
 

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.core.types import ContactState, Rows, Status
+from knee_contact_ros.model.types import ContactState, Rows, Status
 from knee_contact_ros.pipeline.gait.events import GAP, HEEL_STRIKE, LOAD_PEAK, TOE_OFF, GaitEvent, GaitEvents
 from knee_contact_ros.pipeline.gait.strides import CERTAIN, KEPT, impulse_of, spans
 

@@ -15,7 +15,7 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from knee_contact_ros.core.types import Rows
+from knee_contact_ros.model.types import Rows
 from knee_contact_ros.view import colours
 from knee_contact_ros.view.frame import SCALE_BAR, Frame
 from knee_contact_ros.view.outlines import NEWTONS_PER_MM, KneeOutlines

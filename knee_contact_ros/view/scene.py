@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 import rerun as rr
 
-from knee_contact_ros.core.readouts import SPREAD, Readings
-from knee_contact_ros.core.types import Rows, blank
 from knee_contact_ros.messages.stamps import NANOSECONDS
+from knee_contact_ros.model.readouts import SPREAD, Readings
+from knee_contact_ros.model.types import Rows, blank
 from knee_contact_ros.results.columns import DATES_FROM
 from knee_contact_ros.view import sagittal
 from knee_contact_ros.view.colours import APART, BONE, CARTILAGE, KNEE_COLOURS, NAME_OF_STATE, Colour

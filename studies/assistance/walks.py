@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 import knee_contact_ros
 from examples.assist_as_needed import AssistLaw, Settings
 from knee_contact_ros.bags.reader import read_bag
-from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.joint_reaction.estimator import Estimator
 from knee_contact_ros.joint_reaction.motion import STILL
 from knee_contact_ros.joint_reaction.sensed import UNKNOWN, Ground, Joints
 from knee_contact_ros.messages.stamps import stamp_to_ns
 from knee_contact_ros.messages.topics import GROUND_REACTION_FORCE, JOINT_STATES, LOAD_INPUTS, MESSAGE_TYPES
+from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.offline.demo_sensors import BAG, FORCE_LIMIT, LOAD_FILE
 from knee_contact_ros.parameters.load_schema import LOAD_READING, LoadParameters
 from knee_contact_ros.system.resources import share_folder

@@ -20,13 +20,10 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.compiled.kernel import compiled
-from knee_contact_ros.core import ticks
-from knee_contact_ros.core.contact_laws import CONTACT_LAWS, ContactLaw
-from knee_contact_ros.core.contact_modes import ContactModes
-from knee_contact_ros.core.levels import LEVELS
-from knee_contact_ros.core.model import KneeModel
-from knee_contact_ros.core.types import blank
+from knee_contact_ros.model.knee import KneeModel
+from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw
+from knee_contact_ros.model.ticks import LEVELS
+from knee_contact_ros.model.types import blank
 from studies.accuracy import CIRCLE, DAMPING, EXPONENT, K1, K2, LAYER, MASS, TOLERANCES, A
 from studies.report import Section, machine, save
 
@@ -86,9 +83,8 @@ def problems() -> list[Problem]:
 
 def model_of(problem: Problem, tolerance: float) -> KneeModel:
     """Compiled model of a problem."""
-    modes = ContactModes(problem.law, allow_tension=False)
     level = LEVELS["dynamic"]
-    return compiled(KneeModel(CIRCLE.pair, CIRCLE.mechanism, modes, problem.mass, tolerance, 0, level=level))
+    return KneeModel(CIRCLE.pair, problem.law, problem.mass, tolerance, 0, level=level, compiled=True)
 
 
 def series(problem: Problem, count: int) -> tuple[Floats, Floats]:
@@ -100,12 +96,12 @@ def series(problem: Problem, count: int) -> tuple[Floats, Floats]:
 def ours(problem: Problem, tolerance: float, count: int) -> tuple[Callable[[], None], Callable[[], Found]]:
     """Prepare our run of a problem, with its results."""
     model = model_of(problem, tolerance)
-    scene, run = model.scene, model.kernel.run
     durations, loads = series(problem, count)
-    answers, angles, heights = blank(count), np.zeros(count), np.full(count, math.nan)
+    answers = blank(count)
+    samples = np.column_stack([durations, np.zeros(count), loads, np.full(count, math.nan)])
 
     def call() -> None:
-        run(scene, np.zeros(1, ticks.MEMORY), durations, angles, loads, heights, answers)
+        model.compute(samples, answers)
 
     def found() -> Found:
         depth, gap, error, evaluations = (answers[name] for name in FIELDS)
@@ -117,11 +113,7 @@ def ours(problem: Problem, tolerance: float, count: int) -> tuple[Callable[[], N
 def in_c(function: Any, problem: Problem, tolerance: float, count: int) -> tuple[Callable[[], None], Found]:
     """Prepare the run of a problem in C, with its results."""
     durations, loads = series(problem, count)
-    layers = np.array([
-        [layer.begin, getattr(layer.formula, "base_force", 0.0), *(getattr(layer.formula, name) for name in (
-            "stiffness", "exponent", "damping"))]
-        for layer in problem.law.layers
-    ])  # fmt: skip
+    layers = np.array([layer[:5] for layer in problem.law.layers])  # begin, base, stiffness, exponent, damping
     found = Found(np.zeros(count), np.zeros(count), np.zeros(count, dtype=np.int32))
     address, number, whole = ctypes.c_void_p, ctypes.c_double, ctypes.c_int
 

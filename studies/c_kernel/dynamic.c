@@ -1,4 +1,4 @@
-/* The level "dynamic" in plain C, for comparison only: the same algorithm as knee_contact_ros/core/levels/dynamic.py.
+/* The level "dynamic" in plain C, for comparison only: the same algorithm as knee_contact_ros/model/solver.py.
  *
  * A circle on a plane under a law of one or more layers F = F0 + K (d - h)^n + C d'. Left out: giving up, the budget,
  * tension, laws that remember the impact, and all of an answer but depth, error estimate and evaluations.

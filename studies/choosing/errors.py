@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.core.model import KneeModel
+from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.tools.work_precision import reference

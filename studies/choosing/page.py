@@ -18,7 +18,7 @@ from studies.choosing.study import Left, Row, Study
 
 BEGIN, END = "<!-- made by python -m studies.choosing: begin -->", "<!-- made by python -m studies.choosing: end -->"
 """Lines around the measured part of the page"""
-DEFAULT_LEVEL, DEFAULT_TOLERANCE = "auto", 1e-6
+DEFAULT_LEVEL, DEFAULT_TOLERANCE = "dynamic", 1e-6
 NODE, ALL_ROUNDS = "this node", "all"
 """Rows of `latency.csv` that are shown: of the node, over all rounds"""
 

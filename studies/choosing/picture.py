@@ -11,7 +11,7 @@ from studies.choosing.geometries import CIRCLE, MRI_FEMUR, MRI_KNEE
 from studies.choosing.inputs import Effect
 from studies.choosing.study import Row, Study
 
-COLOURS = {"quasi_static": "#D55E00", "first_order": "#E69F00", "dynamic": "#0072B2", "auto": "#000000"}
+COLOURS = {"quasi_static": "#D55E00", "dynamic": "#0072B2"}
 """Colours of the levels: Okabe and Ito's, which colour-blind readers tell apart"""
 MARKERS = {CIRCLE: "o", MRI_FEMUR: "s", MRI_KNEE: "^"}
 LINES = {CIRCLE: ("#009E73", (0, (4, 4))), MRI_FEMUR: ("#CC79A7", (4, (4, 4)))}

@@ -9,9 +9,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.core.levels import LEVELS
-from knee_contact_ros.core.model import KneeModel
-from knee_contact_ros.core.types import Status
+from knee_contact_ros.model.knee import KneeModel
+from knee_contact_ros.model.types import Status
 from knee_contact_ros.tools.work_precision.timing import Times
 from knee_contact_ros.tools.work_precision.worker import pin
 from studies.choosing.costs import costs
@@ -20,6 +19,7 @@ from studies.choosing.geometries import MRI_KNEE, Geometry, geometries
 from studies.choosing.inputs import Effect, effects
 from studies.choosing.scenes import Scene, scenes
 
+LEVELS = ("quasi_static", "dynamic")
 TOLERANCES = (1e-4, 1e-5, 1e-6, 1e-8)
 Say = Callable[[str], None]
 Key = tuple[str, str, float, str]

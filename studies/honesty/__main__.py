@@ -11,10 +11,9 @@ import click
 import numpy as np
 from tabulate import tabulate
 
-from knee_contact_ros.core.levels import LEVELS
 from studies.honesty.page import TITLE, sections
 from studies.honesty.scenes import draw
-from studies.honesty.study import SETTINGS, runs, study
+from studies.honesty.study import LEVELS, SETTINGS, runs, study
 from studies.honesty.truth import reference
 from studies.report import machine, save
 
@@ -37,7 +36,7 @@ def show(seed: int) -> str:
         f"{np.mean(truth.depth < 0):.0%} of ticks, known to 1e-9 m in {np.mean(truth.depth_bound < 1e-9):.0%}",
     ]
     rows = []
-    for key, (_, judged) in runs(scene, tuple(LEVELS), SETTINGS).items():
+    for key, (_, judged) in runs(scene, LEVELS, SETTINGS).items():
         for name, verdict in (("depth", judged.depth), ("force", judged.force)):
             if verdict is not None:
                 missed = verdict.known & ~verdict.covered

@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.core.types import Status
+from knee_contact_ros.model.types import Status
 from studies.reference import Solution
 
 Floats = NDArray[np.float64]
@@ -88,20 +88,3 @@ def _verdict(
         wrong = right & ((known & (error > tolerance + bound)) | ~np.isfinite(estimate) | ~np.isfinite(ours))
         ratio = np.where(large, estimate / error, np.nan)
     return Verdict(error, bound, estimate, known, large, covered, wrong, ratio)
-
-
-def needed(by_level: dict[str, Judged], tolerance: float) -> tuple[NDArray[np.int_], Flags]:
-    """Cheapest level (0 to 2) whose own run is truly within the tolerance [m], and where that is known.
-
-    `by_level` has the runs of quasi_static and first_order; the dynamic level is what remains.
-    """
-    simple = [by_level["quasi_static"].depth, by_level["first_order"].depth]
-    levels = np.full(len(simple[0].error), 2)
-    known = np.ones(len(levels), dtype=bool)
-    for level in (1, 0):
-        verdict = simple[level]
-        within = verdict.error + verdict.bound <= tolerance
-        beyond = verdict.error - verdict.bound > tolerance
-        levels[within] = level
-        known &= within | beyond
-    return levels, known

@@ -54,17 +54,13 @@ def _common(tally: Tally, quantity: Quantity) -> list[str]:
 
 
 def _cost(tally: Tally) -> list[str]:
-    shares = ", ".join(f"{100 * count / tally.ticks:.0f} %" for count in tally.levels)
     return [
-        str(tally.claimed), _share(tally.flagged, tally.ticks), f"{tally.evaluations / tally.ticks:.1f}", shares,
-        _share(tally.cheapest, tally.choices),
+        str(tally.claimed), _share(tally.flagged, tally.ticks), f"{tally.evaluations / tally.ticks:.1f}",
+        _share(tally.static, tally.ticks),
     ]  # fmt: skip
 
 
-COST = (
-    "OK beyond its estimate", "flagged", "evaluations per tick", "quasi-static, first-order, dynamic",
-    "no level dearer than needed",
-)  # fmt: skip
+COST = ("OK beyond its estimate", "flagged", "evaluations per tick", "answered statically")
 
 
 def _grouped(outcome: Outcome, names: Callable[[Key], tuple[str, ...] | None]) -> dict[tuple[str, ...], Tally]:
@@ -121,7 +117,9 @@ def sections(outcome: Outcome) -> list[Section]:
     loads = _grouped(
         outcome,
         lambda key: (
-            (families[key.family], key.loads, _tolerances(key)) if key.level == "auto" and key.family != WIDE else None
+            (families[key.family], key.loads, _tolerances(key))
+            if key.level == "dynamic" and key.family != WIDE
+            else None
         ),
     )
     header, force = (*COMMON, *RATIOS, *COST), (*COMMON, *RATIOS)
@@ -130,7 +128,7 @@ def sections(outcome: Outcome) -> list[Section]:
         Section("", TEXT, (*where, *header), _depth_rows(everywhere)),
         Section("Contact force", "", (*where, *force), _force_rows(everywhere)),
         Section("Plausible knees", "", ("knee", *where, *header), _depth_rows(by_family | both)),
-        Section("Plausible knees at auto, by load", "", ("knee", "load", "tolerance", *header), _depth_rows(loads)),
+        Section("Plausible knees at dynamic, by load", "", ("knee", "load", "tolerance", *header), _depth_rows(loads)),
         Section("By law", "", ("law", *where, *header), _depth_rows(by_law)),
         Section("Contact force by law", "", ("law", *where, *force), _force_rows(by_law)),
         Section("Said right and wrong: the worst", _SHOW, BAD, _bad_rows(outcome.wrong)),

@@ -81,13 +81,13 @@ def _wide(random: Random, seed: int, ticks: int) -> Scene:
     axes = (0.034, 0.034) if round_ else (float(random.uniform(0.02, 0.05)), float(random.uniform(0.02, 0.05)))
     angle = ANGLES[int(random.integers(len(ANGLES)))](random, time)
     slope = 0.0 if random.random() < 0.4 else float(random.uniform(-0.3, 0.3))
-    arguments = _arguments(random, law)
+    constants = arguments(random, law)
     tension = bool(random.random() < 0.15)
     mass = _decades(random, -3.7, 1.48)
-    return Scene(seed, WIDE, law, arguments, mass, axes, slope, tension, loads, time, angle, load)
+    return Scene(seed, WIDE, law, constants, mass, axes, slope, tension, loads, time, angle, load)
 
 
-def _arguments(random: Random, law: str) -> dict[str, Any]:
+def arguments(random: Random, law: str) -> dict[str, Any]:
     """Constants of a law from wide ranges."""
     if law == "elastic_foundation":
         radius = float(random.uniform(0.02, 0.04))

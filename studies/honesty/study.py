@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.core.levels import LEVELS
-from studies.honesty.judging import Judged, Verdict, judge, needed
+from knee_contact_ros.model import compiler
+from studies.honesty.judging import Judged, Verdict, judge
 from studies.honesty.ours import model
 from studies.honesty.scenes import Scene, draw
 from studies.honesty.tally import Tally
@@ -18,6 +18,8 @@ from studies.honesty.truth import reference
 
 SETTINGS = ((1e-4, 0.0), (1e-5, 0.0), (1e-6, 0.0), (1e-8, 0.0), (1e-4, 1.0), (1e-6, 0.1))
 """Tolerances of depth [m] and of force [N]; 0: none"""
+LEVELS = ("quasi_static", "dynamic")
+"""Levels that are judged; `auto` is `dynamic`"""
 WORST = 15
 """Number of worst ticks that are kept"""
 WORKERS = 2
@@ -63,17 +65,15 @@ class Outcome(NamedTuple):
 
 def study(
     seeds: Iterable[int],
-    levels: Sequence[str] = tuple(LEVELS),
+    levels: Sequence[str] = LEVELS,
     settings: Sequence[tuple[float, float]] = SETTINGS,
     told: Callable[[int], None] = lambda _: None,
 ) -> Outcome:
     """Judge all levels on the scenes of all seeds; `told` hears how many scenes are done."""
     outcome, wanted, done = Outcome({}, [], []), list(seeds), 0
     chunks = [wanted[i : i + CHUNK] for i in range(0, len(wanted), CHUNK)]
-    kinds = {scene.law: scene.seed for scene in map(draw, wanted)}
+    compiler.compiled_run()  # once, so that the workers do not both compile it
     with ProcessPoolExecutor(WORKERS, multiprocessing.get_context("spawn")) as workers:
-        # each kind of kernel once, so that the workers do not both compile it
-        list(workers.map(_compile, *zip(*[(seed, level) for seed in kinds.values() for level in levels], strict=True)))
         count = len(chunks)
         for chunk, part in zip(
             chunks, workers.map(_judge_all, chunks, [levels] * count, [settings] * count), strict=True
@@ -113,10 +113,6 @@ def runs(
     return found
 
 
-def _compile(seed: int, level: str) -> None:
-    model(draw(seed, ticks=2), level, 1e-6)
-
-
 def _judge_all(seeds: list[int], levels: Sequence[str], settings: Sequence[tuple[float, float]]) -> Outcome:
     outcome = Outcome({}, [], [])
     for seed in seeds:
@@ -131,10 +127,6 @@ def _judge_scene(scene: Scene, levels: Sequence[str], settings: Sequence[tuple[f
     for key, judged in found.items():
         tally = outcome.tallies.setdefault(key, Tally())
         tally.count(judged)
-        simple = {level: found.get(key._replace(level=level)) for level in ("quasi_static", "first_order")}
-        complete = {level: one for level, one in simple.items() if one is not None}
-        if key.level == "auto" and len(complete) == len(simple) and key.force_tolerance == 0.0:
-            tally.choose(judged.fidelity, *needed(complete, key.tolerance))
         for name, verdict, tolerance in (
             ("depth", judged.depth, key.tolerance),
             ("force", judged.force, key.force_tolerance),

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from knee_contact_ros.model.types import Fidelity
 from studies.honesty.judging import Judged, Verdict
 
 Counts = NDArray[np.int64]
@@ -62,11 +64,8 @@ class Tally:
     flagged: int = 0
     claimed: int = 0
     evaluations: int = 0
-    levels: Counts = field(default_factory=lambda: np.zeros(3, dtype=np.int64))
-    choices: int = 0
-    """Number of ticks whose cheapest sufficient level is known"""
-    cheapest: int = 0
-    """Number of these ticks that a level no more expensive has answered"""
+    static: int = 0
+    """Number of ticks answered with the static contact"""
     depth: Quantity = field(default_factory=Quantity)
     force: Quantity = field(default_factory=Quantity)
 
@@ -77,15 +76,10 @@ class Tally:
         self.flagged += int((~judged.said_right).sum())
         self.claimed += int(judged.claimed.sum())
         self.evaluations += int(judged.evaluations.sum())
-        self.levels += np.bincount(judged.fidelity, minlength=3)
+        self.static += int(np.sum(judged.fidelity == Fidelity.QUASI_STATIC))
         self.depth.count(judged.depth, judged.apart, judged.said_right)
         if judged.force is not None:
             self.force.count(judged.force, judged.apart, judged.said_right)
-
-    def choose(self, fidelity: NDArray[np.int_], levels: NDArray[np.int_], known: NDArray[np.bool_]) -> None:
-        """Count how often a level was no more expensive than needed, see `judging.needed`."""
-        self.choices += int(known.sum())
-        self.cheapest += int((known & (fidelity <= levels)).sum())
 
     def add(self, other: Tally) -> None:
         """Add the counts of other runs."""
@@ -106,6 +100,12 @@ def _binned(ratios: NDArray[np.float64]) -> Counts:
     with np.errstate(divide="ignore", invalid="ignore"):
         place = (np.log10(np.where(np.isnan(ratios), np.inf, ratios)) - LOWEST) / WIDTH
     return np.bincount(np.clip(np.nan_to_num(place, posinf=BINS), 0, BINS - 1).astype(int), minlength=BINS)
+
+
+def not_finite(series: np.recarray[Any, Any]) -> int:
+    """Count the ticks with a number that is not finite."""
+    fields = ("penetration_depth", "gap", "contact_force", "femoral_height", "error_estimate", "force_error_estimate")
+    return int(np.sum(~np.all([np.isfinite(series[field]) for field in fields], axis=0)))
 
 
 def percentile(histogram: Counts, percent: float) -> float:

@@ -71,7 +71,7 @@ def different(knees: Knees, cells: list[Cell]) -> int:
         for table, drive in ((knees.forced, "force"), (knees.led, "displacement")):
             series = run(knees, cell, drive)
             steps = np.diff(series.stamp, prepend=series.stamp[:1]) * NANOSECOND
-            law = load_model([ARTHRITIC, values_at(knees.grid, cell)]).modes.law
+            law = load_model([ARTHRITIC, values_at(knees.grid, cell)]).law
             own = outcomes(np.asarray(series)[None], steps, [law], [None])[0]
             names = set(own.dtype.names or ()) - NOT_OF_SERIES
             found += sum(bool(table[cell][name] != own[name]) for name in names)
@@ -109,5 +109,5 @@ def momentum(knees: Knees, cell: Cell, step: float = FINE) -> Momentum:
 
     rate = series.penetration_rate  # of the depth: -ẏ for a circle on a level plane
     return Momentum(
-        impulse(load), impulse(series.contact_force) - impulse(load), float(model.scene.mass * (rate[0] - rate[-1]))
+        impulse(load), impulse(series.contact_force) - impulse(load), float(model.mass * (rate[0] - rate[-1]))
     )

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 
-from knee_contact_ros.core.contact_laws.material import relative_radius
+from knee_contact_ros.model.laws import relative_radius
 from studies.gait import BODY_WEIGHT
 from studies.report import Section
 from studies.reproduction.loads import PAPER_PEAKS

@@ -39,7 +39,7 @@ def section() -> Section:
 def linearised() -> tuple[float, float, float]:
     """Stiffness [N/m], natural frequency [rad/s] and damping ratio of the healthy contact at 1.6 kN."""
     knee = model(HEALTHY)
-    _, stiffness, damping = knee.modes.law.layers[0].formula.force_at(static_depth(LOAD, HEALTHY), 0.0, 0.0)
+    _, stiffness, damping = knee.law.force_at(static_depth(LOAD, HEALTHY), 0.0)
     return stiffness, math.sqrt(stiffness / knee.mass), damping / (2.0 * math.sqrt(stiffness * knee.mass))
 
 

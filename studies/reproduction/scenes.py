@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros import load_model
-from knee_contact_ros.core.model import KneeModel
+from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.parameters.schema import Parameters
 from studies import gait as bags
@@ -88,7 +88,7 @@ def static_depth(load: float, *files: str, changes: Changes = ()) -> float:
 
 def static_force(depth: float, *files: str) -> float:
     """Force at rest [N] at a depth [m]."""
-    return model(*files).modes.law.static_force(depth)
+    return model(*files).law.static_force(depth)
 
 
 def body_weights(force: float) -> float:

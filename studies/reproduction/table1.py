@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from knee_contact_ros.core.contact_laws.material import hertz_stiffness, relative_radius
+from knee_contact_ros.model.laws import hertz_stiffness, relative_radius
 from studies.gait import BODY_WEIGHT
 from studies.report import Section
 from studies.reproduction.page import thousands

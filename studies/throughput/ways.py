@@ -20,7 +20,6 @@ from knee_contact_ros.bags.batch import Batch
 from knee_contact_ros.bags.chunked_mcap import CHUNK_SIZE
 from knee_contact_ros.bags.reader import INPUT_TYPES
 from knee_contact_ros.bags.writer import BagWriter
-from knee_contact_ros.core.types import blank
 from knee_contact_ros.messages.answer_out import encode_answer, encode_answer_wrench
 from knee_contact_ros.messages.ros_types import definition, typestore
 from knee_contact_ros.messages.stamps import NANOSECONDS
@@ -32,6 +31,7 @@ from knee_contact_ros.messages.topics import (
     MESSAGE_TYPES,
     RECORDED,
 )
+from knee_contact_ros.model.types import blank
 from knee_contact_ros.offline.solve import Run, solve
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.system.resources import share_folder

@@ -25,8 +25,8 @@ from knee_contact_ros.bags.provenance import (
 )
 from knee_contact_ros.bags.writer import BagWriter, Limits
 from knee_contact_ros.cli.main import knee_contact, main
-from knee_contact_ros.core.types import Status
 from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline

@@ -13,7 +13,7 @@ import knee_contact_ros
 from knee_contact_ros.cohort.computing import compute
 from knee_contact_ros.cohort.knees import Files, Knees, Recording, knees_in
 from knee_contact_ros.cohort.outcomes import OUTCOMES, outcomes
-from knee_contact_ros.core.types import FLAT, ROW, ContactState, Status
+from knee_contact_ros.model.types import FLAT, ROW, ContactState, Status
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.system.errors import UsageError
 from tests import ROOT
@@ -72,7 +72,7 @@ def test_outcomes_are_those_of_the_formulas(values: dict[str, Any]) -> None:
     knee = knee_contact_ros.load_model(["healthy", {"fidelity.budget": 300, "load.compartment": "total"} | values])
     series = knee.run(TIME, ANGLE, LOAD)
     steps = np.diff(series["stamp"], prepend=series["stamp"][:1]) * 1e-9
-    (row,) = outcomes(series[None, :], steps, [knee.modes.law], [knee.patch])
+    (row,) = outcomes(series[None, :], steps, [knee.law], [knee.patch])
     formulas = expected(series, [0])
     assert_close(row, formulas)
     assert formulas["contact_time"] < TIME[-1] - TIME[0]  # it lifts off
@@ -89,7 +89,7 @@ def test_what_a_run_comes_to_has_the_same_bits_however_many_are_beside_it(number
     answers["contact_state"] = random.integers(0, 3, answers.shape)
     steps[random.integers(0, number, 3)] = 0.0
     knee = knee_contact_ros.load_model(TWO_LAYERS)
-    laws, patches = [knee.modes.law] * len(answers), [knee.patch] * len(answers)
+    laws, patches = [knee.law] * len(answers), [knee.patch] * len(answers)
     whole = outcomes(answers, steps, laws, patches)
     for size in (1, 2, 5, 42):
         parts = [outcomes(answers[i : i + size], steps, laws[i : i + size], patches[i : i + size])
@@ -102,7 +102,7 @@ def test_what_a_run_comes_to_has_the_same_bits_however_many_are_beside_it(number
 def test_without_radii_that_fit_no_pressure_is_known() -> None:
     knee = knee_contact_ros.load_model({"contact.tibial_radius": 0.02})
     series = knee.run(TIME, ANGLE, LOAD)
-    (row,) = outcomes(series[None, :], np.diff(TIME, prepend=TIME[:1]), [knee.modes.law], [knee.patch])
+    (row,) = outcomes(series[None, :], np.diff(TIME, prepend=TIME[:1]), [knee.law], [knee.patch])
     assert np.isnan(row["peak_pressure"])
     assert np.isnan(row["peak_strain"])
     assert row["peak_force"] > 0.0
@@ -122,7 +122,6 @@ def recording(resets: tuple[int, ...] = ()) -> Recording:
     return Recording(stamps, steps, ANGLE, LOAD, np.zeros_like(LOAD), np.full(len(TIME), np.nan))
 
 
-@pytest.mark.xdist_group("kernel for kelvin_voigt")
 @pytest.mark.parametrize("cases_in_all", [0, 10_000_000], ids=["plain", "compiled"])
 @pytest.mark.parametrize("threads", [1, 2])
 def test_cases_have_the_bits_of_single_runs_with_time_resets(cases_in_all: int, threads: int) -> None:

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
 from examples.assist_as_needed import UNTRUSTED, AssistLaw, Settings
-from knee_contact_ros.core.types import UNUSABLE, Status
+from knee_contact_ros.model.types import UNUSABLE, Status
 from knee_contact_ros.system.resources import share_folder
 
 SETTINGS = Settings()

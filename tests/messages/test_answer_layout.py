@@ -11,11 +11,11 @@ from hypothesis import strategies as st
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from knee_contact_ros.core.types import FLAT, MESSAGE, ROW, TOLD, blank
 from knee_contact_ros.messages.answer_layout import ADDED, PRESENT, TYPE, decode_answers, layout_of, places_of
 from knee_contact_ros.messages.answer_out import encode_answer
 from knee_contact_ros.messages.ros_types import definition
 from knee_contact_ros.messages.stamps import NANOSECONDS
+from knee_contact_ros.model.types import FLAT, MESSAGE, ROW, TOLD, blank
 
 TEXT = definition(TYPE).decode()
 STAMPS = [3 * NANOSECONDS + 5, 4 * NANOSECONDS, 2**31 * NANOSECONDS - 1]

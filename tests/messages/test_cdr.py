@@ -16,7 +16,6 @@ from knee_contact_ros.msg import KneeContact
 from rclpy.serialization import deserialize_message, serialize_message
 from sensor_msgs.msg import JointState as RosJointState
 
-from knee_contact_ros.core.types import Contact
 from knee_contact_ros.messages import cdr
 from knee_contact_ros.messages.answer_out import encode_answer, encode_answer_wrench
 from knee_contact_ros.messages.cdr import (
@@ -29,6 +28,7 @@ from knee_contact_ros.messages.cdr import (
 )
 from knee_contact_ros.messages.ros_types import typestore
 from knee_contact_ros.messages.stamps import stamp_to_ns
+from knee_contact_ros.model.types import Contact
 from tests.helpers.answers import contact, contacts_of
 from tests.helpers.messages import PlainMessages, RosMessages, contact_message, header, message_class, wrench_message
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 
-from knee_contact_ros.core.types import Status
+from knee_contact_ros.model.types import Status
 from knee_contact_ros.node.diagnostics import InputMeter, LagMeter, PairingMeter, TickMeter, diagnostic_status
 from knee_contact_ros.parameters.sections import Pairing
 from knee_contact_ros.pipeline.samples import AngleSample, LoadSample

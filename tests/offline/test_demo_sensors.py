@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from knee_contact_ros.core.types import blank
 from knee_contact_ros.messages.cdr import JointState, decode_joint_state, encode_joint_state
+from knee_contact_ros.model.types import blank
 from knee_contact_ros.parameters.load_schema import LOAD_READING, ActuatedJoint
 from knee_contact_ros.pipeline.leg_samples import joints_of, leg_sample
 

@@ -19,11 +19,11 @@ from knee_contact_ros.bags.recover import recover
 from knee_contact_ros.bags.topic_names import names_in_bag
 from knee_contact_ros.bags.writer import REFUSED_SAMPLES, BagWriter, Limits
 from knee_contact_ros.cli.main import INTERRUPTED, main
-from knee_contact_ros.core.types import Status
 from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.messages.cdr import JointState, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.messages.topics import LOAD_INPUTS, LOAD_RECORDED, MESSAGE_TYPES
 from knee_contact_ros.messages.transforms import TF_MESSAGE, TF_STATIC, Transform, encode_transforms
+from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.estimate_load import LoadSummary, estimate_load
 from knee_contact_ros.offline.solve import SOURCE_DAMAGE, solve
 from knee_contact_ros.parameters.load_schema import LOAD_READING

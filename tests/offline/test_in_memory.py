@@ -13,7 +13,7 @@ import knee_contact_ros
 from knee_contact_ros import Results, UsageError
 from knee_contact_ros.bags.recorded_answers import read_answers
 from knee_contact_ros.cli.main import main
-from knee_contact_ros.core.types import FLAT, TOLD
+from knee_contact_ros.model.types import FLAT, TOLD
 from tests.offline.test_solve import make_bag
 
 ROWS = [(5_000_000 * i, 0.01 * i, 500.0 + 10.0 * i) for i in range(20)]
@@ -86,7 +86,6 @@ def test_inputs_may_have_other_names(tmp_path: Path) -> None:
         knee_contact_ros.solve(bag, remap={"joint_states": "/exo/states"})
 
 
-@pytest.mark.xdist_group("kernel for kelvin_voigt")
 def test_plain_and_compiled_give_the_same_bits(right_bag: Path) -> None:
     plain, compiled = (knee_contact_ros.solve(right_bag, compiled=way) for way in (False, True))
     assert plain.tobytes() == compiled.tobytes()

@@ -12,9 +12,9 @@ import pytest
 import knee_contact_ros
 from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
 from knee_contact_ros.bags.writer import BagWriter
-from knee_contact_ros.core.types import Status
 from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.messages.topics import MESSAGE_TYPES, RECORDED
+from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import read_summary
 from knee_contact_ros.parameters.reading import load_parameters
@@ -132,7 +132,7 @@ def test_a_bag_with_heights_drives_the_displacement(tmp_path: Path) -> None:
     assert solve(bag, parameters, tmp_path / "out.mcap", silent).ticks == 20
     answers = [m.message for m in read_bag(tmp_path / "out.mcap", {"/knee_contact": OUTPUTS["/knee_contact"]})]
     assert [answer.femoral_height for answer in answers] == heights.tolist()
-    law = knee_contact_ros.load_model(parameters).modes.law
+    law = knee_contact_ros.load_model(parameters).law
     expected = [law.static_force(0.034 - height) for height in heights]
     assert [answer.contact_force for answer in answers] == pytest.approx(expected, rel=1e-15)  # the same formula
     assert {answer.load for answer in answers} == {400.0}

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader
 from knee_contact_ros.bags.writer import BagWriter
-from knee_contact_ros.core.types import Rows
 from knee_contact_ros.messages.cdr import (
     JOINT_STATE,
     JointState,
@@ -20,6 +19,7 @@ from knee_contact_ros.messages.cdr import (
     encode_joint_state,
     encode_wrench_stamped,
 )
+from knee_contact_ros.model.types import Rows
 from knee_contact_ros.offline import solve as solve_module
 from knee_contact_ros.offline.solve import Run, solve
 from knee_contact_ros.offline.summary import Summary

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.cli.main import main
-from knee_contact_ros.core.types import blank
+from knee_contact_ros.model.types import blank
 from knee_contact_ros.offline.summary import Summary, bound, read_summary
 from knee_contact_ros.offline.summary_table import show_summary
 

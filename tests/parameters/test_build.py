@@ -9,13 +9,16 @@ import numpy as np
 import pytest
 
 import knee_contact_ros
-from knee_contact_ros.core.contact_laws import CONTACT_LAWS
-from knee_contact_ros.core.contact_pairs import TIBIAL_GEOMETRIES
-from knee_contact_ros.core.geometries import GEOMETRIES
-from knee_contact_ros.core.mechanisms import MECHANISMS
-from knee_contact_ros.core.types import Status
+from knee_contact_ros.model.knee import BUDGET
+from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw, Layer
+from knee_contact_ros.model.mechanisms import MECHANISMS
+from knee_contact_ros.model.surfaces import GEOMETRIES, TIBIAL_GEOMETRIES
+from knee_contact_ros.model.ticks import LEVELS
+from knee_contact_ros.model.types import Status
+from knee_contact_ros.parameters import schema
 from knee_contact_ros.parameters.build import retuned
 from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.system.errors import UsageError
 
 TIME = np.arange(0.0, 0.1, 0.005)
 ANGLE = 0.3 + 0.3 * np.sin(20.0 * TIME)
@@ -59,9 +62,9 @@ def test_every_law_works_with_both_drives(law: str, tibia: str, drive: str) -> N
         # Rounding of heights of 34 mm
         assert followed.penetration_depth == pytest.approx(series.penetration_depth, abs=1e-16)
         for contact in followed:
-            formula = [layer.formula for layer in led.modes.law.layers if layer.begin < contact.penetration_depth][-1]
+            layer = [layer for layer in led.law.layers if layer.begin < contact.penetration_depth][-1]
             # Pressed from the start, which counts as no impact
-            force = formula.force_at(contact.penetration_depth, contact.penetration_rate, 0.0)[0]
+            force = layer.force_at(contact.penetration_depth, contact.penetration_rate, 0.0)[0]
             # The very numbers that were published go into the very formula.
             assert contact.contact_force == max(force, 0.0)
         series = followed
@@ -72,7 +75,7 @@ def test_every_law_works_with_both_drives(law: str, tibia: str, drive: str) -> N
 
 def test_stiffness_from_the_material_is_hertz() -> None:
     names = {"contact.stiffness_from": "material", "contact.law": "two_layer_elastic", "contact.layer_depth": 0.01}
-    law = knee_contact_ros.load_model(names).modes.law
+    law = knee_contact_ros.load_model(names).law
     cartilage, bone = 136.08 * 10**4.5, 98_408 * 10**4.5  # N/mm^1.5 by hand from E, nu, 34 mm and 95 mm
     # The numbers by hand have 5 digits.
     assert law.static_force(1e-3) == pytest.approx(cartilage * 1e-3**1.5, rel=1e-4)
@@ -80,13 +83,16 @@ def test_stiffness_from_the_material_is_hertz() -> None:
     assert law.static_force(0.011) == pytest.approx(beyond, rel=1e-4)
 
 
-def test_the_plateau_of_the_circle_is_the_parameters(config: Path) -> None:
+def test_the_plateau_of_the_circle_is_the_parameters(config: Path, tmp_path: Path) -> None:
     model = knee_contact_ros.load_model([config / "healthy.yaml", config / "mri_knee.yaml"])
-    flat = knee_contact_ros.load_model({"tibia.geometry": "circle", "tibia.radius": 0.08, "femur.radius": 0.03})
+    cup = {"tibia.geometry": "circle", "tibia.radius": 0.08, "femur.radius": 0.03}
+    (tmp_path / "ahead.csv").write_text("flexion_angle,x\n0,0.001\n1,0.001\n2,0.001\n")
+    table = {"translation.mechanism": "table", "translation.table": str(tmp_path / "ahead.csv")}
+    flat = knee_contact_ros.load_model(cup | table)
     # Centres 1 mm apart: depth = 1 mm + 30 mm - 80 mm + the way of the centre, in closed form.
     height = 0.08 - math.sqrt(0.051**2 - 0.001**2)
     # Rounding of 80 mm
-    assert flat.pair.closest(0.0, 0.001, height).depth == pytest.approx(0.051 + 0.03 - 0.08, abs=1e-16)
+    assert flat.closest(0.0, height).depth == pytest.approx(0.051 + 0.03 - 0.08, abs=1e-16)
     x, y = flat.pair.outline(0.03).T
     assert np.hypot(x, y - 0.08) == pytest.approx(0.08, abs=1e-16)  # rounding of 80 mm
     assert (x.min(), x.max()) == (-0.03, 0.03)
@@ -100,13 +106,42 @@ def test_the_plateau_of_the_circle_is_the_parameters(config: Path) -> None:
 def test_the_mechanism_carries_the_contact_along() -> None:
     table = knee_contact_ros.load_model(FILES | {"translation.mechanism": "table"})
     series = table.run(TIME, ANGLE, LOAD)
-    expected = [table.mechanism.translation(angle)[0] for angle in ANGLE]
+    expected = [table.pair.mechanism.translation(angle)[0] for angle in ANGLE]
     assert series.contact_point.x == pytest.approx(expected, abs=1e-18)  # a circle touches below its centre
     assert np.ptp(series.contact_point.x) > 1e-3
 
 
-def test_the_wanted_error_of_the_force_reaches_the_scene() -> None:
+def test_numbers_reach_the_model_when_it_is_made_and_when_they_change() -> None:
     model = knee_contact_ros.load_model({"fidelity.force_tolerance": 2.5})
-    assert (model.force_tolerance, model.scene.force_tolerance) == (2.5, 2.5)
-    assert knee_contact_ros.load_model({}).scene.force_tolerance == 0.0
-    assert retuned(model, load_parameters({"fidelity.force_tolerance": 0.1})).scene.force_tolerance == 0.1
+    assert (model.force_tolerance, model.knee.force_tolerance) == (2.5, 2.5)
+    assert (model.knee.level, model.knee.budget, model.knee.allow_tension) == (LEVELS["dynamic"], BUDGET, False)
+    fresh = knee_contact_ros.load_model({}).knee
+    assert fresh.force_tolerance == 0.0
+    changes = {
+        "fidelity.force_tolerance": 0.1, "fidelity.tolerance": 1e-8, "fidelity.budget": 300, "femur.mass": 8.0,
+        "fidelity.level": "quasi_static", "contact.allow_tension": True, "contact.stiffness": 5e7,
+    }  # fmt: skip
+    changed, made = retuned(model, load_parameters(changes)), knee_contact_ros.load_model(changes)
+    assert changed.pair is model.pair
+    for name in ("mass", "tolerance", "force_tolerance", "budget", "level", "allow_tension"):
+        assert getattr(changed.knee, name) == getattr(made.knee, name) != getattr(fresh, name), name
+    assert changed.law == made.law
+    assert changed.patch == made.patch
+
+
+def test_a_level_of_earlier_versions_is_dynamic_and_one_line_says_so(caplog: pytest.LogCaptureFixture) -> None:
+    schema._tell_of_first_order.cache_clear()
+    for _ in range(2):
+        parameters = load_parameters({"fidelity.level": "first_order"})
+    assert parameters.fidelity.level == "dynamic"
+    (record,) = caplog.records
+    assert record.getMessage() == (
+        "fidelity.level: first_order is gone; dynamic is used, which takes less time for less error"
+    )
+
+
+def test_a_law_of_ones_own_that_breaks_the_contract_is_refused_by_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = ContactLaw((Layer(stiffness=1e7), Layer(0.0, 0.0, 1e8)))
+    monkeypatch.setitem(CONTACT_LAWS, "hertz", lambda *, stiffness, exponent: made)
+    with pytest.raises(UsageError, match=r"parameter contact\.law: hertz: contact law: layers must begin at 0 m and"):
+        knee_contact_ros.load_model({"contact.law": "hertz"})

@@ -54,7 +54,7 @@ def test_a_curve_of_so_many_points_is_read(tmp_path: Path) -> None:
     path = tmp_path / "curve.csv"
     path.write_text("".join(f"{number * 1e-3:g},{0.01 * (number % 2):g}\n" for number in range(MOST_POINTS)))
     model = knee_contact_ros.load_model(naming(TABLE, path))
-    assert model.mechanism.translation(1e-3)[0] == pytest.approx(0.01)
+    assert model.pair.mechanism.translation(1e-3)[0] == pytest.approx(0.01)
 
 
 @pytest.mark.parametrize("command", ["solve", pytest.param("view", marks=needs_viewer), "report"])

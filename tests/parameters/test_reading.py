@@ -29,7 +29,7 @@ CONTRACT = {
     "contact.law": "kelvin_voigt", "contact.stiffness": 7.905694e7, "contact.exponent": 1.5, "contact.damping": 5000.0,
     "contact.allow_tension": False, "contact.layer_depth": 5.0e-4, "contact.stiffness_2": 3.112e9,
     "contact.damp_first_layer": False, "fidelity.level": "auto", "fidelity.tolerance": 1.0e-6,
-    "fidelity.force_tolerance": 0.0, "fidelity.budget": 0,
+    "fidelity.force_tolerance": 0.0, "fidelity.budget": 20_000,
     "body_weight": 737.068, "autostart": True, "record.path": "", "record.flush_period": 0.03,
     "record.sync_period": 1.0, "record.queue": 30000, "record.queue_size": 100.0,
     "rerun.queue": 20000, "rerun.queue_size": 64.0,
@@ -62,7 +62,7 @@ def test_names_and_defaults_hold() -> None:
         ("femur.geometry", "square", "circle, profile"),
         ("fidelity.force_tolerance", 1e-10, "0 (off) or a number >= 1e-09"),
         ("fidelity.force_tolerance", 2e6, "1000000"),
-        ("fidelity.budget", 5, "0 (no limit) or an integer >= 100"),
+        ("fidelity.budget", 5, "0 (a hundred thousand) or an integer >= 100"),
         ("fidelity.budget", 0.5, "integer"),
         ("knee.flexion_sign", 2.0, "1.0, -1.0"),
         ("load.share", 1.5, "less than or equal to 1"),
@@ -320,7 +320,7 @@ def test_files_from_a_spreadsheet_are_read(tmp_path: Path) -> None:
     path = tmp_path / "translation.csv"
     path.write_bytes(b"\xef\xbb\xbfflexion_angle,x\r\n  # a remark\r\n0.0,0.0\r\n 1.0, 0.002\r\n")
     model = knee_contact_ros.load_model({"translation.mechanism": "table", "translation.table": str(path)})
-    assert model.mechanism.translation(1.0)[0] == 0.002
+    assert model.pair.mechanism.translation(1.0)[0] == 0.002
 
 
 @pytest.mark.parametrize("source", [None, "", 3, [None], ["healthy", ""]])

@@ -8,8 +8,7 @@ from typing import Annotated
 import pytest
 from pydantic import ValidationError
 
-from knee_contact_ros.core.contact_laws import CONTACT_LAWS, ContactLaw
-from knee_contact_ros.core.contact_laws.base import Range
+from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw, Range
 from knee_contact_ros.parameters.schema import ContactParameters, Parameters, with_constants_of_laws
 
 

@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from knee_contact_ros.bags.reader import RawMessage
-from knee_contact_ros.core.types import UNUSABLE, Status
 from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.messages.cdr import (
     WrenchStamped,
     encode_joint_state,
     encode_wrench_stamped,
 )
+from knee_contact_ros.model.types import UNUSABLE, Status
 from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, ground, joint_state, walk
 from tests.pipeline.leg import POSE, by_stamp, estimates, force, pipeline, state, take
 

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from knee_contact_ros.core.types import Status
 from knee_contact_ros.joint_reaction.estimator import Estimate
+from knee_contact_ros.model.types import Status
 from knee_contact_ros.parameters.load_schema import LOAD_READING
 from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, walk
 from tests.pipeline.leg import by_stamp, estimates, pipeline, same, take

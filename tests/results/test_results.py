@@ -14,7 +14,7 @@ import pytest
 
 import knee_contact_ros
 from knee_contact_ros import Results, UsageError
-from knee_contact_ros.core.types import FLAT
+from knee_contact_ros.model.types import FLAT
 from knee_contact_ros.results.columns import UNITS, columns, unit_of
 from tests import ROOT
 

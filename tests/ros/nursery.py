@@ -29,7 +29,7 @@ COMMAND = "knee_contact_ros.cli.main"
 IMPORTED = (
     "knee_contact_ros.bags.answer_recorder",
     "knee_contact_ros.cli.commands.live",
-    "knee_contact_ros.compiled.ahead",
+    "knee_contact_ros.model.compiler",
     "knee_contact_ros.pipeline.load_pipeline",
     "knee_contact_ros.pipeline.pipeline",
     "knee_contact_ros.view.markers",

@@ -15,8 +15,8 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 
 from knee_contact_ros.bags.provenance import read_provenance
-from knee_contact_ros.core.types import Status
 from knee_contact_ros.messages.transforms import Transform, decode_transforms, encode_transforms
+from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.pipeline.frames import isb_transform
 from tests.helpers.messages import RosMessages, header

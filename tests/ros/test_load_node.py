@@ -26,9 +26,9 @@ from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED
 from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.bags.writer import REFUSED_SAMPLES
 from knee_contact_ros.cli.main import main
-from knee_contact_ros.core.types import Status
 from knee_contact_ros.messages.cdr import encode_wrench_stamped
 from knee_contact_ros.messages.topics import KNEE_CONTACT, LOAD_RECORDED, MESSAGE_TYPES
+from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.load_schema import LOAD_READING

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from knee_contact_ros.core.types import Status
+from knee_contact_ros.model.types import Status
 from studies.accuracy import Study, ours, studies, theirs
 
 STUDIES = {study.name: study for study in studies()}

@@ -7,9 +7,9 @@ import pytest
 
 pytest.importorskip("tabulate", reason="the studies' tables")
 
-from knee_contact_ros.core.types import ROW, Status
+from knee_contact_ros.model.types import ROW, Status
 from studies.budgets import BUDGETS, scenes
-from studies.honesty.judging import judge, needed
+from studies.honesty.judging import judge
 from studies.honesty.page import sections
 from studies.honesty.scenes import FAMILIES, TICKS, draw
 from studies.honesty.study import Key, Outcome, runs
@@ -67,18 +67,6 @@ def test_a_reference_that_is_no_better_than_the_model_judges_nothing() -> None:
     judged = judge(series([1e-3 + 2e-6], [1e-9], [False]), truth([1e-3], [1e-7]), TOLERANCE)
     assert not judged.depth.known.any()
     assert not judged.depth.wrong.any()
-
-
-def test_the_cheapest_level() -> None:
-    exact, bound = [1e-3] * 3, [EXACT] * 3
-    far, near = 1e-3 + 2e-6, 1e-3 + 1e-8
-    simple = {
-        "quasi_static": judge(series([near, far, far], [0.0] * 3, [False] * 3), truth(exact, bound), TOLERANCE),
-        "first_order": judge(series([far, near, far], [0.0] * 3, [False] * 3), truth(exact, bound), TOLERANCE),
-    }
-    levels, known = needed(simple, TOLERANCE)
-    assert levels.tolist() == [0, 1, 2]
-    assert known.all()
 
 
 def test_counts_add_up() -> None:

@@ -9,8 +9,8 @@ import pytest
 
 pytest.importorskip("rerun", reason="needs the extra viewer")
 
-from knee_contact_ros.core.types import Rows
 from knee_contact_ros.messages.answer import Answer
+from knee_contact_ros.model.types import Rows
 from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.view.outlets import RerunFile
 from knee_contact_ros.view.outlines import KneeOutlines

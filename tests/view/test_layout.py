@@ -55,8 +55,8 @@ def test_a_steep_or_large_knee_is_seen_whole_with_its_words(files: list[str], ch
     drawing = drawing_of(model, "knee", WEIGHT)
     frame = frame_of(drawing)
     for angle in (0.0, 1.0):
-        x, _ = model.mechanism.translation(angle)
-        touching = model.pair.closest(angle, x, 1.0)
+        x, _ = model.pair.mechanism.translation(angle)
+        touching = model.closest(angle, 1.0)
         height = 1.0 + touching.depth / touching.normal_y  # a circle and a plane: the normal stays
         assert frame.y[0] < -1e3 * placed(drawing.anatomy.femur_bone, angle, x, height)[:, 1].max()
     room = (frame.y[1] - frame.scale[1]) / (frame.y[1] - frame.y[0])

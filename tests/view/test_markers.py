@@ -8,12 +8,11 @@ import numpy as np
 import pytest
 
 import knee_contact_ros
-from knee_contact_ros.core.contact_pairs import TIBIAL_GEOMETRIES
-from knee_contact_ros.core.geometries import GEOMETRIES
-from knee_contact_ros.core.mechanisms import MECHANISMS
-from knee_contact_ros.core.model import KneeModel
-from knee_contact_ros.core.types import Contact, ContactState
 from knee_contact_ros.messages.ros_types import typestore
+from knee_contact_ros.model.knee import KneeModel
+from knee_contact_ros.model.mechanisms import MECHANISMS
+from knee_contact_ros.model.surfaces import GEOMETRIES, TIBIAL_GEOMETRIES
+from knee_contact_ros.model.types import Contact, ContactState
 from knee_contact_ros.view.colours import OF_STATE
 from knee_contact_ros.view.markers import LENGTH, KneeMarkers
 from knee_contact_ros.view.outlines import PLATEAU_REACH, drawing_of

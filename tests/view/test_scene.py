@@ -12,8 +12,8 @@ import pytest
 
 pytest.importorskip("rerun", reason="needs the extra viewer")
 
-from knee_contact_ros.core.types import ROW
 from knee_contact_ros.messages.answer import Answer
+from knee_contact_ros.model.types import ROW
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.results.columns import DATES_FROM
@@ -44,7 +44,7 @@ def test_what_is_drawn_is_where_the_answers_say(right_bag: Path, tmp_path: Path)
     contacts = list(rows_of(answers))
     angles = np.array([contact.flexion_angle for contact in contacts])
     height = [1e3 * contact.femoral_height for contact in contacts]
-    x = [1e3 * model.mechanism.translation(angle)[0] for angle in angles.tolist()]
+    x = [1e3 * model.pair.mechanism.translation(angle)[0] for angle in angles.tolist()]
     point = [(1e3 * contact.contact_point.x, 1e3 * contact.contact_point.y) for contact in contacts]
     closest = [model.closest(contact.flexion_angle, contact.femoral_height) for contact in contacts]
     force = np.array([contact.contact_force for contact in contacts])

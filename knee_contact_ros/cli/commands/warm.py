@@ -15,39 +15,29 @@ from knee_contact_ros.cli.options import find_parameters, parameter_files, param
 def warm(parameter_files: tuple[Path, ...], parameter_values: tuple[str, ...]) -> None:
     """Compile the model ahead of its first use.
 
-    For the image of a robot, say. Without --params and -p: for each of the package's own parameter files. What is
-    compiled is kept in $XDG_CACHE_HOME/knee_contact_ros, else in ~/.cache/knee_contact_ros, for all installations of
-    this version of the model and its compiler on this kind of processor. What is kept already is left as it is.
-    Each processor compiles one kind of knee at a time.
+    An installation does so by itself. The compiled model is for every kind of knee; --params and -p are only checked.
+    It is kept beside the package if you can write there, else in $XDG_CACHE_HOME/knee_contact_ros or
+    ~/.cache/knee_contact_ros, for this version of the model, of its compiler and of Python on this kind of processor.
+    What is kept already is left as it is.
     """
-    from knee_contact_ros.compiled.ahead import compile_ahead
-    from knee_contact_ros.compiled.keeping import kernel_folder
-    from knee_contact_ros.compiled.kernel import is_kept
+    from knee_contact_ros.model.compiler import compiled_run, folders, kept_files
+    from knee_contact_ros.model.ticks import run
     from knee_contact_ros.parameters.build import load_model
-    from knee_contact_ros.parameters.reading import Source
     from knee_contact_ros.system.errors import IncompleteError, UsageError
-    from knee_contact_ros.system.resources import shipped_parameter_files
     from knee_contact_ros.system.ros_arguments import parameters_of
-    from knee_contact_ros.system.terminal import busy, say
+    from knee_contact_ros.system.terminal import say
 
-    try:
-        folder = kernel_folder()
-    except RuntimeError:  # this user has no home
-        raise UsageError(
-            "XDG_CACHE_HOME is not set, and this user has no home: there is no folder to keep kernels in"
-        ) from None
-    sources: dict[str, Source] = {path.name: path for path in shipped_parameter_files()}
     if parameter_files or parameter_values:
-        names = ", ".join([*map(str, parameter_files), *parameter_values])
-        sources = {names: [*find_parameters(parameter_files), parameters_of(parameter_values)]}
-    models = {name: load_model(source, compiled=True) for name, source in sources.items()}
-    missing = [name for name, model in models.items() if not is_kept(model.scene)]
-    if missing:
-        with busy(f"compiling for {', '.join(missing)}"):
-            compile_ahead(models[name].scene for name in missing)
-    for name, model in models.items():
-        model.stream()
-        say(f"{name}: {'compiled' if name in missing else 'was there already'}")
-        if not is_kept(model.scene, only_on_disk=True):
-            raise IncompleteError(f"what was compiled could not be kept in {folder}")
-    say(f"kept in {folder}")
+        load_model([*find_parameters(parameter_files), parameters_of(parameter_values)], compiled=False)
+    before, compiled, after = kept_files(), compiled_run(), kept_files()
+    if compiled and after:
+        say("was there already" if set(before) == set(after) else "compiled")
+        say(f"kept in {after[0].parent}")
+        return
+    places = folders(run)
+    if len(places) == 1:
+        raise UsageError(
+            f"XDG_CACHE_HOME is not set, and this user has no home and cannot write in {places[0]}: there is no folder "
+            "to keep the compiled model in"
+        )
+    raise IncompleteError(f"the model could not be compiled and kept in {places[0]} or {places[1]}")

@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.core.types import Rows
+from knee_contact_ros.model.types import Rows
 from knee_contact_ros.offline.uncertainty.deviations import Deviation
 from knee_contact_ros.offline.uncertainty.replay import Given, Moved
 from knee_contact_ros.system.errors import UsageError

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.bags.provenance import Provenance
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
-from knee_contact_ros.compiled.choice import forced, worth_compiling
-from knee_contact_ros.core.types import Rows, Status
+from knee_contact_ros.model.compiler import worth_compiling
+from knee_contact_ros.model.types import Rows, Status
 from knee_contact_ros.offline.solve import parameters_in, solve, texts_of
 from knee_contact_ros.offline.uncertainty.deviations import (
     AXIAL_LOAD,
@@ -52,18 +52,18 @@ class Given(NamedTuple):
     compartments: tuple[Compartment, ...]
     """Compartments that compute the answers to inputs with errors"""
     wanted: bool | None
-    """Whether the compiled kernel is to be used; None: if it is quicker with its compilation"""
+    """Whether the compiled model is to be used; None: if it is quicker, with its compilation"""
     compiled: bool
-    """Whether the compartments use the compiled kernel"""
+    """Whether the compartments use the compiled model"""
     damage: tuple[str, ...]
     """Damage of the recording, as sentences"""
 
     def ready_for(self, replays: int) -> Given:
         """Return the same inputs, prepared for so many replays: for many, the model is compiled."""
-        scene, ticks = self.compartments[0].model.scene, replays * sum(map(len, self.rows))
-        compiles = worth_compiling(scene, ticks) if self.wanted is None else self.wanted
+        ticks = replays * sum(map(len, self.rows))
+        compiles = worth_compiling(ticks) if self.wanted is None else self.wanted
         for compartment in self.compartments if compiles and not self.compiled else ():
-            compartment.compile(forced)
+            compartment.compile()
         return self._replace(compiled=self.compiled or compiles)
 
     def answers(self, moved: Moved) -> list[Rows]:
@@ -107,7 +107,7 @@ class Given(NamedTuple):
         if any(times and of_a_surface(deviation.name) for deviation, times in moved.items()):
             new = compartments_of(parameters, self.texts)
             for compartment in new if self.compiled else ():
-                compartment.compile(forced)
+                compartment.compile()
             return new
         z = half_spacing(parameters)
         for compartment, own, place in zip(

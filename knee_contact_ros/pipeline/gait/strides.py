@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from knee_contact_ros.core.types import ContactState
 from knee_contact_ros.messages.stamps import NANOSECONDS
+from knee_contact_ros.model.types import ContactState
 from knee_contact_ros.pipeline.gait.events import HEEL_STRIKE, TOE_OFF, GaitEvents
 
 Floats = NDArray[np.float64]

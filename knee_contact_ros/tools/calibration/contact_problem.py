@@ -9,12 +9,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.compiled.choice import forced, worth_compiling
-from knee_contact_ros.core.model import PLAIN, KneeModel
-from knee_contact_ros.core.scene import Scene
-from knee_contact_ros.core.ticks import MEMORY
-from knee_contact_ros.core.types import Rows, Status, blank
-from knee_contact_ros.parameters.build import build_model, untried_law
+from knee_contact_ros.model.compiler import worth_compiling
+from knee_contact_ros.model.knee import KneeModel
+from knee_contact_ros.model.types import Rows, Status, blank
+from knee_contact_ros.parameters.build import build_model, retuned
 from knee_contact_ros.parameters.curves import curve_texts
 from knee_contact_ros.parameters.reading import flat_parameters, load_parameters
 from knee_contact_ros.parameters.schema import Parameters
@@ -39,14 +37,12 @@ class ContactProblem(Problem):
     parameters: Parameters
     """All parameters at the start"""
     model: KneeModel
-    """Model at the start, whose kernel all runs use"""
-    scene: Scene
-    """Scene of that model"""
+    """Model at the start"""
     texts: Mapping[str, str]
     """Contents of the files that parameters name, by parameter"""
 
     def answers(self, place: Floats) -> Rows:
-        """Compute the kernel's answers, shape (n,), without the checks of `KneeModel.run`; see `Problem.answers`."""
+        """Compute the answers, shape (n,), without the checks of `KneeModel.run`; see `Problem.answers`."""
         values = self.values(place)
         parameters = _with(self.parameters, values)
         trial, height = self.measured, self.measured.height
@@ -54,13 +50,12 @@ class ContactProblem(Problem):
             height = np.full(len(trial.time), math.nan)
         stamps = np.rint(trial.time * 1e9)
         durations = np.diff(stamps, prepend=stamps[:1]) * 1e-9
-        answers = blank(len(trial.time))
+        samples = np.column_stack([durations, trial.angle, trial.load_of(parameters.load.share), height])
+        answers = blank(len(samples))
         try:
-            scene = self._scene(parameters, values)
+            self._model(parameters, values).compute(samples, answers)
         except ValueError as error:
             raise UsageError(f"{trial.source}: {error}") from None
-        run, load = self.model.kernel.run, trial.load_of(parameters.load.share)
-        run(scene, np.zeros(1, MEMORY), durations, trial.angle, load, height, answers)
         return answers
 
     def predicted(self, place: Floats) -> Results:
@@ -68,7 +63,7 @@ class ContactProblem(Problem):
         parameters = checked(self.parameters, self.values(place))
         trial = self.measured
         try:
-            model = replace(build_model(parameters, curves=self.texts), kernel=self.model.kernel, results=Results)
+            model = self._made(parameters)
             series = model.run(trial.time, trial.angle, trial.load_of(parameters.load.share), trial.height)
         except ValueError as error:
             raise UsageError(f"{trial.source}: {error}") from None
@@ -94,7 +89,7 @@ class ContactProblem(Problem):
         forces = self.measured.answers.get("contact_force")
         if forces is None:
             return []
-        force, _, _ = self.scene.modes.law.layers[0].formula.force_at(0.0, 1.0, 1.0)
+        force, _, _ = self.model.law.layers[0].force_at(0.0, 1.0, 1.0)
         apart = np.asarray(self.predicted(place)["gap"]) > 0.0
         landings = int((apart[:-1] & ~apart[1:] & np.isfinite(forces[1:])).sum())
         if force <= 0.0 or not landings:
@@ -102,11 +97,15 @@ class ContactProblem(Problem):
         return [f"contact_force: it leaps at touch under this law, in {landings} landing(s), and a sample falls before "
                 "or after it: the misfit jumps, and the intervals are rough; leave these samples empty"]  # fmt: skip
 
-    def _scene(self, parameters: Parameters, values: Mapping[str, float]) -> Scene:
-        """Make the scene of some parameters; surfaces are made again only if a parameter of theirs is free."""
+    def _model(self, parameters: Parameters, values: Mapping[str, float]) -> KneeModel:
+        """Make the model of some parameters; surfaces are made again only if a parameter of theirs is free."""
         if any(name.startswith(("femur.", "tibia.")) and name != "femur.mass" for name in values):
-            return build_model(parameters, curves=self.texts).scene
-        return self.scene._replace(modes=untried_law(parameters.contact), mass=parameters.femur.mass)
+            return self._made(parameters)
+        return retuned(self.model, parameters)
+
+    def _made(self, parameters: Parameters) -> KneeModel:
+        model = build_model(parameters, curves=self.texts)
+        return replace(model, compiled=self.model.compiled, results=Results)
 
 
 def problem_of(
@@ -118,7 +117,7 @@ def problem_of(
         parameters: All parameters at the start.
         measured: The trial.
         unknowns: The free parameters.
-        compiled: Whether to use the compiled kernel; None: where that is expected to be faster.
+        compiled: Whether to use the compiled model; None: where that is expected to be faster.
 
     Raises:
         UsageError: the load is the axial one and no fixed share is modelled, inputs are too large for a knee, or there
@@ -135,14 +134,11 @@ def problem_of(
     )
     exact = parameters.model_copy(update={"fidelity": fidelity})
     texts = curve_texts(exact, {})
-    model = replace(build_model(exact, curves=texts), results=Results)
     runs = RUNS * len(unknowns) * len(measured.time)
-    if compiled or (compiled is None and worth_compiling(model.scene, runs)):
-        model = forced(model)
-    else:
-        model = replace(model, kernel=PLAIN)
+    compiles = worth_compiling(runs) if compiled is None else compiled
+    model = replace(build_model(exact, curves=texts), compiled=compiles, results=Results)
     steps = np.full(len(unknowns), STEP)
-    problem = ContactProblem(measured, unknowns, steps, exact, model, model.scene, texts)
+    problem = ContactProblem(measured, unknowns, steps, exact, model, texts)
     problem.predicted(problem.start)  # raises an error for wrong inputs or a wrong start
     return problem
 

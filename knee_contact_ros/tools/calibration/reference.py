@@ -14,10 +14,10 @@ from knee_contact_ros.bags.bag_files import in_a_line, others_beside
 from knee_contact_ros.bags.provenance import bag_digest
 from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.bags.topic_names import Names
-from knee_contact_ros.core.types import UNUSABLE
 from knee_contact_ros.messages.ros_types import deserialize
 from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, LOAD_ESTIMATE, MESSAGE_TYPES
+from knee_contact_ros.model.types import UNUSABLE
 from knee_contact_ros.offline.sensed import Sensed, SensedBag, sensed_in
 from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.pipeline.samples import Decoder, RefusedSampleError, load_sample

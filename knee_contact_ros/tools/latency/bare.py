@@ -97,8 +97,8 @@ class Bytes:
 
 def prepared() -> tuple[bytes, bytes]:
     """Serialise a contact and its wrench, stamped 0."""
-    from knee_contact_ros.core.types import blank
     from knee_contact_ros.messages.answer_out import encode_answer, encode_answer_wrench
+    from knee_contact_ros.model.types import blank
 
     row = blank(1).tobytes()
     return encode_answer(0, "tibia_r", row), encode_answer_wrench(0, "tibia_r", row)

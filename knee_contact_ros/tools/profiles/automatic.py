@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from knee_contact_ros.core.arrays import Floats
+from knee_contact_ros.model.types import Floats
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.tools.profiles.surface import Surface
 

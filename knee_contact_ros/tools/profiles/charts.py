@@ -14,7 +14,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from knee_contact_ros.core.arrays import Floats
+from knee_contact_ros.model.types import Floats
 
 LEAST_V = 0.01
 """Lower bound of v for a femur: a curvature of about this over R, so that a profile is convex throughout"""

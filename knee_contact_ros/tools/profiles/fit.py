@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.core.arrays import Floats
+from knee_contact_ros.model.types import Floats
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.tools.profiles.charts import Chart, Flat, Polar, circle
 from knee_contact_ros.tools.profiles.shape import FittedCircle, Shape, femoral_circles, shape_of, tibial_circles

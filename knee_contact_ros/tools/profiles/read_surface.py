@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from knee_contact_ros.core.arrays import Floats, Integers
+from knee_contact_ros.model.types import Floats
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.extras import require
-from knee_contact_ros.tools.profiles.surface import Surface, parse_axes, placed
+from knee_contact_ros.tools.profiles.surface import Integers, Surface, parse_axes, placed
 
 LABEL_MAPS = (".nii", ".nii.gz")
 CLOUDS = (".txt", ".xyz", ".csv", ".asc", ".dat")

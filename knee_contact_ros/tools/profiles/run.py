@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.core.arrays import Floats
+from knee_contact_ros.model.types import Floats
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import partial_name
 from knee_contact_ros.tools.profiles.automatic import contact_centre

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.core.arrays import Floats
+from knee_contact_ros.model.types import Floats
 from knee_contact_ros.tools.profiles.charts import chord_length, circle
 
 PER_POINT = 10

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.core.arrays import Floats
+from knee_contact_ros.model.types import Floats
 from knee_contact_ros.tools.profiles.charts import Chart, chord_length
 from knee_contact_ros.tools.profiles.slices import Slices
 

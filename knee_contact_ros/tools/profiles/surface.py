@@ -7,10 +7,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
-from knee_contact_ros.core.arrays import Floats, Integers
+from knee_contact_ros.model.types import Floats
 from knee_contact_ros.system.errors import UsageError
 
+Integers = NDArray[np.int64]
 UNITS = {"m": 1.0, "mm": 1e-3}
 SMALLEST, LARGEST = 0.008, 0.7
 """Range of the longest edge of the box around a cartilage or bone of the knee [m], generously"""

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.core.arrays import Floats
+from knee_contact_ros.model.types import Floats
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.tools.profiles.charts import Chart
 from knee_contact_ros.tools.profiles.shape import Shape

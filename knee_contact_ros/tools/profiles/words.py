@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from knee_contact_ros.core.arrays import Floats
+from knee_contact_ros.model.types import Floats
 from knee_contact_ros.tools.profiles.fit import Fit
 from knee_contact_ros.tools.profiles.shape import concave, dented
 

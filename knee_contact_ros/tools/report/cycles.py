@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.core.readouts import SPREAD
-from knee_contact_ros.core.types import ContactState
+from knee_contact_ros.model.readouts import SPREAD
+from knee_contact_ros.model.types import ContactState
 from knee_contact_ros.pipeline.gait.strides import Span, at_stamps, cut, integral, sliding_distance
 
 Floats = NDArray[np.float64]

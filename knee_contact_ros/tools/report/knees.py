@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
-from knee_contact_ros.core.model import KneeModel
+from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.tools.report.figures import Figure, differences_in, draw, plain, with_comparisons
 from knee_contact_ros.tools.report.gather import Moment
 from knee_contact_ros.tools.report.peaks import FIRST, SECOND, stance_peaks

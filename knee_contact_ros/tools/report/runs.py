@@ -11,7 +11,6 @@ from knee_contact_ros import __version__
 from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT, Provenance, read_provenance, with_values
 from knee_contact_ros.bags.recorded_answers import answer_blocks, answer_topics
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names, names_in_bag
-from knee_contact_ros.core.model import KneeModel
 from knee_contact_ros.messages.topics import (
     KNEE,
     KNEE_CONTACT,
@@ -21,6 +20,7 @@ from knee_contact_ros.messages.topics import (
     is_lateral,
     knee_name,
 )
+from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import read_refused
 from knee_contact_ros.offline.uncertainty.propagation import Propagated

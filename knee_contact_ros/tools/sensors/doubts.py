@@ -9,8 +9,8 @@ import math
 
 import numpy as np
 
-from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_LOAD
 from knee_contact_ros.messages.stamps import NANOSECONDS
+from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_LOAD
 from knee_contact_ros.parameters.plausibility import LEAST_PEAK, LIGHTEST, MOST_PEAK, STIFF, weight_doubt
 from knee_contact_ros.tools.sensors.channels import Series
 from knee_contact_ros.tools.sensors.sensor_map import SensorMap

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.core.model import LARGEST_ANGLE, LARGEST_LOAD
+from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_LOAD
 from knee_contact_ros.parameters.plausibility import LEAST_PEAK, MOST_PEAK, STIFF
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.regular_file import read_regular

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.core.model import KneeModel
+from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.tools.work_precision.problems import EXPONENT, Problem
 from knee_contact_ros.tools.work_precision.solver import Outcome, Setting, Solver, half_decades, stopwatch
 
 NAME = "knee-contact"
-LEVELS = ("dynamic", "first_order", "quasi_static", "auto")
+LEVELS = ("dynamic", "quasi_static")
 """Values of `fidelity.level` to measure"""
 LAW = (
     "exact; `KneeModel.run`, `Stream.advance` for every sample, or `Stream.advance_all` with samples that lie in "

@@ -6,7 +6,7 @@ import gc
 import tracemalloc
 from typing import NamedTuple
 
-from knee_contact_ros.core.model import Stream
+from knee_contact_ros.model.knee import Stream
 from knee_contact_ros.tools.work_precision.ours import model_of
 from knee_contact_ros.tools.work_precision.problems import find_problems
 from knee_contact_ros.tools.work_precision.solver import Setting, stopwatch

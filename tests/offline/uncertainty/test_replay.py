@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.bags.provenance import Change, read_provenance
-from knee_contact_ros.core.model import KneeModel
-from knee_contact_ros.core.types import FLAT, Rows, Status
+from knee_contact_ros.model.types import FLAT, Rows, Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.uncertainty import replay
 from knee_contact_ros.offline.uncertainty.deviations import Deviation
 from knee_contact_ros.offline.uncertainty.replay import Given, given_in
 from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.pipeline.compartment import Compartment
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.bags import write_rosbag2
 from tests.helpers.messages import raw_inputs
@@ -70,18 +70,17 @@ def test_a_run_that_began_anew_begins_anew(tmp_path: Path) -> None:
 def test_many_more_answers_are_compiled_though_a_few_are_not(
     asked: bool | None, compiled: list[bool], short_bag: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    made: list[KneeModel] = []
+    made: list[Compartment] = []
 
-    def noted(model: KneeModel) -> KneeModel:
-        made.append(model)
-        return model
+    def noted(compartment: Compartment) -> None:
+        made.append(compartment)
 
-    monkeypatch.setattr(replay, "forced", noted)
-    monkeypatch.setattr(replay, "worth_compiling", lambda _scene, ticks: ticks > 100 * SHORT)
+    monkeypatch.setattr(Compartment, "compile", noted)
+    monkeypatch.setattr(replay, "worth_compiling", lambda ticks: ticks > 100 * SHORT)
     few = given_in(short_bag, load_parameters("healthy"), silent, replays=2, compiled=asked)
     many = few.ready_for(200)
     assert [few.compiled, many.compiled] == compiled
-    assert len(made) == any(compiled)  # once
+    assert sum(one in many.compartments for one in made) == any(compiled)  # once
     assert_same(many.answers({})[0], few.rows[0])
 
 

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from knee_contact_ros.core.types import ContactState
+from knee_contact_ros.model.types import ContactState
 from knee_contact_ros.pipeline.gait.strides import impulse_per_stride, sliding_distance, sliding_per_stride, spans
 from tests.helpers.scenes import RADIUS, law, model
 from tests.pipeline.gait.test_events import BODY_WEIGHT, STRIDE, walking

@@ -25,12 +25,12 @@ SCENES = {scene.name: scene for scene in scenes()}
 GAIT = "gait"
 
 
-def row(tolerance: float, depth: float, level: str = "auto", geometry: str = CIRCLE, scene: str = GAIT) -> Row:
+def row(tolerance: float, depth: float, level: str = "dynamic", geometry: str = CIRCLE, scene: str = GAIT) -> Row:
     return Row(geometry, level, tolerance, scene, Apart(depth, 0.05, 0.0), 0.0, 0, 400, 0.3, 12.0)
 
 
 def small_study() -> Study:
-    rows = [row(tolerance, tolerance / 50.0, "auto", geometry)
+    rows = [row(tolerance, tolerance / 50.0, "dynamic", geometry)
             for geometry in (CIRCLE, MRI_FEMUR, MRI_KNEE) for tolerance in (1e-6, 1e-8)]  # fmt: skip
     rows[-1] = rows[-1]._replace(flagged=0.25, wrong=3)
     own = Apart(1e-11, 1e-5, 0.0)
@@ -86,7 +86,7 @@ def test_costs_are_taken_in_turns() -> None:
 def test_a_row_takes_the_median_of_its_turns_per_tick() -> None:
     timed = with_cost(row(1e-6, 1e-8), Times(1e-4, 2e-4, 50.0, 9))
     assert timed.microseconds == pytest.approx(200.0 / 400.0)
-    assert key_of(timed) == (CIRCLE, "auto", 1e-6, GAIT)
+    assert key_of(timed) == (CIRCLE, "dynamic", 1e-6, GAIT)
 
 
 def test_every_change_changes_the_parameters_or_the_scene() -> None:
@@ -133,7 +133,7 @@ def test_the_page_has_a_measured_part() -> None:
 def test_the_block_says_what_was_measured() -> None:
     said = page.block(small_study(), Latency(1000.0, 225.0, 838.0), "a.png", "command", "machine")
     assert "3 of all 2400 ticks say" in said
-    assert "| MRI knee   | auto    | 1e-8            | 200 pm, 0.05 N, 0, 0.3 µs, 25 % flagged | 225 µs       |" in said
+    assert "| MRI knee   | dynamic | 1e-8            | 200 pm, 0.05 N, 0, 0.3 µs, 25 % flagged | 225 µs       |" in said
     assert "| circle     | 1 mm, 0.03 N, 1 mm" in said
     assert "+190 µm (+25 %)" in said
     assert "![" in said

@@ -38,7 +38,7 @@ def test_the_command_writes_parameters_that_others_take(tmp_path: Path, capsys: 
     text = output.read_text(encoding="utf-8")
     assert f"# Data: trial.csv, sha256 {hashlib.sha256(table.read_bytes()).hexdigest()}." in text
     assert "healthy.yaml, contact.stiffness 90000000.0" in text
-    assert load_model(["healthy", output]).modes.law.layers[0].formula.damping == values["contact.damping"]
+    assert load_model(["healthy", output]).law.layers[0].damping == values["contact.damping"]
     assert run(*arguments) == 2
     assert "exists already" in capsys.readouterr().err
     assert run(*arguments, "--overwrite", "--no-intervals", "--sigma", "penetration_depth=3e-6", "--loss", "huber") == 0

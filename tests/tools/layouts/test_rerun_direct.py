@@ -22,7 +22,7 @@ pytest.importorskip("rerun", reason="needs the extra viewer")
 import pyarrow as pa
 from rerun.chunk import RrdReader
 
-from knee_contact_ros.core.types import ContactState, Fidelity, Status
+from knee_contact_ros.model.types import ContactState, Fidelity, Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.tools.layouts.fields import JOINTS, LANES, PLOTS, STATES, Colour

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from knee_contact_ros.core.arrays import Floats
+from knee_contact_ros.model.types import Floats
 
 EDGE = 0.7e-3
 """[m] of a triangle, as in meshes from MRI"""

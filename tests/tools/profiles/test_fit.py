@@ -11,7 +11,7 @@ import pytest
 from knee_contact_ros import load_model
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.cli.main import main
-from knee_contact_ros.core.geometries import Profile
+from knee_contact_ros.model.surfaces import Profile
 from knee_contact_ros.tools.profiles.automatic import contact_centre
 from knee_contact_ros.tools.profiles.fit import TOLERANCE, Fit, fit
 from knee_contact_ros.tools.profiles.shape import concave, dented

@@ -9,7 +9,7 @@ import pytest
 
 from knee_contact_ros import load_model
 from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
-from knee_contact_ros.core.arrays import Floats
+from knee_contact_ros.model.types import Floats
 from knee_contact_ros.tools.profiles.automatic import contact_centre
 from knee_contact_ros.tools.profiles.fit import Fit, fit
 from knee_contact_ros.tools.profiles.read_surface import read_surface

@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from knee_contact_ros.core.types import FLAT, Rows, blank
+from knee_contact_ros.model.types import FLAT, Rows, blank
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.pipeline.gait.events import HEEL_STRIKE, LOAD_PEAK, TOE_OFF

@@ -26,9 +26,7 @@ LOOSE = {"MuJoCo Euler": 1e-4, "Exudyn trapezoidal": 1e-4, "MuJoCo RK4": 1e-4, "
 ENTRIES = {entry.solver.name: entry for peer in PEERS for entry in peer.entries()}
 ABSENT = {peer.name: not_installed(peer.name, peer.extra) for peer in PEERS if not peer.installed}
 ENTRIES |= {entry.solver.name: entry for entry in entries(ours.__name__)}
-SIMPLER = ("knee-contact first_order", "knee-contact quasi_static")
-"""Levels that solve other equations than the reference; tests/core/test_levels.py holds them to theirs"""
-ENTRIES = {name: entry for name, entry in ENTRIES.items() if name not in SIMPLER}
+del ENTRIES["knee-contact quasi_static"]  # it solves other equations than the reference
 
 
 def short(name: str, first: float, last: float) -> Problem:

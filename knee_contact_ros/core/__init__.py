@@ -1,1 +1,0 @@
-"""The contact model: plain numbers in, plain numbers out. No ROS, no file, no clock."""

@@ -1,1 +1,0 @@
-"""Methods that carry the femur over one step."""

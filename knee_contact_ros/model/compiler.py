@@ -1,0 +1,253 @@
+"""The compiled tick: Numba compiles the marked functions as they stand, once, and the result is kept in a file.
+
+The file lies beside the model, in `__pycache__/compiled`, if this user can write there (installation, `knee-contact
+warm`), else in `$XDG_CACHE_HOME/knee_contact_ros` or `~/.cache/knee_contact_ros`. Its name has digests of the sources,
+of the compiler and of the processor. It holds a digest and a pickle, and a pickle can do anything: a file is read only
+if this user or root has written it, in a folder of theirs, and nobody else can. Keeping can only help: whatever is
+wrong with it costs one line and a compilation.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import logging
+import os
+import pickle
+import stat
+import sys
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from functools import cache, partial
+from pathlib import Path
+from types import FunctionType
+from typing import Any, cast
+
+from knee_contact_ros.model.kernel_source import FUNCTIONS, INLINED
+
+TICK, LOADING, COMPILING = 0.3e-3, 0.7, 10.0
+"""Processor time [s] of a plain tick, of loading what is kept, with the import of Numba, and of compiling"""
+FILES, SUFFIX, DIGEST = 8, ".kernel", hashlib.sha256().digest_size
+"""Number of files that stay in a folder, the newest, also of other processors; how names end; size of a digest"""
+NOT_NEEDED = ("WithLifting", "InlineClosureLikes", "InlineInlinables", "InlineOverloads", "LiteralUnroll",
+              "LiteralPropagationSubPipelinePass", "NopythonRewrites")  # fmt: skip
+"""Numba's passes for contexts, closures, literals, arrays as a whole, and what Numba itself would inline"""
+OPTIONS = {"error_model": "numpy", "nogil": True, "_nrt": False, "forceinline": False, "no_cfunc_wrapper": True}
+"""Numba's options: divisions are not checked, since no divisor is 0, and references to arrays are not counted"""
+
+_log = logging.getLogger(__name__)
+
+
+def worth_compiling(ticks: int | None) -> bool:
+    """Whether the compiled model computes so many ticks sooner; None, an unknown number: whether it is kept."""
+    if compiled_run.cache_info().currsize:
+        return compiled_run() is not None
+    plain = COMPILING if ticks is None else ticks * TICK
+    return plain > LOADING and (plain > COMPILING or bool(kept_files()))
+
+
+@cache
+def compiled_run() -> Callable[..., None] | None:
+    """Give the compiled `ticks.run`, ready for its first call; None, with a warning, if Numba cannot be used."""
+    from knee_contact_ros.model import knee, ticks
+
+    return compiled(ticks.run, knee.example_call())
+
+
+def kept_files() -> list[Path]:
+    """Give the files in which the compiled model is kept, for any processor; Numba is not imported."""
+    from knee_contact_ros.model import ticks
+
+    return [path for folder in folders(ticks.run) for path in folder.glob(f"{stamp(ticks.run)}-*{SUFFIX}")]
+
+
+def compiled(entry: Callable[..., Any], example: Sequence[Any]) -> Callable[..., Any] | None:
+    """Load or compile a marked function for the types of example arguments; a call with other types raises TypeError.
+
+    Returns:
+        The compiled function; None, with a warning, if Numba cannot be used.
+    """
+    try:
+        import numba
+        from numba.core.serialize import dumps
+
+        if numba.config.DISABLE_JIT:
+            raise ImportError("NUMBA_DISABLE_JIT is set")
+    except Exception as error:  # what it finds wrong with Python, NumPy or its own libraries has many names
+        _log.warning("knee_contact_ros: Numba cannot be used (%s); the model runs plainly, slowly", _said(error))
+        return None
+    made, types = twin(entry), tuple(map(numba.typeof, example))
+    made.targetctx.refresh()
+    name = f"{stamp(entry)}-{_digest(made.targetctx.codegen().magic_tuple(), types)}{SUFFIX}"
+    paths, doubts, refused = [folder / name for folder in folders(entry)], list[str](), list[str]()
+    if not any(_done(partial(_load, made), path, doubts) for path in paths if os.path.lexists(path)):
+        from knee_contact_ros.system.terminal import busy
+
+        with busy(f"knee_contact_ros: compiling the model, once (some {COMPILING:.0f} s)"):
+            made.compile(types)
+        kept = any(_done(partial(_write, dumps(made.overloads[types]._reduce())), path, refused) for path in paths)
+        if doubts or not kept:
+            then = "compiled again" if kept else "what was compiled is not kept"
+            _log.warning("knee_contact_ros: compiled code: %s; %s", [*refused, *doubts][-1], then)
+    made.disable_compile()
+    return cast("Callable[..., Any]", made)
+
+
+def twin(entry: Callable[..., Any]) -> Any:
+    """Give Numba's form of a marked function, not compiled yet; inside it are such forms of those that it calls."""
+    from numba import njit
+    from numba.types import unliteral
+
+    made, spaces = dict[Any, Any](), dict[int, dict[str, Any]]()
+    for function in _reached(entry):
+        space = spaces.setdefault(id(function.__globals__), dict(function.__globals__))
+        options = {**OPTIONS, "pipeline_class": _pipeline(function is not entry), "forceinline": function in INLINED}
+        options["no_cpython_wrapper"] = function is not entry
+        made[function] = njit(**options)(FunctionType(function.__code__, space, function.__name__))
+        made[function].get_call_template = partial(_of_any_value, unliteral, made[function].get_call_template)
+    for space in spaces.values():
+        space.update({name: made[one] for name, one in space.items() if isinstance(one, FunctionType) and one in made})
+    return made[entry]
+
+
+def _of_any_value(unliteral: Any, template: Any, arguments: Sequence[Any], keywords: dict[str, Any]) -> Any:
+    """Give what a call in compiled code means; Numba would compile a function again for each constant argument."""
+    return template([unliteral(one) for one in arguments], keywords)
+
+
+def _reached(entry: Any) -> list[FunctionType]:
+    """Give a marked function and all marked functions that it may call."""
+    reached = [entry]
+    for function in reached:  # it grows meanwhile
+        named = [function.__globals__.get(name) for name in function.__code__.co_names]
+        reached += [one for one in named if isinstance(one, FunctionType) and one in FUNCTIONS and one not in reached]
+    return reached
+
+
+@cache
+def _pipeline(inner: bool) -> Any:
+    """Give a compiler, in Numba's sense, that has LLVM optimise all functions once, together with the entry.
+
+    Numba would have LLVM optimise each function with all that it calls, and make machine code of it: as long again. And
+    as nobody else calls the functions inside, LLVM may leave out arguments that are not used, and merge callers.
+    """
+    from llvmlite.binding import Linkage
+    from numba.core.codegen import JITCodeLibrary
+    from numba.core.compiler import CompilerBase, DefaultPassBuilder
+    from numba.core.compiler_machinery import register_pass
+    from numba.core.typed_passes import NativeLowering
+
+    class Whole(JITCodeLibrary):
+        def _optimize_final_module(self) -> None:
+            own = f"{len(self.name.rpartition('.')[2])}{self.name.rpartition('.')[2]}B"
+            for function in self._final_module.functions:
+                if not function.is_declaration and own not in function.name and "_ZN" in function.name:
+                    function.linkage = Linkage.internal
+            super()._optimize_final_module()
+
+    linked = type("Linked", (JITCodeLibrary,), {
+        "_optimize_final_module": lambda _: None, "_finalize_final_module": lambda me: setattr(me, "_finalized", True),
+        "codegen": property(lambda me: me), "set_env": lambda *_: None, "get_pointer_to_function": lambda *_: 0,
+    })  # fmt: skip
+    library = linked if inner else Whole
+
+    @register_pass(mutates_CFG=True, analysis_only=False)
+    class Lowering(NativeLowering):
+        _name = "linked_lowering"
+
+        def run_pass(self, state: Any) -> bool:
+            state.library = library(state.targetctx.codegen(), state.func_id.func_qualname)
+            if not inner:
+                state.library.enable_object_caching()
+            return bool(super().run_pass(state))
+
+    class Pipeline(CompilerBase):
+        def define_pipelines(self) -> list[Any]:
+            passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
+            steps = [(one, why) for one, why in passes.passes if one.__name__ not in NOT_NEEDED]
+            passes.passes = [(Lowering if one is NativeLowering else one, why) for one, why in steps]
+            passes._finalized = False
+            passes.finalize()
+            return [passes]
+
+    return Pipeline
+
+
+def folders(entry: Callable[..., Any]) -> list[Path]:
+    """Give the folders in which a compiled function may be kept, the first choice first."""
+    beside = Path(entry.__code__.co_filename).parent / "__pycache__" / "compiled"
+    caches = Path(os.environ.get("XDG_CACHE_HOME", "")), Path(os.path.expanduser("~/.cache"))  # noqa: PTH111
+    return [beside, *[path / "knee_contact_ros" for path in caches if path.is_absolute()][:1]]  # there may be no home
+
+
+@cache
+def stamp(entry: Callable[..., Any]) -> str:
+    """Give a digest of all that compiled code depends on but the processor; Numba is not imported for it.
+
+    The sources are all files beside those of the functions, as constants may come from any of them.
+    """
+    beside = sorted({Path(function.__code__.co_filename).parent for function in _reached(entry)})
+    files = [path for folder in beside for path in sorted(folder.glob("*.py"))]
+    found = [importlib.util.find_spec(name) for name in ("numba", "llvmlite")]
+    files += [Path(spec.origin).with_name("_version.py") for spec in found if spec and spec.origin]
+    settings = sorted(item for item in os.environ.items() if item[0].startswith("NUMBA_"))
+    sources = [path.read_bytes() for path in files]
+    return _digest(entry.__module__, entry.__qualname__, sys.implementation.cache_tag, settings, sources)
+
+
+def _digest(*parts: Any) -> str:
+    return hashlib.sha256(repr(parts).encode()).hexdigest()[:32]
+
+
+def _done(step: Callable[[Path], None], path: Path, doubts: list[str]) -> bool:
+    """Whether a step succeeds with a file; if not, a further doubt says why."""
+    try:
+        step(path)
+        return True
+    except Exception as error:  # what is whole and ours may still have been made by something else
+        doubts.append(f"{path}: {_said(error)}")
+        return False
+
+
+def _said(error: Exception) -> str:
+    return " ".join((getattr(error, "strerror", None) or str(error) or type(error).__name__).split())
+
+
+def _load(made: Any, path: Path) -> None:
+    """Load into Numba's form of a function what was compiled of it."""
+    from numba.core.compiler import CompileResult
+
+    _refuse_others(path.parent.lstat())
+    # Without O_NONBLOCK a pipe would keep us waiting.
+    with os.fdopen(os.open(path, os.O_RDONLY | os.O_NOFOLLOW | os.O_NONBLOCK), "rb") as file:
+        _refuse_others(os.fstat(file.fileno()))
+        data = file.read()
+    if data[:DIGEST] != hashlib.sha256(path.name.encode() + data[DIGEST:]).digest():
+        raise OSError("it is damaged")
+    found = CompileResult._rebuild(made.targetctx, *pickle.loads(data[DIGEST:]))  # noqa: S301
+    made.targetctx.insert_user_function(found.entry_point, found.fndesc, [found.library])
+    made.add_overload(found)
+
+
+def _write(content: bytes, path: Path) -> None:
+    """Write a file, which others see only when it is complete, and remove those that nobody uses any more."""
+    path.parent.mkdir(mode=0o755, parents=True, exist_ok=True)
+    _refuse_others(path.parent.lstat())
+    part = path.with_name(f"{path.name}.{os.urandom(8).hex()}")
+    try:
+        with os.fdopen(os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o644), "wb") as file:
+            file.write(hashlib.sha256(path.name.encode() + content).digest() + content)
+        part.replace(path)
+    finally:
+        part.unlink(missing_ok=True)
+    with suppress(OSError):
+        for old in sorted(path.parent.glob(f"*{SUFFIX}*"), key=os.path.getmtime)[:-FILES]:
+            old.unlink()
+
+
+def _refuse_others(status: os.stat_result) -> None:
+    """Refuse a file or folder that another user can write, except for the system administrator."""
+    if status.st_uid not in (os.geteuid(), 0):
+        raise OSError("it belongs to another user, or its folder does")
+    if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        raise OSError("others can write it, or its folder (chmod go-w makes it ours)")

@@ -1,0 +1,269 @@
+"""The accumulated error of the steps, carried along by the linearised contact: its expected value and its covariance.
+
+Each step adds its estimated error to the expected one and a part of it to the covariance (the estimate of an error is
+itself in error), in the energy norm of the contact. Both are then propagated as the contact moves: spring, dashpot,
+flight and events map them in closed form, so that expected errors may cancel, and variances never do. The constants
+are held to random scenes against an independent reference (`studies.honesty`).
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from typing import NamedTuple
+
+from knee_contact_ros.model.kernel_source import in_kernel, inlined
+
+HORIZON = 0.1
+"""How long [s] a velocity error counts where neither spring nor dashpot holds it back."""
+EXPECTED, SPREAD = 1.25, 3.0
+"""The published estimate is so many times the expected error plus so many standard deviations"""
+STEPWISE = 1.6
+"""Expected error of a step over its estimate: steps of one kind err alike, and estimates of them are small alike"""
+UNKNOWN, UNKNOWN_IMPLICIT = 2.0, 4.5
+"""Standard deviation of the size of a step's error over its estimate; an implicit step's order lies between two"""
+SWAPPED = 0.5
+"""Part of a step's estimated error that may be one of the height instead of the velocity, or the reverse"""
+ALIKE = 0.1
+"""Part of the former that is the same in all steps, so that errors add up and not their squares"""
+LARGEST_ERROR = 1e7
+"""Bound of any error of height [m] and velocity [m/s]"""
+TINY = sys.float_info.min
+"""Smallest divisor, in place of 0 where nothing presses"""
+SLOW = 4.0
+"""Square of the angle [rad] of an oscillation, or of rate times duration of a decay, up to which Magnus' series is
+used"""
+BENT = 1e-3
+"""Part of the depth up to which an error meets a linear contact"""
+NEAR_ZERO = 1.0
+"""Square of the angle [rad] of an oscillation, or of rate times duration of a decay, up to which a series is quicker"""
+CURVATURE = 0.5
+"""Force error by the nonlinearity of the contact law, over stiffness times error times the error's part of the depth"""
+
+
+class Error(NamedTuple):
+    """Error of height and velocity of the femur: expected value and covariance."""
+
+    height: float
+    """Expected error of the height [m]"""
+    velocity: float
+    """Expected error of the velocity [m/s]"""
+    hh: float
+    """Variance of the height's error [m²]"""
+    hv: float
+    """Covariance of both errors [m²/s]"""
+    vv: float
+    """Variance of the velocity's error [m²/s²]"""
+
+
+EXACT = Error(height=0.0, velocity=0.0, hh=0.0, hv=0.0, vv=0.0)
+
+
+@inlined
+def response(spring: float, drag: float, h: float) -> tuple[float, float]:
+    """Solve ë + drag ė + spring e = 0 over `h` [s] by the 2 x 2 exponential, with k/m [1/s²] and c/m [1/s].
+
+    Returns a [-] and b [s]: with r = drag/2, e becomes (a + r b) e + b ė, and ė becomes (a - r b) ė - k/m b e.
+    """
+    half_rate = 0.5 * drag
+    discriminant = half_rate * half_rate - spring
+    square = discriminant * h * h
+    if abs(square) <= NEAR_ZERO:  # power series of cosh √x and sinh √x / √x
+        even = 1.0 + square / 2.0 * (1.0 + square / 12.0 * (1.0 + square / 30.0 * (1.0 + square / 56.0 * (
+            1.0 + square / 90.0 * (1.0 + square / 132.0)))))  # fmt: skip
+        odd = 1.0 + square / 6.0 * (1.0 + square / 20.0 * (1.0 + square / 42.0 * (1.0 + square / 72.0 * (
+            1.0 + square / 110.0 * (1.0 + square / 156.0)))))  # fmt: skip
+        decay = math.exp(-half_rate * h)
+        return decay * even, decay * h * odd
+    root = math.sqrt(abs(discriminant))
+    if discriminant > 0.0:
+        slow, fast = math.exp((root - half_rate) * h), math.exp(-(root + half_rate) * h)
+        return 0.5 * (slow + fast), 0.5 * (slow - fast) / root
+    decay = math.exp(-half_rate * h)
+    return decay * math.cos(root * h), decay * math.sin(root * h) / root
+
+
+@in_kernel
+def mapped(error: Error, a: float, b: float, c: float, d: float) -> Error:
+    """Return the error under the linear map of e to a e + b ė and of ė to c e + d ė."""
+    hh, hv, vv = error.hh, error.hv, error.vv
+    return Error(
+        height=a * error.height + b * error.velocity, velocity=c * error.height + d * error.velocity,
+        hh=a * a * hh + 2.0 * a * b * hv + b * b * vv, hv=a * c * hh + (a * d + b * c) * hv + b * d * vv,
+        vv=c * c * hh + 2.0 * c * d * hv + d * d * vv,
+    )  # fmt: skip
+
+
+@inlined
+def over_step(error: Error, begin: float, middle: float, end: float, damping: float, mass: float, h: float) -> Error:
+    """Return the error after a step over which the stiffness changes, given at its begin, middle and end [N/m].
+
+    The 4th order of Magnus' series (Blanes et al. 2009, doi:10.1016/j.physrep.2008.11.001), its second term halved to
+    both sides of the first: a swing's period depends on its size, and an error of the size adds up in the phase. Where
+    the series is too short, the exponential of the middle stiffness.
+    """
+    per_mass = 1.0 / mass
+    spring, drag = (begin + 4.0 * middle + end) * (per_mass / 6.0), damping * per_mass
+    grown = 1.0 + h * h * (end - begin) * (per_mass / 24.0)
+    if h * h * max(spring, drag * drag) > SLOW or not 0.5 < grown < 2.0:
+        spring, grown = middle / mass, 1.0
+    even, odd = response(spring, drag, h)
+    half_rate = 0.5 * drag
+    a, b, c, d = even + half_rate * odd, odd, -spring * odd, even - half_rate * odd
+    if grown == 1.0:
+        return mapped(error, a, b, c, d)
+    shrunk, across = 1.0 / grown, -drag * (grown - 1.0)
+    left, right = a * grown + b * across, c * grown + d * across
+    b, d = b * shrunk, d * shrunk
+    return mapped(error, grown * left, grown * b, across * left + shrunk * right, across * b + shrunk * d)
+
+
+@in_kernel
+def with_step(error: Error, h: float, v: float, unknown: float, held: float) -> Error:
+    """Return the error after a step that adds its own estimated errors of height [m] and velocity [m/s].
+
+    `unknown` is the standard deviation of their size over the estimate; `held` [1/s] as in `reach`.
+    """
+    square = held * held * h * h + v * v
+    spread = 0.5 * (held * held * max(error.hh, 0.0) + max(error.vv, 0.0))
+    added = SWAPPED * SWAPPED * square + 2.0 * ALIKE * math.sqrt(square * spread)
+    return Error(
+        height=error.height + STEPWISE * h, velocity=error.velocity + STEPWISE * v,
+        hh=error.hh + unknown * unknown * h * h + added / (held * held),
+        hv=error.hv + unknown * unknown * h * v, vv=error.vv + unknown * unknown * v * v + added,
+    )  # fmt: skip
+
+
+@in_kernel
+def with_bound(error: Error, height: float, velocity: float) -> Error:
+    """Return the error with bounds of further errors of height [m] and velocity [m/s], of the same sign each time."""
+    h = math.sqrt(max(error.hh, 0.0)) + height / SPREAD
+    v = math.sqrt(max(error.vv, 0.0)) + velocity / SPREAD
+    return Error(error.height, error.velocity, h * h, error.hv, v * v)
+
+
+@in_kernel
+def with_uncorrelated_bound(error: Error, height: float, velocity: float) -> Error:
+    """Return the error with bounds of further errors [m], [m/s] that are added to its uncorrelated parts.
+
+    A femur that is late has large errors of height and velocity, which depend on each other; the further error is one
+    of the small part that does not follow from the other error.
+    """
+    hh, hv, vv = max(error.hh, 0.0), error.hv, max(error.vv, 0.0)
+    if velocity > 0.0:
+        follows = hv * hv / hh if hh > 0.0 else 0.0
+        own = math.sqrt(max(vv - follows, 0.0)) + velocity / SPREAD
+        vv = min(follows, vv) + own * own
+    if height > 0.0:
+        follows = hv * hv / vv if vv > 0.0 else 0.0
+        own = math.sqrt(max(hh - follows, 0.0)) + height / SPREAD
+        hh = min(follows, hh) + own * own
+    return Error(error.height, error.velocity, hh, hv, vv)
+
+
+@in_kernel
+def bounded(error: Error) -> Error:
+    """Return the error, limited to `LARGEST_ERROR`; what is not a number becomes that."""
+    h = abs(error.height) + math.sqrt(max(error.hh, 0.0))
+    v = abs(error.velocity) + math.sqrt(max(error.vv, 0.0))
+    if h <= LARGEST_ERROR and v <= LARGEST_ERROR:
+        return error
+    h = h if h < LARGEST_ERROR else LARGEST_ERROR
+    v = v if v < LARGEST_ERROR else LARGEST_ERROR
+    return Error(0.0, 0.0, h * h, 0.0, v * v)
+
+
+@in_kernel
+def pushed_by(push: float, stiffness: float, damping: float, mass: float, h: float) -> tuple[float, float]:
+    """Return how far [m] and how fast [m/s] a force [N] of either sign moves a contact in `h` [s]."""
+    held = holding(stiffness, damping, mass)
+    velocity = push / mass * min(h, 1.0 / held)
+    return velocity * min(h, mass * held / max(stiffness, TINY)), velocity
+
+
+@in_kernel
+def holding(stiffness: float, damping: float, mass: float) -> float:
+    """Return the rate [1/s] at which a contact limits an error of the velocity: over it, it is one of the height."""
+    return max(math.sqrt(max(stiffness, 0.0) / mass), damping / mass, 1.0 / HORIZON)
+
+
+@in_kernel
+def reach(error: Error, held: float) -> float:
+    """Return the published error estimate [m] of the height.
+
+    In a contact that limits velocity errors at a rate `held` [1/s] (see `holding`), both errors turn into each other,
+    at a phase that is not well known; in flight (infinite) an error of the velocity has no effect on the height yet.
+    """
+    swing = error.velocity / held
+    expected = math.sqrt(error.height * error.height + swing * swing)
+    estimate = EXPECTED * expected + SPREAD * math.sqrt(max(error.hh + error.vv / (held * held), 0.0))
+    return estimate if estimate < LARGEST_ERROR else LARGEST_ERROR
+
+
+@in_kernel
+def velocity_reach(error: Error) -> float:
+    """Return the error estimate [m/s] of the velocity."""
+    estimate = EXPECTED * abs(error.velocity) + SPREAD * math.sqrt(max(error.vv, 0.0))
+    return estimate if estimate < LARGEST_ERROR else LARGEST_ERROR
+
+
+@in_kernel
+def force_reach(error: Error, stiffness: float, damping: float, left_out: float, held: float) -> float:
+    """Return the error estimate [N] of a force with these slopes over height [N/m] and velocity [N s/m]; see `reach`.
+
+    `left_out` [N] is the part of the force that was neglected.
+    """
+    expected = left_out + stiffness * error.height + damping * error.velocity
+    swing = stiffness * error.velocity / held
+    variance = stiffness * stiffness * error.hh + 2.0 * stiffness * damping * error.hv
+    variance += (damping * damping + stiffness * stiffness / (held * held)) * error.vv
+    return EXPECTED * math.sqrt(expected * expected + swing * swing) + SPREAD * math.sqrt(max(variance, 0.0))
+
+
+@in_kernel
+def curved(error: Error, depth: float, stiffness: float, damping: float, mass: float, h: float) -> Error:
+    """Return the error with the effect over `h` [s] of a contact whose slope changes with the depth [m]."""
+    if error.height * error.height + error.hh <= BENT * BENT * depth * depth:
+        return error
+    wrong = reach(error, math.inf)
+    push = CURVATURE * stiffness * wrong * min(1.0, wrong / max(depth, TINY))
+    height, velocity = pushed_by(push, stiffness, damping, mass, h)
+    return with_uncorrelated_bound(error, height, velocity)
+
+
+@in_kernel
+def decay_rate(stiffness: float, damping: float, mass: float) -> float:
+    """Return the rate [1/s] at which the linearised contact forgets: the real part of its slower eigenvalue."""
+    half_rate = 0.5 * damping / mass
+    discriminant = half_rate * half_rate - stiffness / mass
+    return half_rate if discriminant <= 0.0 else max(stiffness, 0.0) / mass / (half_rate + math.sqrt(discriminant))
+
+
+@in_kernel
+def spectral_radius(stiffness: float, damping: float, mass: float) -> float:
+    """Return the spectral radius [1/s] of the linearised contact: the modulus of its faster eigenvalue."""
+    half_rate = 0.5 * damping / mass
+    discriminant = half_rate * half_rate - stiffness / mass
+    return math.sqrt(stiffness / mass) if discriminant <= 0.0 else half_rate + math.sqrt(discriminant)
+
+
+@in_kernel
+def saltation(error: Error, rate: float, jump: float, off: float, mass: float, longest: float) -> Error:
+    """Return the error after a boundary that is met at a `rate` [m/s] of the depth, where the force jumps [N].
+
+    A femur that is too high meets it late, and misses the jump for that time (the saltation matrix of the event), but
+    not for longer than `longest` [s]. The step ends `off` [m] beside the boundary, because of rounding, which matters
+    where the contact is hard.
+    """
+    if jump == 0.0:
+        return error
+    slowest = max(abs(rate), (reach(error, math.inf) + abs(off)) / longest, TINY)
+    late = math.copysign(jump / (mass * slowest), -jump * rate)
+    return with_bound(mapped(error, 1.0, 0.0, late, 1.0), 0.0, abs(off * late))
+
+
+@in_kernel
+def depth_error(height: float, velocity: float, stiffness: float, damping: float, mass: float) -> float:
+    """Return the error of the depth [m] for errors of height [m] and velocity [m/s]: what the latter becomes too."""
+    becomes = velocity / holding(stiffness, damping, mass)
+    return math.sqrt(height * height + becomes * becomes)

@@ -1,0 +1,367 @@
+"""The knee model: one tick after another, or a whole series at once, with the same bits."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from knee_contact_ros.model import compiler, ticks
+from knee_contact_ros.model.laws import ContactLaw, check, hertz
+from knee_contact_ros.model.mechanisms import MECHANISMS
+from knee_contact_ros.model.readouts import ContactPatch, Readings
+from knee_contact_ros.model.solver import Knee
+from knee_contact_ros.model.statics import NO_LIMIT, START_HEIGHT, static_contact, static_depth
+from knee_contact_ros.model.surfaces import Circle, Closest, ContactPair, Plane
+from knee_contact_ros.model.types import NANOSECOND, ROW, Contact, Floats, Rows, blank
+
+INPUTS = "flexion_angle, load and femoral_height"
+LARGEST_TIME = 9e9
+"""Time [s] beyond which integer nanoseconds do not reach: 285 years."""
+LARGEST_LOAD = 1e6
+"""Load [N] beyond which a sample is a fault of its source and no knee's."""
+LARGEST_ANGLE = 10.0
+"""Flexion angle [rad] beyond which a sample is a fault of its source and no knee's."""
+LARGEST_HEIGHT = 10.0
+"""Prescribed femoral height [m] beyond which a sample is a fault of its source and no knee's."""
+BUDGET, MOST_BUDGET = 20_000, 100_000
+"""Largest number of contact law evaluations in a tick, unless a model says another; and where it says 0"""
+PLAUSIBLE_SHARE = 0.2
+"""Part of the femoral radius beyond which a depth is implausible: 6.8 mm of 34 mm, which is 4 mm of cartilage pressed
+flat and nearly as much of bone. Contact laws are valid for depths that are small against the radius."""
+
+
+def as_the_kernel_sees(rows: Rows) -> tuple[Floats, NDArray[np.uint8], NDArray[np.uint32]]:
+    """Return the words, bytes and half words of contiguous rows of answers, each of shape (n, k), not copied."""
+    count, size = len(rows), ROW.itemsize
+    return (
+        rows.view(np.float64).reshape(count, size // 8), rows.view(np.uint8).reshape(count, size),
+        rows.view(np.uint32).reshape(count, size // 4),
+    )  # fmt: skip
+
+
+@dataclass(frozen=True, repr=False)
+class KneeModel:
+    """One tibiofemoral compartment: a femoral surface over a tibial one under a contact law.
+
+    The tibia frame is fixed: x anterior, y superior, z to the right, origin on the plateau. The femur turns by the
+    flexion angle, is carried along x by the mechanism, and either moves freely along y under the load (the force drive)
+    or is held at a prescribed height (the displacement drive). All methods are functions of their arguments: no clock,
+    no file.
+    """
+
+    pair: ContactPair
+    """The femoral and the tibial surface, and the mechanism that prescribes where the femur lies along the tibia's x"""
+    law: ContactLaw
+    mass: float
+    """Mass of the femur [kg]"""
+    tolerance: float = 1e-6
+    """Tolerated error of the penetration depth [m]"""
+    budget: int = BUDGET
+    """Largest number of contact law evaluations in a tick; 0: a hundred thousand"""
+    force_tolerance: float = 0.0
+    """Tolerated error of the contact force [N]; 0: any"""
+    allow_tension: bool = False
+    """Whether the law may pull; else its force is clamped at 0"""
+    height_prescribed: bool = False
+    """Whether the femoral height is prescribed; else it follows from the load (Eq. 13)"""
+    level: int = ticks.DYNAMIC
+    """The equations that a tick solves, a value of `LEVELS`; has no effect where the height is prescribed"""
+    compiled: bool | None = False
+    """Whether runs are compiled; None: where that is sooner. Both give the same bits."""
+    patch: ContactPatch | None = None
+    """The patch that the contact spreads over, for `readouts`; None if the radii in `contact.*` do not fit together"""
+    results: type[np.recarray[Any, Any]] = np.recarray
+    """Class of the record array that a run returns; it may add methods (`knee_contact_ros.results`)"""
+
+    def __post_init__(self) -> None:
+        """Try what of the contact law is no shipped formula.
+
+        Raises:
+            ValueError: the law breaks what `ContactLaw` asks for.
+        """
+        check(self.law)
+
+    def __repr__(self) -> str:
+        return f"<KneeModel: {self.parts}>"
+
+    @property
+    def parts(self) -> str:
+        """Surfaces, mechanism, law and drive of the model, in one line for a person."""
+        drive = "displacement drive" if self.height_prescribed else "force drive"
+        return f"{self.pair}, contact law in {len(self.law.layers)} layer(s), {drive}"
+
+    @property
+    def femoral_radius(self) -> float:
+        """Radius of the circle that fits the femoral surface best [m]."""
+        return self.pair.femoral_radius
+
+    @property
+    def plausible_depth(self) -> float:
+        """Depth [m] beyond which an answer is `IMPLAUSIBLE`: a part of the radius, but at most the law's thickness."""
+        return min(PLAUSIBLE_SHARE * self.femoral_radius, self.law.thickness)
+
+    @property
+    def cartilage_thickness(self) -> float:
+        """Depth [m] at which the second layer begins; infinite for a law with one layer."""
+        layers = self.law.layers
+        return layers[1].begin if len(layers) > 1 else math.inf
+
+    @cached_property
+    def knee(self) -> Knee:
+        """The model in the form that the kernel takes: numbers, arrays and named tuples."""
+        return Knee(
+            surfaces=self.pair.surfaces, law=self.law.rows, mass=float(self.mass), per_mass=1.0 / self.mass,
+            tolerance=float(self.tolerance), force_tolerance=float(self.force_tolerance),
+            budget=int(self.budget) or MOST_BUDGET,
+            level=ticks.PRESCRIBED_HEIGHT if self.height_prescribed else int(self.level),
+            allow_tension=bool(self.allow_tension), remembers=self.law.remembers_impact,
+            plausible_depth=float(self.plausible_depth),
+        )  # fmt: skip
+
+    def kernel(self, number: int | None = None) -> Callable[..., None]:
+        """Return the function that computes so many ticks: `ticks.run` or its compiled twin; None: nobody knows."""
+        if self.compiled is False or (self.compiled is None and not compiler.worth_compiling(number)):
+            return ticks.run
+        return compiler.compiled_run() or ticks.run
+
+    def compute(self, samples: Floats, answers: Rows, state: Floats | None = None) -> None:
+        """Compute a run, or go on with one, into rows of answers, without checks; see `ticks.run`.
+
+        `samples` has shape (n, 4): time since the last tick [s], flexion angle [rad], load [N] and prescribed height
+        [m] or NaN. Stamps and latencies of `answers` are left as they are.
+        """
+        state = np.zeros(ticks.STATE_SIZE) if state is None else state
+        self.kernel(len(samples))(self.knee, state, samples, *as_the_kernel_sees(answers))
+
+    def stream(self) -> Stream:
+        """Start a run that is given one tick at a time."""
+        return Stream(self)
+
+    def run(
+        self, time: ArrayLike, flexion_angle: ArrayLike, load: ArrayLike, femoral_height: ArrayLike | None = None
+    ) -> np.recarray[Any, Any]:
+        """Compute the answers to a whole series of samples.
+
+        Args:
+            time: Stamps [s], shape (n,), increasing; resolved to the nanosecond as ROS stamps are.
+            flexion_angle: [rad], shape (n,), positive in flexion.
+            load: Compressive load of the compartment [N], shape (n,), > 0 when it presses the femur onto the tibia.
+                With the displacement drive it is only passed on to the answer.
+            femoral_height: For the displacement drive, and only for it: height of the femoral reference point [m],
+                shape (n,).
+
+        Returns:
+            Record array of shape (n,) with the fields of `Contact`: `series.contact_force`, `series.contact_point.x`
+            and so on; with `load_model`'s models, `Results`. Bit for bit the records that `stream().tick` gives.
+
+        Raises:
+            ValueError: shapes differ, a value is not finite or is beyond `LARGEST_LOAD`, `LARGEST_ANGLE` or
+                `LARGEST_HEIGHT`, time does not increase, or the drive and `femoral_height` do not go together.
+        """
+        given = (time, flexion_angle, load) if femoral_height is None else (time, flexion_angle, load, femoral_height)
+        columns = [np.asarray(column, dtype=float) for column in given]
+        if any(column.ndim != 1 or column.shape != columns[0].shape for column in columns):
+            shapes = ", ".join(str(column.shape) for column in columns)
+            raise ValueError(f"time, {INPUTS} must be one-dimensional and of equal length, got {shapes}")
+        time_, angles, loads, *heights = columns
+        _check_limits(columns[1:])
+        stamps = np.rint(time_ / NANOSECOND)
+        if not (np.abs(time_) < LARGEST_TIME).all() or (np.diff(stamps) <= 0.0).any():
+            raise ValueError(f"time must be finite, below {LARGEST_TIME:g} s, and increase")
+        self.check_drive(bool(heights))
+        durations = np.diff(stamps, prepend=stamps[:1]) * NANOSECOND
+        answers = blank(len(time_))
+        height = heights[0] if heights else np.full(len(time_), math.nan)
+        self.compute(np.column_stack([durations, angles, loads, height]), answers)
+        answers["stamp"] = stamps
+        series: np.recarray[Any, Any] = answers.view(self.results)
+        if hasattr(series, "model"):
+            series.model = self  # type: ignore[assignment]  # an attribute of Results
+        return series
+
+    def readouts(self, answers: Rows) -> Readings:
+        """Compute contact patch, pressure, strain and loading rate from answers of this model.
+
+        Args:
+            answers: Shape (n,), in their order in time: what `run` returns, or joined answers of a stream.
+
+        Returns:
+            Record array of shape (n,) with the fields of `READOUTS`: `half_width` [m], `mean_pressure` and
+            `peak_pressure` [Pa], `strain` and `loading_rate` [N/s]; see `ContactPatch.readouts`.
+
+        Raises:
+            ValueError: `contact.femoral_radius` is not below `contact.tibial_radius`, so that there is no patch.
+        """
+        if self.patch is None:
+            raise ValueError("no readouts: contact.femoral_radius must be below contact.tibial_radius")
+        return self.patch.readouts(self.law, answers)
+
+    def check_drive(self, height_given: bool) -> None:
+        """Reject a series that does not fit the drive.
+
+        Raises:
+            ValueError: a femoral height is needed but not given, or given but not needed.
+        """
+        if self.height_prescribed != height_given:
+            needs = "needs a femoral_height" if self.height_prescribed else "takes no femoral_height"
+            raise ValueError(f"drive {'displacement' if self.height_prescribed else 'force'} {needs}")
+
+    def closest(self, angle: float, height: float) -> Closest:
+        """Return the common normal of femur and tibia at a flexion angle [rad] and femoral height [m]."""
+        return self.pair.closest(angle, height)
+
+    def static_depth(self, load: float) -> float:
+        """Return the depth [m] at which the law at rest carries a normal force [N]."""
+        return static_depth(self.law.rows, load, 0.0, 0.0, NO_LIMIT)[0]
+
+
+@dataclass(repr=False)
+class Stream:
+    """A run of a model, one tick at a time. The first tick is answered with the static solution."""
+
+    model: KneeModel
+    answer: Rows = field(init=False)
+    """Answer to the last tick, shape (1,); the next tick overwrites it"""
+
+    def __post_init__(self) -> None:
+        self.answer = blank(1)
+        self._answered_stamp = self.answer["stamp"]  # to look a field up takes as long as to find the contact
+        self.latency = self.answer["latency"]
+        """The `latency` field of `answer` [s], shape (1,), for callers that measure it"""
+        self._stamp: int | None = None
+        self._height_prescribed = self.model.height_prescribed
+        self._state = np.zeros(ticks.STATE_SIZE)
+        self._sample = np.zeros((1, 4))
+        self._views = as_the_kernel_sees(self.answer)
+        self._run, self._knee = self.model.kernel(), self.model.knee
+
+    def __repr__(self) -> str:
+        at = "no tick yet" if self._stamp is None else f"at {self._stamp * NANOSECOND:.9g} s"
+        return f"<Stream {at}: {self.model.parts}>"
+
+    def go_on_with(self, model: KneeModel) -> None:
+        """Continue the run with another model of the same drive, from the state as it is, and not from rest.
+
+        A model at the quasi-static level is at the static contact of its own law; how far that lies from the present
+        state is an error of its next answers until it has decayed.
+        """
+        self.model = replace(model, compiled=self.model.compiled)
+        self._knee, state = self.model.knee, self._state
+        if state[ticks.BEGUN] == 0.0 or self._height_prescribed:
+            return
+        state[ticks.TRY_STEP] = math.inf
+        if self._knee.level == ticks.QUASI_STATIC:
+            height, _, _, stiffness, damping, cosine, _ = static_contact(
+                self._knee.surfaces, self._knee.law, float(state[ticks.ANGLE]), float(state[ticks.LOAD]), START_HEIGHT,
+                0.0, 0.0, NO_LIMIT,
+            )  # fmt: skip
+            state[ticks.E_HEIGHT] += height - state[ticks.HEIGHT]
+            state[ticks.HEIGHT] = height
+            state[ticks.STIFFNESS] = cosine * cosine * stiffness
+            state[ticks.SLOPE_DAMPING] = cosine * cosine * damping
+
+    def tick(self, time: float, flexion_angle: float, load: float, femoral_height: float | None = None) -> Contact:
+        """Advance to `time` [s] and answer; angle [rad], load [N] and height [m] are linear since the previous tick.
+
+        Raises:
+            ValueError: a value is not finite or too large, time is not later than at the previous tick, or the drive
+                and `femoral_height` do not go together.
+        """
+        if not abs(time) < LARGEST_TIME:
+            raise ValueError(f"time must be finite and below {LARGEST_TIME:g} s, got {time}")
+        return self.tick_ns(round(time / NANOSECOND), flexion_angle, load, femoral_height)
+
+    def tick_ns(self, stamp: int, flexion_angle: float, load: float, femoral_height: float | None = None) -> Contact:
+        """Advance to an integer stamp [ns] and return the answer; otherwise as `tick`."""
+        self.advance(stamp, flexion_angle, load, femoral_height)
+        contact: Contact = np.frombuffer(self.answer.tobytes(), ROW)[0]  # all bytes of it; a copy leaves out padding
+        return contact
+
+    def advance(self, stamp: int, flexion_angle: float, load: float, femoral_height: float | None = None) -> None:
+        """Advance to an integer stamp [ns] and leave the answer in `answer`, which is quicker than to return a copy."""
+        if not (-LARGEST_ANGLE <= flexion_angle <= LARGEST_ANGLE and -LARGEST_LOAD <= load <= LARGEST_LOAD):
+            _refuse(flexion_angle, load, femoral_height)
+        height = math.nan
+        if self._height_prescribed or femoral_height is not None:
+            height = self._checked_height(flexion_angle, load, femoral_height)
+        last = self._stamp
+        if last is None:
+            duration = 0.0
+        elif stamp > last:
+            duration = (stamp - last) * NANOSECOND
+        else:
+            raise ValueError(f"time must increase: {stamp} ns after {last} ns")
+        self._answered_stamp[0] = stamp
+        self._sample[0] = duration, flexion_angle, load, height
+        self._run(self._knee, self._state, self._sample, *self._views)
+        self._stamp = stamp
+
+    def advance_all(self, stamps: NDArray[np.int64], angles: Floats, loads: Floats, heights: Floats | None) -> Rows:
+        """Advance through many ticks and return their answers, shape (n,).
+
+        Stamps [ns], angles [rad], loads [N] and heights [m] have shape (n,); heights are None for the force drive.
+
+        Raises:
+            ValueError: as `advance`.
+        """
+        _check_limits([angles, loads] if heights is None else [angles, loads, heights])
+        self.model.check_drive(heights is not None)
+        steps = np.diff(stamps, prepend=stamps[:1] if self._stamp is None else self._stamp)
+        if (steps[0 if self._stamp is not None else 1 :] <= 0).any():
+            raise ValueError("time must increase")
+        answers = blank(len(stamps))
+        answers["stamp"] = stamps
+        height = np.full(len(stamps), math.nan) if heights is None else heights
+        self.model.compute(np.column_stack([steps * NANOSECOND, angles, loads, height]), answers, self._state)
+        self._stamp = int(stamps[-1])
+        return answers
+
+    def _checked_height(self, flexion_angle: float, load: float, femoral_height: float | None) -> float:
+        """Check and return the height [m] of a tick that is given one or needs one."""
+        self.model.check_drive(femoral_height is not None)
+        height = 0.0 if femoral_height is None else femoral_height
+        if not abs(height) <= LARGEST_HEIGHT:
+            _refuse(flexion_angle, load, femoral_height)
+        return height
+
+
+def _check_limits(columns: list[Floats]) -> None:
+    """Reject columns with a value beyond its limit.
+
+    Raises:
+        ValueError: see `_refuse`.
+    """
+    limits = (LARGEST_ANGLE, LARGEST_LOAD, LARGEST_HEIGHT)
+    bad = np.zeros(len(columns[0]), dtype=bool)
+    for column, limit in zip(columns, limits, strict=False):
+        bad |= ~(np.abs(column) <= limit)
+    if bad.any():
+        row = [float(column[bad][0]) for column in columns]
+        _refuse(row[0], row[1], row[2] if len(row) > 2 else None)
+
+
+def _refuse(angle: float, load: float, height: float | None) -> None:
+    """Reject the values of a sample, with a message that says why.
+
+    Raises:
+        ValueError: always.
+    """
+    given = [value for value in (angle, load, height) if value is not None]
+    if not all(map(math.isfinite, given)):
+        raise ValueError(f"time, {INPUTS} must be finite, got {angle}, {load}, {height}")
+    limits = f"{LARGEST_ANGLE:g} rad, {LARGEST_LOAD:g} N and {LARGEST_HEIGHT:g} m"
+    raise ValueError(f"{INPUTS} must not exceed {limits}, got {angle}, {load}, {height}")
+
+
+def example_call() -> tuple[Any, ...]:
+    """Return arguments of `ticks.run` with the types of every call: those of all laws, surfaces and mechanisms."""
+    knee = KneeModel(
+        ContactPair(Circle(0.034), Plane(0.0), MECHANISMS["hinge"]()), hertz(stiffness=1e7, exponent=1.5), 1.0
+    ).knee
+    return knee, np.zeros(ticks.STATE_SIZE), np.zeros((1, 4)), *as_the_kernel_sees(blank(1))

@@ -1,0 +1,102 @@
+"""Readouts of a contact beside its depth: patch, pressure, strain of the cartilage and loading rate.
+
+They have no effect on the answers: all of them follow from the depth and the force of an answer, the contact law at
+rest, and two numbers from the constants of the law, `ContactPatch.radius` and `ContactPatch.thickness`.
+
+A law gives a force and no pressure. The pressure is that force, spread over a round patch by one of two closed forms
+(`Spread`), which are exact for one law each; the force of any other law is spread as Hertz's:
+
+    a² = s R δ,    p_mean = F₀(δ) / (π a²),    p_peak = k p_mean
+
+    POINT_CONTACT  s = 1, k = 3/2   Hertz, two curved solids: exact for F₀ = K δ^1.5, with 3 K / (4 √R) the modulus E*
+    FOUNDATION     s = 2, k = 2     a bed of springs on bone: exact for `elastic_foundation`, p(r) = M u(r) / t
+
+F₀ is the law at rest: a dashpot's force has no distribution of its own, is left out, and would be infinitely dense at
+first touch. Sources: Hertz 1882, doi:10.1515/crll.1882.92.156; Johnson 1985, Contact Mechanics, Secs. 3.4, 4.2 and 4.3.
+Valid where a is small against R, and Hertz' also where it is small against the thickness of the cartilage: where it is
+not, the truth lies between the two forms (docs/decisions/0051-readouts.md). A line contact is not offered: it needs a
+width that a planar model has not, and its force is no power of the depth.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knee_contact_ros.model.laws import ContactLaw
+from knee_contact_ros.model.types import NANOSECOND, ContactState, Rows, Status
+
+Readings = NDArray[Any]
+"""Readouts of answers: an array of `READOUTS`, shape (n,)"""
+READOUTS = np.dtype([
+    ("half_width", "f8"),  # [m] of the patch, which is round
+    ("mean_pressure", "f8"),  # [Pa]
+    ("peak_pressure", "f8"),  # [Pa] in the middle of the patch
+    ("strain", "f8"),  # nominal, of the cartilage
+    ("loading_rate", "f8"),  # [N/s] of the contact force since the tick before
+])  # fmt: skip
+SPREAD = ("half_width", "mean_pressure", "peak_pressure", "strain")
+"""Names of the readouts that depend on the contact law"""
+UNITS = {"half_width": "m", "mean_pressure": "Pa", "peak_pressure": "Pa", "strain": "", "loading_rate": "N/s"}
+"""Units of the readouts, by name"""
+
+
+class Spread(NamedTuple):
+    """Distribution of a force over a contact patch."""
+
+    name: str
+    """Name of the distribution, for a person"""
+    area: float
+    """Factor s of the patch's half width a: a² = s R δ"""
+    peak: float
+    """Factor k: the peak pressure over the mean one"""
+
+
+POINT_CONTACT = Spread("Hertz, point contact", 1.0, 1.5)
+FOUNDATION = Spread("elastic foundation", 2.0, 2.0)
+SPREADS = {"elastic_foundation": FOUNDATION}
+"""Distributions of the laws, by name, whose force is not spread as Hertz'"""
+OWN_PRESSURE = ("hertz", "elastic_foundation")
+"""Laws for which the pressure is exact; for the others it is their force at rest in a Hertzian distribution"""
+
+
+class ContactPatch(NamedTuple):
+    """The patch that the contacts of a model spread over."""
+
+    spread: Spread
+    radius: float
+    """R [m], of the sphere that meets a plane as the femur meets the tibia (`relative_radius`)"""
+    thickness: float
+    """Thickness of the cartilage [m], whose nominal strain is the depth in it over this"""
+
+    def readouts(self, law: ContactLaw, rows: Rows) -> Readings:
+        """Compute the readouts of answers of a law, given in their order in time; shape (n,).
+
+        When apart, and at depth 0, all but the loading rate are 0. The loading rate [N/s] is (F - F before) / (t - t
+        before) of the contact force, damping included: NaN at the first answer, and where stamps went back. The strain
+        is that of the first layer: in contact with the second one it is 1 if the depth of the first layer is the
+        thickness.
+        """
+        read = np.zeros(len(rows), dtype=READOUTS)
+        depth = np.ascontiguousarray(rows["penetration_depth"])
+        force = np.array([law.static_force(one) for one in depth.tolist()])
+        area = math.pi * self.spread.area * self.radius * depth
+        touching = (rows["contact_state"] != ContactState.SEPARATED) & (area > 0.0)
+        read["half_width"] = np.where(touching, np.sqrt(np.maximum(area, 0.0) / math.pi), 0.0)
+        read["mean_pressure"] = np.divide(force, area, out=np.zeros_like(area), where=touching)
+        read["peak_pressure"] = self.spread.peak * read["mean_pressure"]
+        read["strain"] = rows["cartilage_depth"] / self.thickness
+        read["loading_rate"] = loading_rate(rows)
+        return read.view(np.recarray)
+
+
+def loading_rate(rows: Rows) -> NDArray[np.float64]:
+    """Return the rate of the contact force [N/s] since the answer before, shape (n,); see `ContactPatch.readouts`."""
+    rate = np.full(len(rows), np.nan)
+    steps = np.diff(rows["stamp"]) * NANOSECOND
+    goes_on = (steps > 0.0) & ((rows["status"][1:] & Status.TIME_RESET) == 0)
+    np.divide(np.diff(rows["contact_force"]), steps, out=rate[1:], where=goes_on)
+    return rate

@@ -1,0 +1,245 @@
+"""The answer to one tick, and the enumerations it uses.
+
+`Contact` is declared here once, and everything that holds answers holds rows of `ROW`: the kernel writes them, messages
+and recordings are made of their bytes, reports and viewers name their fields. The values of the enumerations equal the
+constants in `msg/KneeContact.msg`.
+"""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Iterator
+from enum import IntEnum, IntFlag
+from typing import Annotated, Any, get_origin, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+
+Real = Annotated[float, np.float64]
+Small = Annotated[int, np.uint8]
+Count = Annotated[int, np.uint32]
+Nanoseconds = Annotated[int, np.int64]
+Rows = NDArray[Any]
+"""Answers: an array of `ROW`, shape (n,)"""
+Floats = NDArray[np.float64]
+Bytes = NDArray[np.uint8]
+Counts = NDArray[np.uint32]
+
+
+class ContactState(IntEnum):
+    """The deepest layer that is in contact."""
+
+    SEPARATED = 0
+    CARTILAGE = 1
+    BONE = 2
+
+
+class Fidelity(IntEnum):
+    """The level of the model that computed a tick."""
+
+    QUASI_STATIC = 0
+    FIRST_ORDER = 1
+    """A level of earlier versions, which old recordings name"""
+    DYNAMIC = 2
+
+
+class Status(IntFlag):
+    """Flags that a reader of an answer must know; several may be set at once."""
+
+    OK = 0
+    STALE_INPUT = 1
+    """The time between two samples is longer than allowed."""
+    TIME_RESET = 2
+    """The stamps went back in time; the model was started anew."""
+    INPUT_HELD = 4
+    """No flexion angle with this stamp or a later one came in time; the last angle was held."""
+    NOT_CONVERGED = 8
+    """A tolerance was not met; `error_estimate` and `force_error_estimate` give the size of the errors."""
+    INPUT_REJECTED = 16
+    """A sample was rejected since the last tick."""
+    IMPLAUSIBLE = 32
+    """The depth is beyond what is plausible for a knee; see `KneeModel.plausible_depth`."""
+
+
+NANOSECOND = 1e-9
+"""Unit of stamps [s]"""
+UNUSABLE = Status.STALE_INPUT | Status.TIME_RESET | Status.INPUT_HELD | Status.NOT_CONVERGED | Status.IMPLAUSIBLE
+"""An answer with any of these flags must not control anything. A rejected sample does not count, as it was not used."""
+
+
+class Row(np.record):  # type: ignore[misc]  # final to the stubs alone
+    """A NumPy record whose attributes are plain Python numbers or records of the declared classes."""
+
+    def __getattribute__(self, name: str) -> Any:
+        value = super().__getattribute__(name)
+        if isinstance(value, np.void):
+            return value.view((PARTS[name], value.dtype))
+        return value.item() if isinstance(value, np.generic) else value
+
+    def __repr__(self) -> str:
+        return f"({', '.join(f'{name}={getattr(self, name)!r}' for name in self.dtype.names or ())})"
+
+    __str__ = __repr__
+
+
+class Point(Row):  # type: ignore[misc]
+    """A vector in the tibia frame, [m] or [N] or [N m]: x anterior, y superior, z to the right."""
+
+    x: Real
+    y: Real
+    z: Real
+    """0, or about the axis of flexion: all is planar"""
+
+
+class Wrench(Row):  # type: ignore[misc]
+    """Force and torque on a body at the origin of the tibia frame, with the layout of `geometry_msgs/msg/Wrench`."""
+
+    force: Point
+    """[N] force on the body"""
+    torque: Point
+    """[N m] torque on the body about the origin of the tibia frame"""
+
+
+class Contact(Row):  # type: ignore[misc]
+    """The answer to one tick: first the fields of `KneeContact.msg` (same names, order and types), then some more."""
+
+    flexion_angle: Real
+    """[rad] flexion angle, positive in flexion"""
+    load: Real
+    """[N] compressive load that drove the tick"""
+    contact_force: Real
+    """[N] normal contact force; >= 0 unless the law may pull"""
+    penetration_depth: Real
+    """[m] penetration depth, >= 0; 0 when the surfaces are apart"""
+    gap: Real
+    """[m] distance of the surfaces, >= 0; 0 in contact"""
+    penetration_rate: Real
+    """[m/s] rate of the signed depth, > 0 when the surfaces approach each other"""
+    sliding_velocity: Real
+    """[m/s] velocity of the femur's surface relative to the tibia's along the contact, > 0 anteriorly (Eq. 6)"""
+    contact_point: Point
+    """[m] contact point on the plateau in the tibia frame (when apart: the point closest to the femur); z is 0"""
+    femoral_height: Real
+    """[m] height of the femoral reference point above the origin of the tibia frame"""
+    cartilage_depth: Real
+    """[m] part of the depth in the first layer"""
+    bone_depth: Real
+    """[m] part of the depth in the second layer"""
+    contact_state: Small
+    """a `ContactState`: the deepest layer in contact"""
+    fidelity: Small
+    """a `Fidelity`: the level that computed the answer"""
+    status: Small
+    """a set of `Status` flags"""
+    error_estimate: Real
+    """[m] estimated error of `penetration_depth` against the exact solution of the scene"""
+    force_error_estimate: Real
+    """[N] estimated error of `contact_force` against the exact solution of the scene"""
+    evaluations: Count
+    """contact law evaluations that this tick took; the last field of the message"""
+    contact_wrench: Wrench
+    """the contact force on the tibia, as it is published beside the message"""
+    stamp: Nanoseconds
+    """[ns] time of the sample, as in the message's header"""
+    femoral_x: Real
+    """[m] x of the femoral reference point in the tibia frame"""
+    normal_x: Real
+    """x of the unit normal of the tibial surface at the contact point, from tibia to femur"""
+    normal_y: Real
+    latency: Real
+    """[s] from the arrival of the load to the publication of the answer, measured by the node; 0 elsewhere"""
+
+    def __repr__(self) -> str:
+        """Return a summary in one line; `print` shows all fields."""
+        return (
+            f"<Contact at {1e-9 * self.stamp:.9g} s: load {self.load:.1f} N, contact force {self.contact_force:.1f} N, "
+            f"depth {1e3 * self.penetration_depth:.3f} mm>"
+        )
+
+
+PARTS: dict[str, type[Row]] = {}
+"""Classes of the fields that are records themselves, by field name"""
+
+
+def _fields(record: type[Row]) -> np.dtype[Any]:
+    """Return the NumPy type of the fields that a class declares, aligned as in C and in CDR."""
+    fields: list[tuple[str, Any]] = []
+    for name, hint in get_type_hints(record, include_extras=True).items():
+        if get_origin(hint) is Annotated:
+            fields.append((name, hint.__metadata__[0]))
+        else:
+            PARTS[name] = hint
+            fields.append((name, _fields(hint)))
+    return np.dtype(fields, align=True)
+
+
+def _place(name: str) -> slice:
+    """Return the place of a field's bytes among those of a row."""
+    fields: Any = ROW.fields
+    kind, begin, *_ = fields[name]
+    return slice(begin, begin + kind.itemsize)
+
+
+ROW = np.dtype((Contact, _fields(Contact)))
+"""NumPy type of a row of answers, whose elements are `Contact` records"""
+MESSAGE = slice(0, _place("evaluations").stop)
+"""Bytes of a row that equal those of a `KneeContact` message after its header, if the header ends at a multiple of 8
+B"""
+WRENCH = _place("contact_wrench")
+"""Bytes of a row that equal those of a `WrenchStamped` message after its header, if that ends at a multiple of 8 B"""
+
+
+def _numbers(kind: np.dtype[Any], before: str, at: int) -> Iterator[tuple[str, np.dtype[Any], int]]:
+    """Yield name, type and byte offset of every number in a record type, nested ones included."""
+    for name, (field, offset, *_) in (kind.fields or {}).items():
+        if field.fields:
+            yield from _numbers(field, f"{before}{name}_", at + offset)
+        else:
+            yield before + name, field, at + offset
+
+
+_NAMES, _FORMATS, _OFFSETS = zip(*_numbers(ROW, "", 0), strict=True)
+FLAT = np.dtype({"names": _NAMES, "formats": _FORMATS, "offsets": _OFFSETS, "itemsize": ROW.itemsize})
+"""The same row as a flat record, in which nested numbers have names of their own, such as `contact_point_x`"""
+TOLD = tuple(name for name, begin in zip(_NAMES, _OFFSETS, strict=True) if begin < MESSAGE.stop)
+"""Names in `FLAT` of the numbers that the message has"""
+
+
+def byte(name: str) -> int:
+    """Return where a number of `FLAT` begins among the bytes of a row."""
+    return int(FLAT.fields[name][1])  # type: ignore[index]  # it has fields
+
+
+def word(name: str) -> int:
+    """Return which of the 8-byte words of a row a number of `FLAT` is."""
+    return byte(name) // 8
+
+
+CODES = {"f8": "d", "i8": "q", "u4": "I", "u1": "B"}
+"""Format characters of `struct` for NumPy's number types"""
+
+
+def reader(*names: str) -> struct.Struct:
+    """Return a `struct` that reads some numbers of `FLAT`, named in their order, from the bytes of a row.
+
+    It takes a tenth of the time of reading fields of an array.
+    """
+    layout, end = "<", 0
+    for name in names:
+        kind, begin, *_ = FLAT.fields[name]  # type: ignore[index]  # it has fields
+        layout, end = f"{layout}{begin - end}x{CODES[kind.str[1:]]}", begin + kind.itemsize
+    return struct.Struct(layout)
+
+
+def blank(number: int) -> Rows:
+    """Return rows for a kernel to fill, shape (number,), whose padding bytes are 0; in a copy they may be anything."""
+    return np.zeros(number, dtype=ROW)
+
+
+def untold(number: int) -> Rows:
+    """Return rows of unknown answers, shape (number,): real numbers are NaN, integers 0."""
+    rows = np.zeros(number, dtype=ROW)
+    for name in _NAMES:
+        if FLAT[name].kind == "f":
+            rows.view(FLAT)[name] = np.nan
+    return rows

@@ -1,0 +1,212 @@
+"""How honest the estimates are after live changes of law, constants, mass, tolerance, level and budget.
+
+python -m studies.honesty.changes [--count N] [--seed S]
+
+The reference (`studies/reference`) goes on from its own state with the changed knee, and nothing is taken to be at
+rest. Every run of the model goes through the same changes by `Stream.go_on_with`.
+"""
+
+from __future__ import annotations
+
+import ctypes
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+from tabulate import tabulate
+
+from knee_contact_ros.model.knee import Stream
+from studies.honesty.judging import Judged, judge
+from studies.honesty.ours import knee
+from studies.honesty.scenes import ARTHRITIC, FAMILIES, HEALTHY, WIDE, Scene, arguments, draw, shipped
+from studies.honesty.tally import Tally, not_finite
+from studies.honesty.truth import knee_of
+from studies.reference import LAWS, Knee, Reference, Solution
+
+Random = np.random.Generator
+SEGMENTS, TICKS = 5, 40
+"""Number of segments of a run, between which it is changed, and of ticks in each"""
+STILL = 0.2
+"""Part of the scenes whose load and angle are held in the ticks around every change, so that it comes at rest"""
+LEAST_RATE = 1e-6
+"""Rate of the depth [m/s] below which a contact is called at rest"""
+WHAT = ("law", "stiffness", "damping", "mass", "tolerance", "level", "everything")
+DECADES = {"stiffness": 0.5, "damping": 0.5, "mass": 0.5}
+"""Decimal logarithms of the largest factors"""
+HEADER = ("", "changes", "ticks", "known", "covered", "OK", "OK and wrong", "not finite", "flagged")
+
+
+class Setting(NamedTuple):
+    """A knee as it is between two changes."""
+
+    what: str
+    """Name of the change before it; empty at the beginning"""
+    scene: Scene
+    level: str
+    tolerance: float
+
+
+class Mode(ctypes.Structure):
+    """`Mode` of `studies/reference/knee.h`."""
+
+    _fields_ = (
+        ("layer", ctypes.c_int), ("pressing", ctypes.c_int), ("impact", ctypes.c_longdouble), ("on", ctypes.c_int),
+    )  # fmt: skip
+
+
+class State(ctypes.Structure):
+    """The beginning of `State` of `studies/reference/run.c`."""
+
+    _fields_ = (
+        ("depth", ctypes.c_longdouble), ("velocity", ctypes.c_longdouble), ("angle", ctypes.c_longdouble),
+        ("load", ctypes.c_longdouble), ("implicit_duration", ctypes.c_longdouble),
+        ("first_duration", ctypes.c_longdouble), ("mode", Mode),
+    )  # fmt: skip
+
+
+class ChangedReference(Reference):
+    """The reference, whose knee changes between two ticks."""
+
+    def go_on_with(self, changed: Knee) -> None:
+        """Go on from the present state with another law or mass; whether it presses is found at the next tick."""
+        other = Reference(changed)
+        for mine, theirs in ((self._fine, other._fine), (self._coarse, other._coarse)):
+            mine._constants = theirs._constants
+            state = State.from_address((ctypes.addressof(mine._state) + 15) // 16 * 16)
+            if state.mode.layer >= 0:
+                state.mode.layer = int(0.0 <= changed.law.layer_depth < state.depth)
+                state.mode.on = 0
+
+
+def plan(seed: int) -> list[Setting]:
+    """Draw a scene and its changes; the inputs are those of the first setting throughout."""
+    random, scene = np.random.default_rng((seed, 47)), draw(seed, SEGMENTS * TICKS)
+    if random.random() < STILL:
+        near = np.arange(SEGMENTS * TICKS) // TICKS * TICKS
+        scene = scene._replace(load=np.abs(scene.load[near]) + 1.0, angle=scene.angle[np.zeros_like(near)])
+    settings = [
+        Setting("", scene, str(random.choice(["dynamic", "quasi_static"])), float(10 ** random.uniform(-8, -4)))
+    ]
+    while len(settings) < SEGMENTS:
+        what = str(random.choice(WHAT))
+        settings.append(changed(random, settings[-1], WHAT[:-1] if what == WHAT[-1] else (what,))._replace(what=what))
+    return settings
+
+
+def changed(random: Random, setting: Setting, parts: tuple[str, ...]) -> Setting:
+    """Change parts of a setting; what a law does not have is its stiffness."""
+    scene, level, tolerance = setting.scene, setting.level, setting.tolerance
+    for part in parts:
+        if part == "tolerance":
+            tolerance = float(10 ** random.uniform(-8.0, -4.0))
+        elif part == "level":
+            level = "dynamic" if level == "quasi_static" else "quasi_static"
+        elif part == "law" and scene.family == WIDE:
+            law = str(random.choice(list(LAWS)))
+            scene = scene._replace(law=law, arguments=arguments(random, law))
+        elif part == "law":
+            family = ARTHRITIC if scene.law == shipped(HEALTHY)[0] else HEALTHY
+            law, constants = shipped(family)
+            scene = scene._replace(law=law, arguments=constants)
+        else:
+            size = 10 ** random.uniform(-DECADES[part], DECADES[part])
+            if part == "mass":
+                scene = scene._replace(mass=float(scene.mass * size))
+                continue
+            names = [name for name in (part, f"{part}_2", "youngs_modulus") if name in scene.arguments]
+            if part == "damping" and not names:
+                names = [name for name in ("stiffness", "youngs_modulus") if name in scene.arguments]
+            new = {name: float(scene.arguments[name] * size) for name in names}
+            scene = scene._replace(arguments={**scene.arguments, **new})
+    return setting._replace(scene=scene, level=level, tolerance=tolerance)
+
+
+def place(now: int) -> slice:
+    """Ticks of a segment."""
+    return slice(now * TICKS, (now + 1) * TICKS)
+
+
+def truth_of(settings: list[Setting]) -> list[Solution]:
+    """Solve the segments of a plan."""
+    first, found = settings[0].scene, list[Solution]()
+    reference = ChangedReference(knee_of(first))
+    for now, setting in enumerate(settings):
+        if now:
+            reference.go_on_with(knee_of(setting.scene))
+        found.append(reference.take(first.time[place(now)], first.angle[place(now)], first.load[place(now)]))
+    return found
+
+
+def answers_of(settings: list[Setting], budget: int) -> Iterator[np.recarray[Any, Any]]:
+    """Run the model through a plan, and yield the answers of every segment."""
+    first, stream = settings[0].scene, None
+    stamps: NDArray[np.int64] = np.rint(first.time * 1e9).astype(np.int64)
+    for now, setting in enumerate(settings):
+        model = knee(setting.scene, setting.level, setting.tolerance, budget)
+        if stream is None:
+            stream = Stream(model)
+        else:
+            stream.go_on_with(model)
+        here = place(now)
+        yield stream.advance_all(stamps[here], first.angle[here], first.load[here], None).view(np.recarray)
+
+
+def state_before(now: int, truth: list[Solution]) -> str:
+    """Name the state of the contact when a segment begins."""
+    last = truth[now - 1]
+    if not np.isfinite(last.depth[-1]):
+        return "unknown"
+    if last.depth[-1] < 0.0:
+        return "in flight"
+    return "at rest" if abs(last.rate[-1]) < LEAST_RATE else "in contact"
+
+
+def runs(seed: int) -> Iterator[tuple[int, Setting, int, str, Judged, int]]:
+    """Yield segment, its setting, budget, state at its beginning, judgement, and number of not finite ticks."""
+    settings, random = plan(seed), np.random.default_rng((seed, 48))
+    truth = truth_of(settings)
+    for budget in (0, int(10 ** random.uniform(1.3, 3.3))):
+        for now, series in enumerate(answers_of(settings, budget)):
+            state = state_before(now, truth) if now else ""
+            judged = judge(series, truth[now], settings[now].tolerance)
+            yield now, settings[now], budget, state, judged, not_finite(series)
+
+
+@click.command()
+@click.option(
+    "--count", default=1000, show_default=True, help="Number of changes, each tried without and with a budget."
+)
+@click.option("--seed", default=1, show_default=True)
+def main(count: int, seed: int) -> None:
+    """Judge the model through live changes; exit code 1 if an OK is wrong, or a number is not finite."""
+    tallies: dict[str, Tally] = {}
+    broken: dict[str, int] = {}
+    for i in range(-(-count // (SEGMENTS - 1))):
+        for now, setting, budget, state, judged, lost in runs(seed * 1_000_000 + i):
+            kind = "any law" if setting.scene.family == WIDE else FAMILIES[1]
+            run = "budget" if budget else "no budget"
+            groups = ("before any change",) if now == 0 else ("all", run, kind, state, setting.what, setting.level)
+            for group in groups:
+                tallies.setdefault(group, Tally()).count(judged)
+                broken[group] = broken.get(group, 0) + lost
+            if judged.depth.wrong.any():
+                tick = int(np.argmax(judged.depth.wrong * judged.depth.error))
+                error, estimate = judged.depth.error[tick], judged.depth.estimate[tick]
+                click.echo(
+                    f"scene {seed * 1_000_000 + i}, segment {now} ({setting.what}, {state}, {setting.level}, "
+                    f"{setting.scene.law}, budget {budget}, tolerance {setting.tolerance:.1e} m), tick {tick}: "
+                    f"{judged.depth.wrong.sum()} wrong, off by {error:.2g} m, said {estimate:.2g} m"
+                )
+    rows = [
+        (group, one.runs, one.ticks, one.depth.known, f"{100 * one.depth.covered / max(one.depth.known, 1):.3f} %",
+         one.ticks - one.flagged, one.depth.wrong, broken[group], f"{100 * one.flagged / one.ticks:.1f} %")
+        for group, one in sorted(tallies.items())
+    ]  # fmt: skip
+    click.echo(tabulate(rows, HEADER))
+    raise SystemExit(bool(tallies["all"].depth.wrong or broken["all"]))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,155 @@
+"""How honest the estimates are on measured condyles: noisy points and loads, encoder spikes, uneven stamps, budgets.
+
+python -m studies.honesty.measured [--scenes N] [--budgets N] [--seed S]
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import click
+import numpy as np
+from numpy.typing import NDArray
+from tabulate import tabulate
+
+from knee_contact_ros.model.knee import KneeModel
+from knee_contact_ros.model.laws import CONTACT_LAWS
+from knee_contact_ros.model.mechanisms import hinge
+from knee_contact_ros.model.surfaces import ContactPair, Plane, Profile
+from knee_contact_ros.model.ticks import LEVELS
+from studies.choosing.surfaces import read_points
+from studies.honesty.dented import condyle, solve
+from studies.honesty.judging import Judged, judge
+from studies.honesty.loads import STRIDE, bag
+from studies.honesty.scenes import ARTHRITIC, FEMUR, HEALTHY, KNEE, shipped
+from studies.honesty.tally import Tally, not_finite
+from studies.reference import LAWS
+
+Floats = NDArray[np.float64]
+Random = np.random.Generator
+CONFIG = Path(__file__).parents[2] / "config"
+TICKS = 200
+TOLERANCES = (1e-4, 1e-6, 1e-8)
+"""[m]"""
+DENTS = (0.0, 1e-5, 5e-5, 2e-4)
+"""Noise of the femur's points [m]"""
+BUDGETS = (20.0, 2e4)
+"""Range of the budgets, of which decades are equally likely"""
+TEXT = "Ticks known to the reference, of these covered; OK though beyond the tolerance or not finite."
+HEADER = ("", "runs", "ticks", "known", "covered", "OK", "OK and wrong", "not finite", "flagged")
+
+
+class Scene(NamedTuple):
+    """A measured knee in numbers; a seed is enough to repeat it."""
+
+    seed: int
+    law: str
+    arguments: dict[str, Any]
+    mass: float
+    dents: float
+    points: Floats
+    """Points of the femur [m], shape (2, n)"""
+    time: Floats
+    angle: Floats
+    load: Floats
+
+
+def draw(seed: int) -> Scene:
+    """Draw the scene of a seed."""
+    random = np.random.default_rng((seed, 45))
+
+    def varied(value: float) -> float:
+        return float(value * random.uniform(0.7, 1.3))
+
+    law, constants = shipped(str(random.choice([HEALTHY, ARTHRITIC])))
+    if random.random() < 0.25:
+        law = "hunt_crossley"
+        constants = {**KNEE, "restitution": 0.5, "least_impact_speed": 0.1}
+        del constants["damping"]
+    fixed = ("exponent", "damp_first_layer")
+    arguments = {name: value if name in fixed else varied(value) for name, value in constants.items()}
+    points, dents = read_points(CONFIG / str(random.choice(["femur_medial.csv", "femur_lateral.csv"]))), DENTS[seed % 4]
+    points = points + random.normal(0.0, 1.0, points.shape) * dents
+    return Scene(seed, law, arguments, varied(FEMUR), dents, points, *_series(random))
+
+
+def _series(random: Random) -> tuple[Floats, Floats, Floats]:
+    """Times, angles and loads of noisy gait: stamps of 100 Hz to 10 kHz in one run, and spikes of the encoder."""
+    durations = 10 ** np.clip(random.uniform(-4.0, -2.0) + np.cumsum(random.normal(0.0, 0.3, TICKS)), -4.0, -2.0)
+    if random.random() < 0.5:
+        durations = 10 ** random.uniform(-4.0, -2.0, TICKS)
+    time = np.rint(np.cumsum(durations) * 1e9) * 1e-9
+    stamps, angle, load = bag("right" if random.random() < 0.5 else "left")
+    phase = 0.62 + np.mod(time + random.uniform(0.0, STRIDE), STRIDE)
+    angles, loads = np.interp(phase, stamps, angle), np.interp(phase, stamps, load)
+    angles += random.choice([0.0, 1e-4, 1e-3]) * random.standard_normal(TICKS)
+    spikes = random.random(TICKS) < random.choice([0.0, 0.02])
+    angles += spikes * random.choice([-0.3, 0.05, 0.3], TICKS)
+    loads += random.choice([0.0, 10.0, 100.0]) * random.standard_normal(TICKS)
+    return time, angles, loads - random.choice([0.0, 100.0, 250.0])
+
+
+def knee(scene: Scene) -> KneeModel:
+    """Compiled model of a scene, without a budget."""
+    pair = ContactPair(Profile(*scene.points), Plane(0.0), hinge())
+    return KneeModel(pair, CONTACT_LAWS[scene.law](**scene.arguments), scene.mass, budget=0, compiled=True)
+
+
+def runs(scene: Scene, budgets: int) -> Iterator[tuple[str, float, Judged, int]]:
+    """Yield what is run, the tolerance [m], the judgement, and the number of ticks that are not finite."""
+    random, model = np.random.default_rng((scene.seed, 46)), knee(scene)
+    truth = solve(
+        condyle(scene.points), LAWS[scene.law](**scene.arguments), scene.mass, scene.time, scene.angle, scene.load
+    )
+    settings: list[tuple[str, float, dict[str, Any]]] = [
+        (f"{level}, {tolerance:g} m", tolerance, {"level": LEVELS[level]})
+        for level in ("quasi_static", "dynamic")
+        for tolerance in TOLERANCES
+    ]
+    for _ in range(budgets):
+        budget = int(10 ** random.uniform(*np.log10(BUDGETS)))
+        name = next(f"budget below {end}" for end in (100, 1000, 100_000) if budget < end)
+        settings.append((name, float(random.choice(TOLERANCES)), {"budget": budget}))
+    for name, tolerance, values in settings:
+        series = replace(model, tolerance=tolerance, **values).run(scene.time, scene.angle, scene.load)
+        yield name, tolerance, judge(series, truth, tolerance), not_finite(series)
+
+
+@click.command()
+@click.option("--scenes", default=40, show_default=True)
+@click.option("--budgets", default=500, show_default=True, help="Number of budgets in all.")
+@click.option("--seed", default=1, show_default=True)
+def main(scenes: int, budgets: int, seed: int) -> None:
+    """Judge the model on measured condyles; exit code 1 if an OK is wrong, or a number is not finite."""
+    tallies: dict[str, Tally] = {}
+    broken: dict[str, int] = {}
+    for i in range(scenes):
+        scene = draw(seed * 1_000_000 + i)
+        try:
+            found = list(runs(scene, budgets * (i + 1) // scenes - budgets * i // scenes))
+        except RuntimeError as raised:
+            click.echo(f"scene {scene.seed}: no reference: {raised}", err=True)
+            continue
+        for name, tolerance, judged, lost in found:
+            for group in (name, f"dents of {scene.dents:g} m", "all"):
+                tallies.setdefault(group, Tally()).count(judged)
+                broken[group] = broken.get(group, 0) + lost
+            if judged.depth.wrong.any():
+                tick = int(np.argmax(judged.depth.wrong * judged.depth.error))
+                error, estimate = judged.depth.error[tick], judged.depth.estimate[tick]
+                click.echo(f"scene {scene.seed}, {scene.law}, dents {scene.dents:g} m, {name}, tolerance {tolerance:g} "
+                           f"m, tick {tick}: off by {error:.2g} m, said {estimate:.2g} m")  # fmt: skip
+    rows = [
+        (group, one.runs, one.ticks, one.depth.known, f"{100 * one.depth.covered / max(one.depth.known, 1):.3f} %",
+         one.ticks - one.flagged, one.depth.wrong, broken[group], f"{100 * one.flagged / one.ticks:.1f} %")
+        for group, one in tallies.items()
+    ]  # fmt: skip
+    click.echo(f"{TEXT}\n\n{tabulate(rows, HEADER)}")
+    raise SystemExit(bool(tallies["all"].depth.wrong or broken["all"]))
+
+
+if __name__ == "__main__":
+    main()

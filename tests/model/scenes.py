@@ -1,0 +1,103 @@
+"""Surfaces and motions that tests of several modules build knees of."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from knee_contact_ros.model import ticks
+from knee_contact_ros.model.knee import KneeModel
+from knee_contact_ros.model.mechanisms import table
+from knee_contact_ros.model.profiles import Circle, Profile
+from knee_contact_ros.model.surfaces import ContactPair, Cup, Plane, Plateau
+from knee_contact_ros.model.types import Contact, blank
+from tests.helpers.scenes import RADIUS
+
+Series = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Time [s], flexion angle [rad], load [N]"""
+ROUNDING = 1e-15
+"""[m]: a few roundings of heights of 34 mm (7e-18 m each), with room"""
+HINGE = table([0.0, 1.0], [0.0, 0.0], "hinge")
+FORWARDS = table([0.0, 1.0], [0.0, 0.012])
+"""12 mm/rad, straight on beyond"""
+TO_AND_FRO = table([0.0, 0.5, 1.0], [0.0, 0.01, -0.01])
+
+
+@cache
+def ellipse(points: int, a: float = 0.034, b: float = 0.028, noise: float = 0.0, seed: int = 2) -> Profile:
+    """The lower part of an ellipse, from posterior over inferior to anterior, with radial noise [m]: dents."""
+    t = np.linspace(-np.pi - 0.9, 0.9, points)
+    radial = np.random.default_rng(seed).normal(0.0, 1.0, points) * noise
+    return Profile((a + radial) * np.cos(t), (b + radial) * np.sin(t))
+
+
+@cache
+def plateau(points: int = 45) -> Plateau:
+    """A cup of radius 45 mm in the middle that rolls off at both edges, like a measured one."""
+    x = np.linspace(-0.022, 0.022, points)
+    return Plateau(x, 0.5 * x * x / 0.045 - 0.004 * (x / 0.022) ** 6 + 0.1 * x)
+
+
+PAIRS = {
+    "plane": lambda: ContactPair(Circle(RADIUS), Plane(), HINGE),
+    "slope": lambda: ContactPair(ellipse(160), Plane(0.2), FORWARDS),
+    "dents": lambda: ContactPair(ellipse(120, noise=2e-4), Plane(), HINGE),
+    "cup": lambda: ContactPair(Circle(RADIUS), Cup(0.095), TO_AND_FRO),
+    "plateau": lambda: ContactPair(ellipse(80), plateau(), FORWARDS),
+}
+"""Contact pairs of all kinds; a call builds one"""
+
+
+def thrown(
+    knee: KneeModel, depth: float, rate: float, duration: float, load: float = 0.0, end_load: float | None = None,
+    turn: tuple[float, float] = (0.0, 0.0), parts: int = 1, **state: float,
+) -> Contact:  # fmt: skip
+    """The answer to one tick, cut into parts, that a femur begins at a depth [m] and its rate at a held angle [m/s].
+
+    `turn` are the angles [rad] and `load` to `end_load` the loads [N] of the tick. `state` has other entries of the
+    run's state, by the names of their places in `ticks`.
+    """
+    touching = knee.closest(turn[0], 0.0).depth  # of a level plane
+    begin = {"BEGUN": 1.0, "ANGLE": turn[0], "LOAD": load, "HEIGHT": touching - depth, "VELOCITY": -rate}
+    before = np.zeros(ticks.STATE_SIZE)
+    for name, value in ({**begin, "TRY_STEP": math.inf, "IMPACT": math.nan} | state).items():
+        before[getattr(ticks, name)] = value
+    part = np.linspace(0.0, 1.0, parts + 1)[1:, None]
+    answers, last = blank(parts), load if end_load is None else end_load
+    samples = [duration / parts, turn[0], load, math.nan] + part * [0.0, turn[1] - turn[0], last - load, 0.0]
+    knee.compute(samples, answers, before)
+    contact: Contact = answers[-1]
+    return contact
+
+
+def signed(answers: Any) -> Any:
+    """The signed depth [m] of answers, < 0 apart."""
+    return answers["penetration_depth"] - answers["gap"]
+
+
+def walking(count: int = 161, tick: float = 5e-3) -> Series:
+    """Two humps of load over a stance, as in gait, and the knee bends meanwhile."""
+    time = tick * np.arange(count)
+    phase = math.tau * time / 0.8
+    return time, 0.3 - 0.25 * np.cos(phase), 700.0 - 350.0 * np.cos(phase) - 250.0 * np.cos(3.0 * phase)
+
+
+def hopping(count: int = 161, tick: float = 2e-3) -> Series:
+    """Let go of twice, for 2 cm each time at most, and landed on."""
+    time = tick * np.arange(count)
+    return time, 0.4 + 0.2 * np.sin(8.0 * time), 400.0 + 500.0 * np.cos(math.tau * time / 0.16)
+
+
+def stepping(count: int = 121, tick: float = 5e-3) -> Series:
+    """Loads that jump from one tick to the next and are held."""
+    time = tick * np.arange(count)
+    return time, 0.3 + 0.0 * time, np.array([800.0, 2000.0, 100.0, 1200.0])[(np.arange(count) // 25) % 4]
+
+
+def fast(knee: KneeModel) -> KneeModel:
+    """The same knee, compiled: the same bits."""
+    return replace(knee, compiled=True)

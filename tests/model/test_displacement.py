@@ -1,0 +1,196 @@
+"""The displacement drive: the height is prescribed, and the force follows from the law."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+from knee_contact_ros.model.knee import KneeModel
+from knee_contact_ros.model.laws import CONTACT_LAWS
+from knee_contact_ros.model.profiles import Circle
+from knee_contact_ros.model.surfaces import ContactPair, Cup
+from knee_contact_ros.model.types import ContactState, Fidelity, Status
+from tests.helpers.scenes import DAMPING, LAYER_DEPTH, RADIUS, STIFFNESS, law, model
+from tests.model.scenes import FORWARDS, ellipse, signed
+
+TIME = np.arange(0.0, 0.1, 0.001)
+NONE = np.zeros_like(TIME)
+TURNS = 1.0 + 0.4 * np.sin(30.0 * TIME)
+AHEAD = 0.012 * TURNS
+"""x [m] by the mechanism `FORWARDS`"""
+
+
+def led(name: str = "kelvin_voigt", **changes: object) -> KneeModel:
+    """A knee at a prescribed height: fields of the model, and constants of its law."""
+    constants = {key: changes.pop(key) for key in ("least_impact_speed",) if key in changes}
+    return replace(model(law(name, **constants)), height_prescribed=True, **changes)  # type: ignore[arg-type]
+
+
+def pressed(depth: np.ndarray) -> np.ndarray:
+    """Heights of a circular femur at a depth."""
+    return RADIUS - depth
+
+
+def rates(values: np.ndarray) -> np.ndarray:
+    """Rates of what is linear between the ticks."""
+    return np.diff(values) / np.diff(TIME)
+
+
+def kelvin_voigt(depth: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    """Force [N] of the law that does not pull."""
+    force = STIFFNESS * np.maximum(depth, 0.0) ** 1.5 + DAMPING * rate
+    return np.where(depth > 0.0, np.maximum(force, 0.0), 0.0)
+
+
+@pytest.mark.parametrize("name", CONTACT_LAWS)
+def test_held_still_the_force_is_the_static_one(name: str) -> None:
+    series = led(name).run(TIME, NONE, NONE, pressed(np.full_like(TIME, 6e-4)))
+    # Rounding of the height (4e-18 m) times the steepest slope (2e8 N/m), and of the power.
+    assert series.contact_force == pytest.approx(law(name).static_force(6e-4), rel=1e-9)
+    assert (series.error_estimate == 0.0).all()
+    assert (series.fidelity == Fidelity.DYNAMIC).all()
+    assert (series.status == Status.OK).all()
+    assert (series.evaluations == 1).all()
+
+
+def test_depth_and_rate_are_those_prescribed() -> None:
+    depth = 3e-4 + 4e-4 * np.sin(47.0 * TIME)
+    series = led().run(TIME, NONE, 700.0 + NONE, pressed(depth))
+    assert signed(series) == pytest.approx(depth, abs=1e-17)  # rounding of heights of 34 mm
+    assert series.penetration_rate[1:] == pytest.approx(rates(depth), abs=1e-13)  # that rounding over a tick
+    # The rounding of the rate times the dashpot (5e-10 N), that of the depth times the slope (7e-12 N): with room
+    assert series.contact_force[1:] == pytest.approx(kelvin_voigt(depth[1:], rates(depth)), abs=1e-8)
+    assert (series.load == 700.0).all()  # passed on, not used
+    assert series.contact_state.min() == ContactState.SEPARATED
+    assert (series.evaluations[depth <= 0.0] == 0).all()
+
+
+def test_a_law_that_may_pull_pulls() -> None:
+    depth = 3e-4 - 1e-3 * TIME * 100.0 * np.exp(-TIME)
+    free, held = (led(allow_tension=may).run(TIME, NONE, NONE, pressed(depth)) for may in (False, True))
+    assert held.contact_force.min() < 0.0 == free.contact_force.min()
+
+
+def test_a_turning_profile_presses_though_the_axis_stays() -> None:
+    geometry = ellipse(320)
+    angle = 1.2 * np.sin(20.0 * TIME)
+    height = np.full_like(TIME, geometry.support(0.0)[0] - 1e-4)
+    series = model(law("hertz"), height_prescribed=True, geometry=geometry).run(TIME, angle, NONE, height)
+    h, slopes = np.array([geometry.support(value) for value in angle]).T
+    # What is tabulated of h' is off by 1e-16 m, and of h by that over a cell
+    assert signed(series) == pytest.approx(h - height, abs=1e-16)
+    assert series.penetration_rate[1:] == pytest.approx(slopes[1:] * rates(angle), abs=1e-14)  # times 24 rad/s
+
+
+def test_over_a_sloped_plane_the_rate_is_that_of_the_signed_depth() -> None:
+    slope = 0.4
+    height = (RADIUS + AHEAD * math.sin(slope) - 3e-4 - 4e-4 * np.sin(47.0 * TIME)) / math.cos(slope)
+    height += 1e-3 * np.sin(80.0 * TIME)
+    knee = model(law("kelvin_voigt"), slope=slope, mechanism=FORWARDS, height_prescribed=True)
+    series = knee.run(TIME, TURNS, NONE, height)
+    depth = RADIUS + AHEAD * math.sin(slope) - math.cos(slope) * height
+    assert signed(series) == pytest.approx(depth, abs=3e-17)  # rounding of three terms of 34 mm
+    # The depth is linear between ticks. Its rounding over a tick of 1 ms
+    assert series.penetration_rate[1:] == pytest.approx(rates(depth), abs=1e-13)
+    assert series.gap.max() > 0.0
+    # Rounding of the rate times the dashpot (5e-10 N), of the depth times the slope (1e-11 N): with room
+    assert series.contact_force[1:] == pytest.approx(kelvin_voigt(depth[1:], rates(depth)), abs=1e-8)
+
+
+def test_in_a_concave_circle_the_rate_is_that_of_the_ticks_end() -> None:
+    large = 0.08
+    height = large - np.sqrt((large - RADIUS + 3e-4 + 4e-4 * np.sin(47.0 * TIME)) ** 2 - AHEAD**2)
+    knee = led("hertz", pair=ContactPair(Circle(RADIUS), Cup(large), FORWARDS))
+    series = knee.run(TIME, TURNS, NONE, height)
+    # The centres are as far apart as the depth says.
+    below = large - height
+    apart = np.hypot(AHEAD, below)
+    # Rounding of terms of 80 mm
+    assert signed(series) == pytest.approx(RADIUS - large + apart, abs=1e-16)
+    rate = (AHEAD[1:] * rates(AHEAD) - below[1:] * rates(height)) / apart[1:]
+    assert series.penetration_rate[1:] == pytest.approx(rate, abs=1e-13)  # rounding of 80 mm over a tick of 1 ms
+    # What a normal that is taken for upright would make of it
+    assert np.abs(rate - AHEAD[1:] / apart[1:] * rates(AHEAD) + rates(height)).max() > 1e-3
+
+
+def test_the_heights_of_a_force_driven_run_give_its_forces() -> None:
+    time = np.arange(0.0, 0.2, 2e-4)
+    angle, load = 0.3 + 0.5 * np.sin(6.0 * time), 700.0 + 400.0 * np.sin(20.0 * time)
+    forced = model(law("kelvin_voigt"), 1e-10).run(time, angle, load)
+    series = led().run(time, angle, load, forced.femoral_height)
+    assert series.penetration_depth == pytest.approx(forced.penetration_depth, abs=1e-17)  # rounding of 34 mm
+    # The height is linear between ticks: its velocity is the mean one of the tick and not that at its end.
+    late = series.penetration_rate[1:] - forced.penetration_rate[1:]
+    assert np.abs(late).max() <= np.abs(np.diff(forced.penetration_rate)).max()
+    # 1e-10 m of tolerance x 3e6 N/m
+    assert series.contact_force[1:] == pytest.approx(forced.contact_force[1:] + DAMPING * late, abs=3e-4)
+
+
+@pytest.mark.parametrize("name", ["hunt_crossley", "flores"])
+def test_the_speed_at_touch_is_remembered(name: str) -> None:
+    speed, knee = 0.035, led(name, least_impact_speed=1e-3)
+    depth = np.minimum(speed * (TIME - 0.0105), 4e-4)  # comes down, touches between two ticks, and stops
+    series = knee.run(TIME, NONE, NONE, pressed(depth))
+    expected = [knee.law.force_at(*row, speed)[0] for row in zip(depth[1:], rates(depth), strict=True)]
+    inside = depth[1:] > 0.0
+    # Rounding of heights of 34 mm over a tick (1e-14 m/s) against 0.035 m/s, and of the depth against 1e-5 m
+    assert series.contact_force[1:][inside] == pytest.approx(np.array(expected)[inside], rel=1e-9)
+    # Each touch has its own: (tick, the tick that touched): 0.03 m/s first, then 0.06 m/s, which lasts.
+    depth, time = np.array([-1e-4, 2e-4, -1e-4, 5e-4, 6e-4]), 1e-2 * np.arange(5.0)
+    series, speeds = knee.run(time, np.zeros(5), np.zeros(5), pressed(depth)), np.diff(depth) / np.diff(time)
+    for tick, touched in ((1, 1), (3, 3), (4, 3)):
+        force = knee.law.force_at(depth[tick], speeds[tick - 1], speeds[touched - 1])[0]
+        # Rounding of heights of 34 mm over a tick (7e-16 m/s) against 0.01 m/s, and of the depth against 0.2 mm
+        assert series.contact_force[tick] == pytest.approx(force, rel=1e-11)
+    assert (series.contact_force[[0, 2]] == 0.0).all()
+
+
+@pytest.mark.parametrize("name", ["hunt_crossley", "flores"])
+def test_the_impact_speed_is_that_of_the_touch_and_not_of_the_ticks_end(name: str) -> None:
+    # An ellipse that turns over its plateau by 0.5 rad in one tick: its surface comes down ever more slowly.
+    geometry, begin, turn, duration = ellipse(320), 0.6, 0.5, 0.02
+    height = geometry.support(0.8)[0]
+    touch = brentq(lambda angle: geometry.support(angle)[0] - height, begin, begin + turn, xtol=1e-15)
+    speed, rate = (geometry.support(angle)[1] * turn / duration for angle in (touch, begin + turn))
+    assert rate < 0.8 * speed
+    contact_law = law(name, least_impact_speed=1e-3)
+    knee = model(contact_law, geometry=geometry, height_prescribed=True)
+    end = knee.run([0.0, duration], [begin, begin + turn], [0.0, 0.0], [height, height])[-1]
+    expected = contact_law.force_at(geometry.support(begin + turn)[0] - height, rate, speed)[0]
+    assert end.contact_force == pytest.approx(expected, rel=1e-11)  # h to 1e-16 m at a depth of 1 mm
+
+
+@pytest.mark.parametrize("past", [-1e-4, 1e-4])
+def test_the_second_layer_begins_at_its_depth(past: float) -> None:
+    depth, speed = LAYER_DEPTH * (1.0 + past), 0.1
+    heights = pressed(np.array([depth - 1e-3 * speed, depth]))
+    end = led("two_layer_viscoelastic").run([0.0, 1e-3], [0.0, 0.0], [0.0, 0.0], heights)[-1]
+    spring = STIFFNESS * min(depth, LAYER_DEPTH) ** 1.5 + 3.112e9 * max(depth - LAYER_DEPTH, 0.0) ** 1.5
+    dashpot = DAMPING * speed if past > 0.0 else 0.0  # 500 N, in the second layer only
+    # Rounding of heights of 34 mm times the slope (3e-12 N) and, over a tick, times the dashpot (7e-11 N)
+    assert end.contact_force == pytest.approx(spring + dashpot, abs=1e-9)
+    assert end.contact_state == (ContactState.BONE if past > 0.0 else ContactState.CARTILAGE)
+
+
+def test_the_drives_are_not_mixed_up() -> None:
+    heights, knee = pressed(3e-4 + 4e-4 * np.sin(47.0 * TIME)), led("gonthier")
+    rows = zip(TIME.tolist(), NONE.tolist(), NONE.tolist(), heights.tolist(), strict=True)
+    stream = knee.stream()
+    assert b"".join(stream.tick(*row).tobytes() for row in rows) == knee.run(TIME, NONE, NONE, heights).tobytes()
+    force = model(law("hertz"))
+    for run, words in (
+        (lambda: knee.run(TIME, NONE, NONE), "drive displacement needs a femoral_height"),
+        (lambda: force.run(TIME, NONE, NONE, heights), "drive force takes no femoral_height"),
+        (lambda: knee.stream().tick(0.0, 0.0, 0.0), "drive displacement needs a femoral_height"),
+        (lambda: force.stream().tick(0.0, 0.0, 0.0, 0.03), "drive force takes no femoral_height"),
+        (lambda: knee.stream().tick(0.0, 0.0, 0.0, math.nan), "finite"),
+        (lambda: knee.stream().tick(0.0, 0.0, 0.0, 34.0), "must not exceed"),
+        (lambda: knee.run(TIME, NONE, NONE, heights[:-1]), "equal length"),
+        (lambda: knee.run(TIME, NONE, NONE, 1e3 * heights), "must not exceed"),
+    ):
+        with pytest.raises(ValueError, match=words):
+            run()

@@ -1,0 +1,375 @@
+"""Forward dynamics from tick to tick: exact cases, impacts, flights, rebounds, layers, and how it converges.
+
+Impacts under the laws that remember the speed of first touch have closed forms. With w = δ̇/v₀ the motion
+m δ̈ = -K δⁿ (1 + D w) integrates once: w/D - ln(1 + D w)/D² falls by K δⁿ⁺¹/((n + 1) m v₀²).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.integrate import quad, solve_ivp
+from scipy.optimize import brentq
+
+from knee_contact_ros.model import solver
+from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw
+from knee_contact_ros.model.types import Contact, ContactState, Fidelity, Status
+from tests.helpers.scenes import DAMPING, MASS, STIFFNESS, law, model
+from tests.model.scenes import PAIRS, ellipse, fast, signed, thrown
+
+SPEED = 0.3
+TOLERANCE = 1e-10
+TICKS = np.arange(0.0, 0.4, 0.005)
+ANGLE = 0.3 + 0.5 * np.sin(2 * np.pi * TICKS)
+LOAD = 700.0 + 400.0 * np.sin(2 * np.pi * 3.0 * TICKS)
+
+
+def impact(contact_law: ContactLaw, duration: float) -> Contact:
+    """What has become of an impact of 1 kg without load from touch at `SPEED`."""
+    return thrown(model(contact_law, TOLERANCE, mass=1.0), 0.0, SPEED, duration)
+
+
+def stored_energy(contact_law: ContactLaw, depth: float) -> float:
+    """Elastic energy [J] at a depth: the static force summed up over the depth, layer by layer."""
+    borders = [layer.begin for layer in contact_law.layers if layer.begin < depth]
+    parts = itertools.pairwise([*borders, depth])
+    return sum(quad(contact_law.static_force, *part, epsabs=0.0, epsrel=1e-11)[0] for part in parts)
+
+
+def test_hertz_impact_has_its_depth_and_duration_and_gives_all_energy_back() -> None:
+    deepest = (5 * SPEED**2 / (4 * STIFFNESS)) ** 0.4  # m = 1 kg
+    # Hertz 1882: twice the integral of 1/√(1 - x^2.5) from 0 to 1, which is 2.943 (by Beta functions).
+    duration = 0.8 * math.sqrt(math.pi) * math.gamma(0.4) / math.gamma(0.9) * deepest / SPEED
+    assert signed(impact(law("hertz"), 0.5 * duration)) == pytest.approx(deepest, abs=10 * TOLERANCE)
+    parted = impact(law("hertz"), 0.02)
+    # TOLERANCE x natural frequency (about 1.5 SPEED/deepest = 1e3 rad/s) over SPEED is 3e-7; with room
+    assert parted.penetration_rate == pytest.approx(-SPEED, rel=1e-6)
+    # It parted at the end of the contact, and has flown at that speed since.
+    assert 0.02 + signed(parted) / SPEED == pytest.approx(duration, rel=1e-6)
+
+
+def test_linear_kelvin_voigt_impact_is_the_damped_oscillator() -> None:
+    spring, dashpot = 1e6, 400.0
+    linear = law("kelvin_voigt", stiffness=spring, exponent=1.0, damping=dashpot)
+    decay, t = dashpot / 2, 1e-3
+    frequency = math.sqrt(spring - decay**2)
+    exact = SPEED / frequency * math.exp(-decay * t) * math.sin(frequency * t)
+    assert signed(impact(linear, t)) == pytest.approx(exact, abs=10 * TOLERANCE)
+    # The force ends where K δ + C δ̇ = 0, at tan(ω t) = -2 decay ω / (ω² - decay²); from there the femur flies.
+    ends = (math.pi - math.atan2(2 * decay * frequency, frequency**2 - decay**2)) / frequency
+    cosine, sine = math.cos(frequency * ends), math.sin(frequency * ends)
+    speed = SPEED * math.exp(-decay * ends) * (cosine - decay / frequency * sine)
+    # As above: 1e-10 m times 1e3 rad/s, over 0.1 m/s
+    assert impact(linear, 0.02).penetration_rate == pytest.approx(speed, rel=1e-6)
+    # That may pull, it goes on swinging.
+    swings = thrown(model(linear, TOLERANCE, mass=1.0, allow_tension=True), 1e-5, -SPEED, 1e-6)
+    assert swings.contact_force < 0.0 == thrown(model(linear, TOLERANCE, mass=1.0), 1e-5, -SPEED, 1e-6).contact_force
+
+
+@pytest.mark.parametrize("damping", [0.0, 2e3, 4e4])
+@pytest.mark.parametrize("duration", [1e-4, 4e-3, 0.05])
+def test_a_linear_contact_that_may_pull_is_the_damped_oscillator(damping: float, duration: float) -> None:
+    """Swinging and creeping, by explicit and by implicit steps; at rest it lies at 0.2 mm."""
+    mass, spring, rest = 2.0, 4e6, 2e-4
+    linear = law("kelvin_voigt", stiffness=spring, exponent=1.0, damping=damping)
+    knee = model(linear, TOLERANCE, mass=mass, allow_tension=True)
+    motion = np.array([[0.0, 1.0], [-spring / mass, -damping / mass]])
+    values, vectors = np.linalg.eig(motion)
+    away = (vectors @ np.diag(np.exp(values * duration)) @ np.linalg.inv(vectors) @ [1e-4, 0.02]).real
+    found = thrown(knee, rest + 1e-4, 0.02, duration, load=spring * rest)
+    assert abs(signed(found) - rest - away[0]) <= found.error_estimate <= TOLERANCE
+    # The tolerance times spring and dashpot
+    force = spring * (rest + away[0]) + damping * away[1]
+    assert abs(found.contact_force - force) <= found.force_error_estimate + 1e-9 * spring * rest
+
+
+@pytest.mark.parametrize(("load", "load_rate"), [(-50.0, 0.0), (300.0, -2e4), (-20.0, 5e3)])
+def test_a_flight_is_a_parabola(load: float, load_rate: float) -> None:
+    knee, h, mass = model(law("kelvin_voigt"), mass=2.0), 0.01, 2.0
+    begins = thrown(knee, -5e-2, -0.4, h, load=load)
+    assert signed(begins) == pytest.approx(-5e-2 - 0.4 * h + 0.5 * load / mass * h**2, abs=1e-16)  # rounding of 0.1 m
+    assert begins.evaluations == 0
+    # thrown off by a jump of the load, it flies on while the load changes
+    time = h * np.arange(4.0)
+    series = knee.run(time, 0.0 * time, [100.0, -1e3, load, load + load_rate * h])
+    rate, fall = series.penetration_rate[2], load * h**2 / 2 + load_rate * h**3 / 6
+    assert signed(series)[3] == pytest.approx(signed(series)[2] + rate * h + fall / mass, abs=1e-15)
+    assert series.penetration_rate[3] == pytest.approx(rate + (load * h + load_rate * h**2 / 2) / mass, abs=1e-13)
+
+
+@pytest.mark.parametrize(("name", "depth", "rate", "load"), [
+    ("two_layer_elastic", 4e-4, 0.5, 0.0), ("two_layer_elastic", 6e-4, -0.5, 0.0),
+    ("two_layer_elastic", 4e-4, 0.5, 2e3),
+    ("hertz", -1e-4, 0.5, 0.0), ("hertz", -1e-4, 0.5, 900.0), ("elastic_foundation", 1e-4, 0.5, 300.0),
+])  # fmt: skip
+def test_undamped_the_energy_tells_the_speed_on_both_sides_of_a_layer(
+    name: str, depth: float, rate: float, load: float
+) -> None:
+    for duration in (1e-4, 5e-4, 3e-3):
+        found = thrown(model(law(name), TOLERANCE, mass=1.0), depth, rate, duration, load)
+        before = stored_energy(law(name), depth) + 0.5 * rate**2 - load * depth
+        after = stored_energy(law(name), signed(found)) + 0.5 * found.penetration_rate**2 - load * signed(found)
+        # An error of TOLERANCE in depth is worth TOLERANCE x force (2 kN at most here), and as much in speed.
+        assert after == pytest.approx(before, abs=10 * TOLERANCE * 2e3)
+
+
+@pytest.mark.parametrize("name", CONTACT_LAWS)
+@settings(deadline=None, max_examples=25)
+@given(
+    depth=st.floats(-1e-3, 1e-3), rate=st.floats(-1.0, 1.0), mass=st.floats(0.1, 100.0), duration=st.floats(1e-4, 0.02)
+)
+def test_without_load_no_energy_is_made(name: str, depth: float, rate: float, mass: float, duration: float) -> None:
+    contact_law = law(name)
+    result = thrown(model(contact_law, 1e-9, mass=mass), depth, rate, duration)
+    before = stored_energy(contact_law, depth) + 0.5 * mass * rate**2
+    after = stored_energy(contact_law, signed(result)) + 0.5 * mass * result.penetration_rate**2
+    # An error within the tolerance is worth tolerance x force in depth, and as much again in speed.
+    assert after <= before + 2e-9 * contact_law.static_force(5e-3)
+    assert result.contact_force >= 0.0
+    assert result.fidelity == Fidelity.DYNAMIC
+
+
+def test_a_state_on_the_boundary_goes_where_it_moves() -> None:
+    knee = model(law("kelvin_voigt"), TOLERANCE, mass=1.0)
+    assert signed(thrown(knee, 0.0, -SPEED, 1e-3)) == pytest.approx(-SPEED * 1e-3, rel=1e-12)  # rounding
+    assert signed(thrown(knee, 0.0, SPEED, 1e-4)) > 0.0
+
+
+LOSSES: dict[str, Callable[[float], float]] = {
+    "hunt_crossley": lambda e: 1.5 * (1.0 - e),
+    "lankarani_nikravesh": lambda e: 0.75 * (1.0 - e**2),
+    "flores": lambda e: 8.0 * (1.0 - e) / (5.0 * e),
+    "gonthier": lambda e: (1.0 - e**2) / e,
+}
+GAP = 1e-6
+
+
+class Impact(NamedTuple):
+    """A free impact: exponent, stiffness [N/m^n], mass [kg] and speed of first touch [m/s]."""
+
+    exponent: float
+    stiffness: float
+    mass: float
+    speed: float
+
+
+IMPACTS = (
+    Impact(1.0, 1e6, 9.3, 0.5), Impact(1.5, 7.905694e7, 1.0, 5.0), Impact(2.0, 1.7e9, 20.0, 0.2),
+    Impact(3.0, 1e12, 0.5, 1.0),
+)  # fmt: skip
+
+
+def delivered_restitution(loss: float) -> float:
+    """Speed after over speed before the impact: the root e of (1 + e) D = ln((1 + D)/(1 - e D))."""
+    end = min(1.0, (1.0 - 1e-14) / loss)
+    return float(brentq(lambda e: (1.0 + e) * loss - math.log((1.0 + loss) / (1.0 - e * loss)), 0.0, end, xtol=1e-14))
+
+
+def largest_depth(loss: float, impact: Impact) -> float:
+    """Depth [m] at which the rate is 0."""
+    exponent, stiffness, mass, speed = impact
+    energy = mass / stiffness * speed**2 * (loss - math.log1p(loss)) / loss**2
+    return ((exponent + 1.0) * energy) ** (1.0 / (exponent + 1.0))
+
+
+class Touch(NamedTuple):
+    """One contact by the reference: when and how deep it was deepest, when it ended and at what speed it parted."""
+
+    deepest_at: float
+    depth: float
+    duration: float
+    parting: float
+
+
+def reference_contact(impact: Impact, loss: float, size: float, load: float = 0.0) -> Touch:
+    """Solve one contact from touch to its end, by SciPy; `size` is the order of its depth [m]."""
+    exponent, stiffness, mass, speed = impact
+
+    def peak(_t: float, y: list[float]) -> float:
+        return y[1]
+
+    def end(_t: float, y: list[float]) -> float:
+        return y[0]
+
+    def motion(_t: float, y: list[float]) -> tuple[float, float]:
+        force = stiffness * max(size * y[0], 0.0) ** exponent * (1.0 + loss * y[1])
+        return y[1], (load - force) * size / (mass * speed**2)
+
+    peak.direction, end.direction, end.terminal = -1.0, -1.0, True  # type: ignore[attr-defined]
+    # Depth in units of `size`, rate in units of `speed`: one absolute tolerance for both.
+    solution = solve_ivp(motion, (0.0, 1e3), (0.0, 1.0), method="DOP853", events=(peak, end), rtol=1e-12, atol=1e-14)
+    (deepest_at,), (duration,) = solution.t_events
+    return Touch(
+        deepest_at * size / speed, solution.y_events[0][0][0] * size, duration * size / speed,
+        -solution.y_events[1][0][1] * speed,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "half", "least", "error"), [
+    ("hunt_crossley", 0.663, 0.9, 0.01), ("lankarani_nikravesh", 0.725, 0.92, 0.01), ("flores", 0.470, 0.1, 0.05),
+    ("flores", 0.470, 0.83, 0.01), ("gonthier", 0.488, 0.1, 0.033),
+])  # fmt: skip
+def test_the_stated_limits_of_validity(name: str, half: float, least: float, error: float) -> None:
+    assert delivered_restitution(LOSSES[name](0.5)) == pytest.approx(half, abs=0.5e-3)  # the last digit
+    for hundredth in range(round(100 * least), 100):
+        restitution = hundredth / 100
+        assert abs(delivered_restitution(LOSSES[name](restitution)) - restitution) < error
+
+
+@pytest.mark.parametrize("restitution", [0.1, 0.5, 0.9])
+@pytest.mark.parametrize("impact", IMPACTS, ids=lambda impact: f"n={impact.exponent:g}")
+@pytest.mark.parametrize("name", LOSSES)
+def test_impacts_deliver_the_closed_forms(name: str, impact: Impact, restitution: float) -> None:
+    loss = LOSSES[name](restitution)
+    delivered, depth = delivered_restitution(loss), largest_depth(loss, impact)
+    reference = reference_contact(impact, loss, depth)
+    # SciPy's relative tolerance of 1e-12 a step
+    assert reference.depth == pytest.approx(depth, rel=1e-9)
+    assert reference.parting / impact.speed == pytest.approx(delivered, rel=1e-8)
+    contact_law = law(name, stiffness=impact.stiffness, exponent=impact.exponent, restitution=restitution)
+    knee = model(contact_law, TOLERANCE, mass=impact.mass)
+
+    def after(contact_time: float) -> Contact:
+        return thrown(knee, -GAP, impact.speed, GAP / impact.speed + contact_time)
+
+    deepest = after(reference.deepest_at)
+    assert abs(signed(deepest) - depth) <= deepest.error_estimate <= TOLERANCE
+    # An error of TOLERANCE in depth is one of TOLERANCE x speed/depth in the rate.
+    assert deepest.penetration_rate == pytest.approx(0.0, abs=TOLERANCE * impact.speed / depth)
+    for share in (0.9, 1.1):
+        assert signed(after(share * reference.deepest_at)) < signed(deepest)
+    apart = after(1.5 * reference.duration)
+    assert signed(apart) < 0.0
+    assert -apart.penetration_rate / impact.speed == pytest.approx(delivered, abs=TOLERANCE / depth)
+
+
+@pytest.mark.parametrize("name", LOSSES)
+def test_a_soft_touch_loses_less(name: str) -> None:
+    # Below the least impact speed of 0.1 m/s the loss falls with the speed.
+    soft = Impact(1.5, STIFFNESS, 1.0, 0.02)
+    loss = LOSSES[name](0.5) * soft.speed / 0.1
+    result = thrown(model(law(name), TOLERANCE, mass=1.0), -GAP, soft.speed, 0.05)
+    assert signed(result) < 0.0
+    expected = delivered_restitution(loss)
+    # As above
+    assert -result.penetration_rate / soft.speed == pytest.approx(expected, abs=TOLERANCE / largest_depth(loss, soft))
+
+
+@pytest.mark.parametrize("name", LOSSES)
+def test_every_touch_has_its_own_speed(name: str) -> None:
+    # A femur of 1 kg falls under 50 N, bounces, and falls again; the flight between is a parabola.
+    load, loss, knee = 50.0, LOSSES[name](0.5), model(law(name), TOLERANCE, mass=1.0)
+    falling = Impact(1.5, STIFFNESS, 1.0, math.sqrt(1.0 + 2.0 * load * GAP))
+    first = reference_contact(falling, loss, 1e-3, load)
+    second = reference_contact(falling._replace(speed=first.parting), loss, 1e-3, load)
+    before = 2.0 * GAP / (1.0 + falling.speed) + first.duration + 2.0 * first.parting / load
+    result = thrown(knee, -GAP, 1.0, before + second.deepest_at, load)
+    # The estimate counts what the first impact leaves in the speed, over the whole flight.
+    assert abs(signed(result) - second.depth) <= result.error_estimate <= 10 * TOLERANCE
+    later = 0.25 * second.parting / load
+    rate = -thrown(knee, -GAP, 1.0, before + second.duration + later, load).penetration_rate
+    assert rate == pytest.approx(second.parting - load * later, abs=TOLERANCE * falling.speed / second.depth)
+
+
+def test_coefficients_satisfy_the_order_conditions() -> None:
+    s = solver
+    explicit = lower([(s.A21,), (s.A31, s.A32), (s.A41, s.A42, s.A43), (s.A51, s.A52, s.A53, s.A54),
+                      (s.A61, s.A62, s.A63, s.A64, s.A65)], 0.0)  # fmt: skip
+    weights = np.array([s.B1, 0.0, s.B3, s.B4, s.B5, 0.0])
+    fifth = weights - np.array([s.E1, 0.0, s.E3, s.E4, s.E5, s.E6])
+    c = np.array([0.0, s.C2, s.C3, s.C4, 1.0, s.C6])
+    implicit = lower([(s.G21,), (s.G31, s.G32), (s.G41, s.G42, s.G43), (s.G51, s.G52, s.G53, s.G54),
+                      (s.G61, 0.0, s.G63, s.G64, s.G65)], s.G)  # fmt: skip
+    d = np.array([0.0, s.D2, s.D3, s.D4, s.D5, 1.0])
+    # Rounding of sums of terms up to 8
+    for a, b, nodes in ((explicit, weights, c), (explicit, fifth, c), (implicit, implicit[5], d)):
+        assert a.sum(axis=1) == pytest.approx(nodes, abs=2e-15)
+        assert residuals(a, b, nodes) == pytest.approx([0.0] * 8, abs=2e-15)
+    a, b = explicit, fifth
+    more = [
+        b @ c**4 - 1 / 5, (b * c**2) @ a @ c - 1 / 10, (b * c) @ a @ c**2 - 1 / 15, (b * c) @ a @ a @ c - 1 / 30,
+        b @ (a @ c) ** 2 - 1 / 20, b @ a @ c**3 - 1 / 20, b @ a @ (c * (a @ c)) - 1 / 40, b @ a @ a @ c**2 - 1 / 60,
+        b @ a @ a @ a @ c - 1 / 120,
+    ]  # fmt: skip
+    assert more == pytest.approx([0.0] * 9, abs=2e-15)
+    # L-stable: the amplification goes to 0 like 1/z. (Beyond 1e6 the linear system loses its digits.)
+    small, smaller = (1 + z * implicit[5] @ np.linalg.solve(np.eye(6) - z * implicit, np.ones(6)) for z in (-1e4, -1e5))
+    assert abs(small) < 0.002
+    assert smaller == pytest.approx(small / 10, rel=0.01)
+    # Where a layer begins, as t^1.5, the difference of the orders is a tenth of the error, in either direction.
+    for way in (c**1.5, (1.0 - c) ** 1.5):
+        true = abs(float(weights @ way) - 0.4)
+        assert solver.SINGULAR * abs(float((weights - fifth) @ way)) == pytest.approx(true, rel=0.4)
+
+
+def lower(rows: list[tuple[float, ...]], diagonal: float) -> np.ndarray:
+    """The matrix of a method's stages, the diagonal of which begins with its second."""
+    a = np.diag([0.0, *5 * (diagonal,)])
+    for i, row in enumerate(rows, start=1):
+        a[i, : len(row)] += row
+    return a
+
+
+def residuals(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> list[float]:
+    """What is left of the conditions of the 4th order."""
+    return [
+        b.sum() - 1, b @ c - 1 / 2, b @ c**2 - 1 / 3, b @ a @ c - 1 / 6, b @ c**3 - 1 / 4,
+        (b * c) @ a @ c - 1 / 8, b @ a @ c**2 - 1 / 12, b @ a @ a @ c - 1 / 24,
+    ]  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", PAIRS)
+@pytest.mark.parametrize("name", CONTACT_LAWS)
+def test_answers_converge_with_the_tolerance(name: str, kind: str) -> None:
+    """Errors stay within the tolerance against a run at 1e-11 m, and cost is what tells tolerances apart."""
+    time = 2e-3 * np.arange(80)
+    angle, load = 0.3 + 0.2 * np.sin(15.0 * time), 700.0 + 500.0 * np.sin(60.0 * time)
+    pair = PAIRS[kind]()
+    exact, *others = (fast(model(law(name), tolerance, pair=pair)).run(time, angle, load)
+                      for tolerance in (1e-11, 1e-5, 1e-7, 1e-9))  # fmt: skip
+    for tolerance, found in zip((1e-5, 1e-7, 1e-9), others, strict=True):
+        error = np.abs(signed(found) - signed(exact))
+        fine = (found.status == Status.OK) & (exact.error_estimate < 0.1 * tolerance)
+        assert error[fine].max(initial=0.0) <= tolerance
+        assert np.mean(error <= found.error_estimate + exact.error_estimate + 1e-14) >= 0.97
+        assert fine.mean() > 0.9 or tolerance == 1e-9
+    costs = [int(found.evaluations.sum()) for found in others]
+    assert costs == sorted(costs)
+
+
+def test_a_general_solver_gives_the_same_knee() -> None:
+    """SciPy on the turning ellipse, restarted at every tick: other method, other formulation."""
+    geometry = ellipse(160)
+    series = model(law("kelvin_voigt"), 1e-9, geometry).run(TICKS, ANGLE, LOAD)
+    depth = (LOAD[0] / STIFFNESS) ** (1 / 1.5)
+    h, slope = geometry.support(ANGLE[0])
+    state = np.array([h - depth, slope * (ANGLE[1] - ANGLE[0]) / (TICKS[1] - TICKS[0])])
+    for i in range(1, len(TICKS)):
+        duration = TICKS[i] - TICKS[i - 1]
+        rate, load_rate = (ANGLE[i] - ANGLE[i - 1]) / duration, (LOAD[i] - LOAD[i - 1]) / duration
+
+        def motion(s: float, z: np.ndarray, i: int = i, rate: float = rate, grows: float = load_rate) -> list[float]:
+            h, slope = geometry.support(ANGLE[i - 1] + rate * s)
+            force = max(STIFFNESS * max(h - z[0], 0.0) ** 1.5 + DAMPING * (slope * rate - z[1]), 0.0)
+            return [z[1], (force - LOAD[i - 1] - grows * s) / MASS]
+
+        state = solve_ivp(motion, (0.0, duration), state, method="DOP853", rtol=1e-10, atol=1e-13).y[:, -1]
+        assert series.femoral_height[i] == pytest.approx(state[0], abs=1e-9)  # the tolerance
+
+
+def test_the_knee_lifts_off_and_lands() -> None:
+    load = np.where((TICKS > 0.1) & (TICKS < 0.2), -80.0, 600.0)
+    series = model(law("kelvin_voigt"), 1e-6).run(TICKS, ANGLE, load)
+    assert {*series.contact_state} == {ContactState.SEPARATED, ContactState.CARTILAGE}
+    assert (series.contact_force[series.contact_state == ContactState.SEPARATED] == 0.0).all()
+    # A knee thrown 5 cm off carries its speed's error along: what exceeds the tolerance is said, and covered.
+    exact = fast(model(law("kelvin_voigt"), 1e-11)).run(TICKS, ANGLE, load)
+    assert np.all(np.abs(series.femoral_height - exact.femoral_height) <= series.error_estimate + 1e-14)
+    assert np.array_equal(series.status == Status.NOT_CONVERGED, series.error_estimate > 1e-6)

@@ -1,0 +1,190 @@
+"""Every law of the table behaves as a contact law must."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from knee_contact_ros.model.laws import (
+    CONTACT_LAWS,
+    ContactLaw,
+    Layer,
+    check,
+    hertz_stiffness,
+    law_force,
+    layer_at,
+    relative_radius,
+)
+from tests import ROOT
+from tests.helpers.scenes import DAMPING, LAYER_DEPTH, STIFFNESS, law
+
+depths = st.floats(1e-9, 5e-3)
+FLOOR = 0.1  # least_impact_speed in LAW_ARGUMENTS
+# D at e = 0.1, 0.5 and 0.9, worked out by hand.
+LOSSES = {
+    "hunt_crossley": (1.35, 0.75, 0.15),
+    "lankarani_nikravesh": (0.7425, 0.5625, 0.1425),
+    "flores": (14.4, 1.6, 8 / 45),
+    "gonthier": (9.9, 1.5, 19 / 90),
+}
+
+
+@pytest.mark.parametrize("name", CONTACT_LAWS)
+def test_every_law_has_a_row_in_the_page_of_the_model(name: str) -> None:
+    assert f"\n| `{name}` |" in (ROOT / "docs" / "model.md").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("name", CONTACT_LAWS)
+@settings(max_examples=40)
+@given(depth=depths, more=depths)
+def test_the_static_force_begins_at_0_grows_with_the_depth_and_does_not_jump(
+    name: str, depth: float, more: float
+) -> None:
+    static = law(name).static_force
+    assert static(0.0) == static(-depth) == 0.0
+    # Below 1e-12 of the depth the difference drowns in rounding.
+    assert more <= 1e-12 * depth or static(depth + more) > static(depth)
+    for layer in law(name).layers[1:]:
+        below, above = (static(layer.begin * (1.0 + side * 1e-12)) for side in (-1, 1))
+        assert above == pytest.approx(below, rel=1e-9)  # the slope over a step of 2e-12
+
+
+@pytest.mark.parametrize("name", CONTACT_LAWS)
+@settings(max_examples=40)
+@given(depth=depths, rate=st.floats(-0.5, 0.5))
+def test_slopes_are_those_of_the_force(name: str, depth: float, rate: float) -> None:
+    check(law(name))
+    for layer, impact_speed in itertools.product(law(name).layers, (0.0, 3.0 * FLOOR)):
+        there = layer.begin + depth
+        value, over_depth, over_rate = layer.force_at(there, rate, impact_speed)
+        step = 1e-4 * depth
+        ahead, behind = (layer.force_at(there + side * step, rate, impact_speed)[0] for side in (1, -1))
+        # Central difference: relative error (step/depth)²/24 x O(1) < 1e-8, and rounding of forces up to 1e6 N.
+        assert over_depth == pytest.approx((ahead - behind) / (2 * step), rel=1e-6, abs=1e-9 / step)
+        assert over_rate >= 0.0
+        assert value + over_rate * 0.3 == pytest.approx(layer.force_at(there, rate + 0.3, impact_speed)[0], rel=1e-9)
+
+
+KELVIN = STIFFNESS * 1e-6  # K δ^1.5 at 0.1 mm
+
+
+@pytest.mark.parametrize(("name", "changes", "number", "depth", "rate", "force"), [
+    ("hertz", {}, 0, 1e-4, 9.0, KELVIN),
+    ("kelvin_voigt", {}, 0, 1e-4, 0.1, KELVIN + 0.1 * DAMPING),
+    ("kelvin_voigt", {"exponent": 1.0, "stiffness": 1e6}, 0, 1e-4, -0.1, 100.0 - 0.1 * DAMPING),
+    ("two_layer_elastic", {}, 1, 6e-4, 0.1, STIFFNESS * LAYER_DEPTH**1.5 + 3.112e9 * 1e-6),
+    ("two_layer_viscoelastic", {}, 0, 1e-4, 0.1, KELVIN),
+    ("two_layer_viscoelastic", {}, 1, 6e-4, 0.1, STIFFNESS * LAYER_DEPTH**1.5 + 3.112e9 * 1e-6 + 0.1 * DAMPING),
+    ("two_layer_viscoelastic", {"damp_first_layer": True}, 0, 1e-4, 0.1, KELVIN + 0.1 * DAMPING),
+    *((name, {"restitution": e}, 0, 1e-4, FLOOR, KELVIN * (1.0 + loss))
+      for name, losses in LOSSES.items() for e, loss in zip((0.1, 0.5, 0.9), losses, strict=True)),
+    *((name, {"restitution": 1.0}, 0, 1e-4, -9.0, KELVIN) for name in LOSSES),
+    *((name, {}, 0, -1e-4, 2.0, 0.0) for name in LOSSES),
+])  # fmt: skip
+def test_values_of_the_formulas(
+    name: str, changes: dict[str, float], number: int, depth: float, rate: float, force: float
+) -> None:
+    # rounding of a power, and of the depth in the second layer against that of the whole contact
+    assert law(name, **changes).layers[number].force_at(depth, rate)[0] == pytest.approx(force, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", LOSSES)
+def test_an_impact_sets_the_damping_down_to_the_least_speed(name: str) -> None:
+    (layer,), loss = law(name).layers, LOSSES[name][1]
+    damping = [layer.force_at(1e-4, 0.0, speed)[2] for speed in (2.0, FLOOR, 0.0, 1e-300, -1.0)]
+    assert damping == pytest.approx([KELVIN * loss / speed for speed in (2.0, *4 * (FLOOR,))], rel=1e-13)  # rounding
+    # It pulls when it parts faster than it can.
+    fastest = 2.0 / loss
+    assert layer.force_at(1e-4, -0.999 * fastest, 2.0)[0] > 0.0
+    force, over_depth, over_rate = layer.force_at(1e-4, -2.0 * fastest, 2.0)
+    assert (force, over_depth) == pytest.approx((-KELVIN, 1.5 * force / 1e-4), rel=1e-13)
+    assert over_rate > 0.0
+
+
+@pytest.mark.parametrize("name", CONTACT_LAWS)
+def test_only_some_laws_remember_the_impact(name: str) -> None:
+    assert law(name).remembers_impact == (name in LOSSES)
+    slow, fast = (law(name).force_at(7e-4, 0.1, speed) for speed in (0.0, 2.0))
+    assert (slow != fast) == (name in LOSSES)
+
+
+def test_a_depth_is_in_the_layer_that_begins_there() -> None:
+    rows = law("two_layer_viscoelastic").rows
+    begins = [(-1e-9, 0), (0.0, 1), (1e-9, 1), (LAYER_DEPTH - 1e-9, 1), (LAYER_DEPTH, 2), (1e3, 2)]
+    assert [layer_at(rows, depth) for depth, _ in begins] == [layer for _, layer in begins]
+    # On the beginning of a layer the force is that of the layer before.
+    assert law_force(rows, 0.0, 0.1, 0.0) == (0.0, 0.0, 0.0)
+    assert law_force(rows, LAYER_DEPTH, 0.1, 0.0)[2] == 0.0
+    assert law_force(rows, LAYER_DEPTH + 1e-12, 0.1, 0.0)[2] == DAMPING
+
+
+def test_the_elastic_foundation_is_the_sum_of_its_springs() -> None:
+    modulus, radius, depth = 24e6 * 0.62 / (1.38 * 0.24), 1.0 / (1.0 / 0.034 - 1.0 / 0.095), 5e-4
+    # Independent of the closed form: rings of springs by the midpoint rule, of error 1/(2 x number)².
+    rings, reach = 1000, math.sqrt(2.0 * radius * depth)
+    width = reach / rings
+    middles = [(ring + 0.5) * width for ring in range(rings)]
+    summed = sum(modulus * (depth - r**2 / (2.0 * radius)) / 4.4e-3 * 2.0 * math.pi * r * width for r in middles)
+    assert law("elastic_foundation").static_force(depth) == pytest.approx(summed, rel=1e-6)
+    assert law("elastic_foundation").static_force(depth) == pytest.approx(424.64, abs=0.005)  # by hand
+    flat = law("elastic_foundation", tibial_radius=math.inf).static_force(depth)
+    assert flat == pytest.approx(math.pi * modulus / 4.4e-3 * 0.034 * depth**2, rel=1e-13)
+
+
+def test_stiffness_of_the_papers_materials() -> None:
+    radius = relative_radius(0.034, 0.095)
+    assert radius == pytest.approx(0.034 * 0.095 / 0.061, rel=1e-14)
+    bone, cartilage = hertz_stiffness(17.2e9, 0.39, radius), hertz_stiffness(24e6, 0.38, radius)
+    # The values' last digits; in N/mm^1.5 the second time
+    assert (bone, cartilage) == (pytest.approx(3.112e9, abs=0.5e6), pytest.approx(4.30e6, abs=0.005e6))
+    assert (bone / 10**4.5, cartilage / 10**4.5) == (pytest.approx(98408, abs=0.5), pytest.approx(136, abs=0.5))
+
+
+@pytest.mark.parametrize(
+    ("femoral", "tibial"), [(0.034, 0.034), (0.095, 0.034), (0.034, -0.095), (0.0, 0.1), (-0.1, 0.1), (0.034, math.nan)]
+)
+def test_radii_that_do_not_fit_are_refused(femoral: float, tibial: float) -> None:
+    refused: list[Callable[[], object]] = [
+        lambda: relative_radius(femoral, tibial),
+        lambda: law("elastic_foundation", femoral_radius=femoral, tibial_radius=tibial),
+    ]
+    for make in refused:
+        with pytest.raises(ValueError, match=r"^0 < femoral radius < tibial radius \(concave\) is needed, got .*$"):
+            make()
+
+
+@pytest.mark.parametrize(("begins", "words"), [
+    ((), "layers must begin at 0 m"), ((1e-4,), "layers must begin at 0 m"), ((0.0, 0.0), "ever deeper"),
+    ((0.0, 2e-4, 1e-4), "ever deeper"), ((0.0, math.nan), "ever deeper"),
+])  # fmt: skip
+def test_layers_out_of_order_are_refused(begins: tuple[float, ...], words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        check(ContactLaw(tuple(Layer(begin, stiffness=1e6) for begin in begins)))
+    check(ContactLaw((Layer(stiffness=1e6), Layer(1e-4, 1.0, 1e7))))
+
+
+@pytest.mark.parametrize(("force_at", "words"), [
+    (lambda depth, rate: (1.0 + 1e6 * depth, 1e6, 0.0), "layer 2 does not begin at the force before it"),
+    (lambda depth, rate: (math.inf if depth > 1e-3 else 1e6 * depth, 1e6, 0.0), "is not finite"),
+    (lambda depth, rate: (1e6 * depth, 2e6, 0.0), "has slopes"),
+    (lambda depth, rate: (1e6 * depth - 5.0 * rate, 1e6, -5.0), "has slopes"),
+    (lambda depth, rate: (1e6 * depth + 5.0 * rate**2, 1e6, 0.0), "is not linear in the rate"),
+])  # fmt: skip
+def test_an_own_formula_that_is_no_law_is_refused(
+    force_at: Callable[[float, float], tuple[float, float, float]], words: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its layer lies on a linear one that ends at 0.1 mm."""
+    own = Layer(1e-4, form=1.0)
+    common = Layer.force_at
+
+    def formula(layer: Layer, depth: float, rate: float, speed: float = 0.0) -> tuple[float, float, float]:
+        return force_at(depth, rate) if layer.form == 1.0 else common(layer, depth, rate, speed)
+
+    monkeypatch.setattr(Layer, "force_at", formula)
+    with pytest.raises(ValueError, match=words):
+        check(ContactLaw((Layer(stiffness=1e6, exponent=1.0), own)))
