@@ -143,7 +143,8 @@ def _pipeline(inner: bool) -> Any:
             for function in self._final_module.functions:
                 if not function.is_declaration and own not in function.name and "_ZN" in function.name:
                     function.linkage = Linkage.internal
-            super()._optimize_final_module()
+            passes, builder = self._codegen._module_pass_manager()  # once: there are no references to count
+            passes.run(self._final_module, builder)
 
     linked = type("Linked", (JITCodeLibrary,), {
         "_optimize_final_module": lambda _: None, "_finalize_final_module": lambda me: setattr(me, "_finalized", True),

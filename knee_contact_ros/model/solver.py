@@ -255,9 +255,17 @@ def load_at(tick: Interval, s: float) -> float:
 def stage_at(knee: Knee, tick: Interval, layer: int, impact: float, s: float, y: float, v: float) -> Stage:
     """Return the contact in a layer at s [s] for a height [m] and a velocity [m/s]; `impact` [m/s] is that of touch."""
     depth, surface_rate, cosine = touch(knee.surfaces, tick.angle + tick.angle_rate * s, tick.angle_rate, y)
-    rate = surface_rate - cosine * v
+    return stage_in(knee, tick, layer, impact, s, depth, surface_rate - cosine * v, surface_rate, cosine)
+
+
+@inlined
+def stage_in(
+    knee: Knee, tick: Interval, layer: int, impact: float, s: float, depth: float, rate: float, surface_rate: float,
+    cosine: float,
+) -> Stage:  # fmt: skip
+    """Return the contact in a layer at s [s] where the surfaces are known to lie: see the fields of `Stage`."""
     force, stiffness, damping = force_at(knee.law, layer, depth, rate, impact)
-    acceleration = (cosine * force - load_at(tick, s)) * knee.per_mass
+    acceleration = (cosine * force - tick.load - tick.load_rate * s) * knee.per_mass
     square = cosine * cosine
     return Stage(depth, rate, force, square * stiffness, square * damping, surface_rate, cosine, acceleration)
 
@@ -471,20 +479,21 @@ def doubled_step(
 @inlined
 def attempt(
     knee: Knee, tick: Interval, layer: int, pressing: bool, impact: float, known: int, s: float, y: float, v: float,
-    h: float, one: Stage, room: int,
+    h: float, one: Stage, radius: float, room: int,
 ) -> Step:  # fmt: skip
     """Compute one step of `h` [s] from the contact `one`, by the method that fits, without error control.
 
-    `known` is the boundary that it is to end on, or `NOWHERE`; `room` limits the evaluations of an implicit step.
+    `known` is the boundary that it is to end on, or `NOWHERE`; `radius` [1/s] is the contact's spectral radius; `room`
+    limits the evaluations of an implicit step.
     """
     if not pressing:
         height, velocity = falls(tick, knee.mass, s, y, v, h)
         end = stage_at(knee, tick, layer, impact, s + h, height, velocity)
         rounding = LAUNCH_ROUNDING * abs(height - y)
         return Step(height, velocity, rounding, 0.0, end, 0.0, 0.0, 0.0, NOWHERE, 1.0, 1, True, False)
-    if spectral_radius(one.stiffness, one.damping, knee.mass) * h <= EXPLICIT:
+    if radius * h <= EXPLICIT:
         return explicit_step(knee, tick, layer, impact, known, s, y, v, h, one)
-    return doubled_step(knee, tick, layer, impact, known, s, y, v, h, one, room)
+    return doubled_step(knee, tick, layer, impact, known, s, y, v, h, one, room - STEP_COST)
 
 
 @in_kernel
@@ -579,10 +588,12 @@ def end_on_boundary(
     step and `NOWHERE` where its end does not confirm the crossing that a stage has shown; or a duration of 0 where it
     goes straight across.
     """
-    enough = tick.rounding if boundary == FORCE else DEPTH_ROUNDING
+    enough, radius = tick.rounding if boundary == FORCE else DEPTH_ROUNDING, 0.0
+    if pressing:
+        radius = spectral_radius(one.stiffness, one.damping, knee.mass)
     inside, last, beyond, used = inside_by(knee, layer, pressing, boundary, before), 0.0, 0.0, 0
     h, shrinking, step = high, 0, attempt(
-        knee, tick, layer, pressing, impact, boundary, s, y, v, high, one, room
+        knee, tick, layer, pressing, impact, boundary, s, y, v, high, one, radius, room
     )  # fmt: skip
     for tried in range(MAX_LOCATE):
         used += step.evaluations
@@ -622,7 +633,7 @@ def end_on_boundary(
             if not low < following < high:
                 break
         h = following
-        step = attempt(knee, tick, layer, pressing, impact, boundary, s, y, v, h, one, room - used)
+        step = attempt(knee, tick, layer, pressing, impact, boundary, s, y, v, h, one, radius, room - used)
     return step, h, boundary, used
 
 
@@ -654,15 +665,15 @@ def fly(
     while t < h and looks < MAX_LOOKS:
         there = min(t + dt, h)
         dt = there - t
-        look = attempt(knee, tick, layer, False, impact, NOWHERE, s, y, v, there, begin, 1).end
+        look = attempt(knee, tick, layer, False, impact, NOWHERE, s, y, v, there, begin, 0.0, 1).end
         looks += 1
         boundary = crossed(knee, tick, layer, False, look, NOWHERE)
         finest = dt <= shortest or not t + 0.5 * dt > t
         if layer > APART:
-            pull = (look.rate - low.rate) / dt
-            change = (low.stiffness * low.rate + low.damping * pull) * (
-                look.stiffness * look.rate + look.damping * pull
-            )
+            # The rate of the force follows from that of the depth and from its acceleration, which the load changes.
+            pull, bent = (look.rate - low.rate) / dt, 0.5 * dt * tick.load_rate * knee.per_mass
+            change = low.stiffness * low.rate + low.damping * (pull - bent)
+            change *= look.stiffness * look.rate + look.damping * (pull + bent)
             safe = finest or min(low.rate * look.rate, change) >= 0.0
             if boundary != NOWHERE:  # the flight may begin on the boundary, and leave it first
                 safe = finest or (safe and inside_by(knee, layer, False, boundary, low) > 0.0)
@@ -739,7 +750,7 @@ def pressed_step(
     if radius * h > EXPLICIT and radius * remaining <= MOST_EXPLICIT * EXPLICIT:
         h = remaining / math.ceil(radius * remaining / EXPLICIT)
     while True:
-        step = attempt(knee, tick, layer, True, impact, NOWHERE, s, y, v, h, begin, room - used)
+        step = attempt(knee, tick, layer, True, impact, NOWHERE, s, y, v, h, begin, radius, room - used)
         used += step.evaluations
         ratio = error_ratio(knee, tick, s, begin, step, h, landed)
         factor = 0.9 / math.sqrt(math.sqrt(max(ratio, 1e-4)))
@@ -749,14 +760,17 @@ def pressed_step(
         if used + STEP_COST >= room or not until + h > until:
             return step, h, NOWHERE, try_step, used, True
     try_step = h * factor if h < remaining else max(try_step, h * factor)
-    while step.boundary != NOWHERE and boundary == NOWHERE:
-        step, h, boundary, extra = end_on_boundary(
-            knee, tick, layer, True, impact, s, y, v, 0.0, step.fraction * h, begin, begin, step.boundary, room - used
-        )
-        used += extra
-        if used + STEP_COST >= room:
-            return step, h, boundary, try_step, used, True
-    return step, h, boundary, try_step, used, False
+    given_up = False
+    while step.boundary != NOWHERE and boundary == NOWHERE and not given_up:
+        given_up = used + STEP_COST >= room
+        if not given_up:
+            step, h, boundary, extra = end_on_boundary(
+                knee, tick, layer, True, impact, s, y, v, 0.0, step.fraction * h, begin, begin, step.boundary,
+                room - used,
+            )  # fmt: skip
+            used += extra
+            given_up = used + STEP_COST >= room
+    return step, h, boundary, try_step, used, given_up
 
 
 @inlined
@@ -798,7 +812,9 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
                 impact, impact_error = stage.rate, velocity_reach(error)
             layer, pressing = layer_at(knee.law, ahead), False
             if layer > APART:
-                stage = stage_at(knee, tick, layer, impact, s, y, v)
+                stage = stage_in(
+                    knee, tick, layer, impact, s, stage.depth, stage.rate, stage.surface_rate, stage.cosine
+                )
                 used += 1
                 pressing = knee.allow_tension or stage.force >= -tick.rounding
         touched = impact if impact > -math.inf else 0.0
@@ -816,7 +832,7 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
             low, high, before, boundary, looks = fly(knee, tick, layer, touched, s, y, v, h, begin)
             given_up = looks >= MAX_LOOKS
             if boundary == NOWHERE:
-                step = attempt(knee, tick, layer, False, touched, NOWHERE, s, y, v, h, begin, 1)
+                step = attempt(knee, tick, layer, False, touched, NOWHERE, s, y, v, h, begin, 0.0, 1)
             else:
                 step, h, boundary, looks = end_on_boundary(
                     knee, tick, layer, False, touched, s, y, v, low, high, begin, before, boundary, most - used
@@ -859,7 +875,7 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
         else:
             layer += 1 if boundary == BELOW else -1
             pressing = False
-        stage = stage_at(knee, tick, layer, touched, s, y, v)
+        stage = stage_in(knee, tick, layer, touched, s, stage.depth, stage.rate, stage.surface_rate, stage.cosine)
         if layer == APART:
             impact = math.nan
         elif boundary != FORCE:

@@ -40,6 +40,9 @@ WIDTH, WIDER = 0.0125, 8.0
 """Width [rad] of that table's columns of angles, and how many times wider those before and behind are"""
 OUTSIDE, INSIDE, FIRST_ANGLE = 100, 272, -0.6
 """Numbers of wide columns on each side and of others between, which begin at `FIRST_ANGLE` [rad]"""
+BEYOND: Floats = WIDER * np.arange(OUTSIDE + 1)
+EDGES: Floats = FIRST_ANGLE + WIDTH * np.concatenate([-BEYOND[:0:-1], np.arange(INSIDE), BEYOND + INSIDE])
+"""Edges of the columns [rad]"""
 SLACK, SLACK_OF_ALL = 0.1, 2e-5
 """How much less deep [m] another place may be in a corner of a cell to be deepest inside: per distance, and always"""
 APART, OUTWARD = 4e-4, 1e-4
@@ -551,8 +554,9 @@ class ContactPair:
         )  # fmt: skip
 
     def table(self) -> dict[str, Floats]:
-        """Return what the kernel has tabulated, as arrays to plot."""
-        return {name: values for name, values in self.surfaces._asdict().items() if isinstance(values, np.ndarray)}
+        """Return what is tabulated, as arrays to plot; on a curved tibia also the edges of the columns [rad]."""
+        arrays = {name: one for name, one in self.surfaces._asdict().items() if isinstance(one, np.ndarray)}
+        return arrays | ({"edges": EDGES} if self.surfaces.kind == ON_CURVE else {})
 
 
 def _starts(femur: Circle | Profile, tibia: Floats, mechanism: Mechanism) -> Table:
@@ -569,9 +573,7 @@ def _starts(femur: Circle | Profile, tibia: Floats, mechanism: Mechanism) -> Tab
     length, _, x0, x1, x2, x3, y0, y1, y2, y3 = cubics[segments].T
     u = length * part / parts
     px, py = x0 + u * (x1 + u * (x2 + u * x3)), y0 + u * (y1 + u * (y2 + u * y3))
-    wide = WIDER * np.arange(OUTSIDE)
-    beyond: Floats = np.append(wide, WIDER * OUTSIDE)
-    angles = FIRST_ANGLE + WIDTH * np.concatenate([-beyond[:0:-1], np.arange(INSIDE), beyond + INSIDE])
+    angles = EDGES
     sine, cosine = (np.sin(angles)[:, None], np.cos(angles)[:, None]) if turns else (0.0, 1.0)
     x = np.array([mechanism.translation(angle)[0] for angle in angles.tolist()])[:, None] + cosine * px - sine * py
     y = sine * px + cosine * py + np.zeros_like(x)
