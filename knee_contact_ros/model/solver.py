@@ -96,6 +96,8 @@ AIRBORNE = 1.25
 """Safety factor on the published error of a flight: it is that of one velocity, and not a mean over many steps"""
 LOOKS, MAX_LOOKS = 16, 4096
 """Least number of looks in a flight through overlapping surfaces, and the largest one in any flight"""
+GRAZE = 1e-5
+"""Part of the tolerance by which a point may graze the other surface unseen between two looks at a flight"""
 FINEST = 1e-6
 """Part of a flight through overlapping surfaces below which two looks are not looked between"""
 MAX_LOCATE = 60
@@ -639,9 +641,10 @@ def end_on_boundary(
 
 @in_kernel
 def fly(
-    knee: Knee, tick: Interval, layer: int, impact: float, s: float, y: float, v: float, h: float, begin: Stage
-) -> tuple[float, float, Stage, int, int]:
-    """Look along a flight of `h` [s] from s [s] on for the first boundary that it meets.
+    knee: Knee, tick: Interval, layer: int, impact: float, s: float, y: float, v: float, h: float, begin: Stage,
+    most: int,
+) -> tuple[float, float, Stage, int, int]:  # fmt: skip
+    """Look along a flight of `h` [s] from s [s] on for the first boundary that it meets, at most `most` times.
 
     Apart, no touch is missed: the signed depth is that of the deepest femoral point, and between two looks, dt apart,
     the depth of no point rises above the chord between those of the deepest ones by more than bend x(1 - x) dt²/2,
@@ -658,11 +661,11 @@ def fly(
     speed += turn * (surfaces.largest_radius + surfaces.largest_slope)
     bend = turn * turn * (surfaces.largest_radius + surfaces.largest_bend) + max(-first, -last, 0.0) / knee.mass
     bend += 2.0 * surfaces.concave * speed * speed
-    longest, shortest = h, 0.0
+    longest, shortest, graze = h, 0.0, max(GRAZE * knee.tolerance, DEPTH_ROUNDING)
     if layer > APART:
         longest, shortest = h / LOOKS, h * FINEST
     t, dt, looks, low = 0.0, longest, 0, begin
-    while t < h and looks < MAX_LOOKS:
+    while t < h and looks < most:
         there = min(t + dt, h)
         dt = there - t
         look = attempt(knee, tick, layer, False, impact, NOWHERE, s, y, v, there, begin, 0.0, 1).end
@@ -679,11 +682,11 @@ def fly(
                 safe = finest or (safe and inside_by(knee, layer, False, boundary, low) > 0.0)
         else:
             bulge, gap, next_gap = 0.5 * bend * dt * dt, -low.depth, -look.depth
-            least, small = min(gap, next_gap), bulge <= DEPTH_ROUNDING
+            least, small = min(gap, next_gap), bulge <= graze
             if bulge > abs(next_gap - gap):  # the parabola's lowest place lies between the two
                 lowest = bulge + gap - next_gap
                 least = gap - lowest * lowest / (4.0 * bulge)
-            safe = finest or small or least >= -DEPTH_ROUNDING
+            safe = finest or small or least >= -graze
             if boundary != NOWHERE:  # the flight may begin on the surface, and leave it first
                 safe = finest or ((small or low.rate >= bend * dt) and (gap > 0.0 or low.rate >= 0.0))
         if safe and boundary != NOWHERE:
@@ -829,15 +832,18 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
             if given_up:
                 break
         else:
-            low, high, before, boundary, looks = fly(knee, tick, layer, touched, s, y, v, h, begin)
-            given_up = looks >= MAX_LOOKS
+            limit = MAX_LOOKS if layer == APART else min(MAX_LOOKS, most - used - STEP_COST)
+            low, high, before, boundary, looks = fly(knee, tick, layer, touched, s, y, v, h, begin, limit)
+            used += looks if layer > APART else 0
+            if looks >= limit:
+                break
             if boundary == NOWHERE:
                 step = attempt(knee, tick, layer, False, touched, NOWHERE, s, y, v, h, begin, 0.0, 1)
             else:
-                step, h, boundary, looks = end_on_boundary(
+                step, h, boundary, extra = end_on_boundary(
                     knee, tick, layer, False, touched, s, y, v, low, high, begin, before, boundary, most - used
                 )
-            used += looks if layer > APART else 0
+                used += extra if layer > APART else 0
         if h > 0.0:
             y, v, stage = step.height, step.velocity, step.end
             if pressing:
