@@ -140,7 +140,7 @@ def test_the_companions_torque_assists_the_knee_that_it_listens_to(tmp_path: Pat
     """Where extensors are needed its torque takes off the load what it takes off their moment."""
     done = run("demo", "--from-sensors", "--companion", "--output", tmp_path)
     assert done.returncode == 0, done.stderr
-    told = re.search(r"largest contact +990.9 N without assistance, ([0-9.]+) N with it", done.stdout)
+    told = re.search(r"largest contact +991.0 N without assistance, ([0-9.]+) N with it", done.stdout)
     assert told
     assert float(told[1]) < 1000.0
     assert "warning             with an actuator's help people pull their muscles" in done.stdout
