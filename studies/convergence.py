@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.model import laws as model_laws
 from knee_contact_ros.model import solver
-from knee_contact_ros.model.error_estimate import EXACT
+from knee_contact_ros.model.error_estimate import EXACT, spectral_radius
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import BEGIN, CONTACT_LAWS, ContactLaw
 from knee_contact_ros.model.mechanisms import hinge
@@ -135,7 +135,8 @@ def ended_on_events(case: Case, steps: int, method: str) -> list[float]:
         """Take a step of the fixed size, or of what is left, and end it on the first boundary that it crosses."""
         size, remaining, boundary = PERIOD / steps, until - s, NOWHERE
         h = remaining if remaining < 1.5 * size else size
-        step = solver.attempt(knee, tick, layer, True, impact, NOWHERE, s, y, v, h, begin, room)
+        radius = spectral_radius(begin.stiffness, begin.damping, knee.mass)
+        step = solver.attempt(knee, tick, layer, True, impact, NOWHERE, s, y, v, h, begin, radius, room)
         while step.boundary != NOWHERE and boundary == NOWHERE:
             high = step.fraction * h
             step, h, boundary, _ = solver.end_on_boundary(

@@ -331,28 +331,17 @@ def check(law: ContactLaw) -> None:
     if not begins or begins[0] != 0.0 or any(not b > a for a, b in pairwise(begins)):
         raise ValueError(f"contact law: layers must begin at 0 m and then ever deeper, got {begins}")
     for number, layer in enumerate(law.layers, start=1):
-        if layer.form == COMMON:
-            continue
-        at_begin, before = layer.force_at(layer.begin, 0.0)[0], 0.0
-        if number > 1:
-            before = law.layers[number - 2].force_at(layer.begin, 0.0)[0]
-        broken = (
-            "" if abs(at_begin - before) <= 1e-9 * max(1.0, abs(before)) else "does not begin at the force before it"
-        )
-        for depth in (layer.begin + beyond for beyond in TRIED):
-            force, stiffness, damping = layer.force_at(depth, 0.0)
-            step = 1e-5 * (depth - layer.begin)
+        before = law.layers[number - 2].force_at(layer.begin, 0.0)[0] if number > 1 else 0.0
+        if layer.form != COMMON and abs(layer.force_at(layer.begin, 0.0)[0] - before) > 1e-9 * max(1.0, abs(before)):
+            raise ValueError(f"contact law: layer {number} does not begin at the force before it")
+        for beyond in TRIED if layer.form != COMMON else ():
+            depth, step = layer.begin + beyond, 1e-5 * beyond
+            (force, stiffness, damping), moving = layer.force_at(depth, 0.0), layer.force_at(depth, 0.1)[0]
             slope = (layer.force_at(depth + step, 0.0)[0] - layer.force_at(depth - step, 0.0)[0]) / (2.0 * step)
-            answer = layer.force_at(depth, 0.1)[0]
-            if not all(map(math.isfinite, (force, stiffness, damping, answer))):
-                broken = f"is not finite at a depth of {depth:g} m"
-            elif stiffness < 0.0 or damping < 0.0 or abs(slope - stiffness) > 1e-3 * (abs(stiffness) + abs(slope)):
-                broken = (
-                    f"has slopes {stiffness:g} N/m and {damping:g} N s/m at {depth:g} m, where its force has {slope:g}"
+            true = abs(slope - stiffness) <= 1e-3 * (abs(stiffness) + abs(slope))
+            linear = abs(moving - force - 0.1 * damping) <= 1e-6 * (abs(force) + abs(moving))
+            if not (true and linear and math.isfinite(moving) and stiffness >= 0.0 and damping >= 0.0):
+                raise ValueError(
+                    f"contact law: layer {number} is not finite, has false or falling slopes ({stiffness:g} N/m where "
+                    f"the force has {slope:g}, {damping:g} N s/m), or is not linear in the rate, at {depth:g} m"
                 )
-            elif abs(answer - force - 0.1 * damping) > 1e-6 * (abs(force) + abs(answer)):
-                broken = f"is not linear in the rate at a depth of {depth:g} m"
-            if broken:
-                break
-        if broken:
-            raise ValueError(f"contact law: layer {number} {broken}")

@@ -40,7 +40,7 @@ WIDTH, WIDER = 0.0125, 8.0
 """Width [rad] of that table's columns of angles, and how many times wider those before and behind are"""
 OUTSIDE, INSIDE, FIRST_ANGLE = 100, 272, -0.6
 """Numbers of wide columns on each side and of others between, which begin at `FIRST_ANGLE` [rad]"""
-BEYOND: Floats = WIDER * np.arange(OUTSIDE + 1)
+BEYOND: Floats = WIDER * np.arange(OUTSIDE + 1, dtype=np.float64)
 EDGES: Floats = FIRST_ANGLE + WIDTH * np.concatenate([-BEYOND[:0:-1], np.arange(INSIDE), BEYOND + INSIDE])
 """Edges of the columns [rad]"""
 SLACK, SLACK_OF_ALL = 0.1, 2e-5

@@ -107,7 +107,7 @@ def run(knee: Knee, state: Floats, samples: Floats, words: Floats, codes: Bytes,
         last_angle, last_load = float(state[ANGLE]), float(state[LOAD])
         fidelity, angle_rate = knee.level, 0.0
         if state[BEGUN] == 0.0:
-            result, fidelity = at_rest(knee, angle, load, height, knee.budget), DYNAMIC
+            result, fidelity = at_rest(knee, angle, load, height, knee.budget, 0), DYNAMIC
         else:
             angle_rate = (angle - last_angle) / duration
             rounding = FORCE_ROUNDING * max(1.0, abs(load), abs(last_load))
@@ -133,39 +133,26 @@ def run(knee: Knee, state: Floats, samples: Floats, words: Floats, codes: Bytes,
                 else:
                     result = advance(knee, tick, start, knee.budget - ANSWER - 3)
                     if not result.converged:
-                        spent = result.evaluations
-                        result = at_rest(knee, angle, load, math.nan, ANSWER - 4)
+                        result = at_rest(knee, angle, load, math.nan, ANSWER - 4, max(1, result.evaluations))
                         fidelity = QUASI_STATIC
-                        result = with_cost(result, spent + result.evaluations, False)
                 if not result.converged or state[LOST] > 0.0:
                     result = remember(knee, tick, state, start, result)
+        femur, error = result.femur, result.femur.error
         state[BEGUN], state[ANGLE], state[LOAD] = 1.0, angle, load
-        write_femur(state, result)
+        state[HEIGHT], state[VELOCITY], state[TRY_STEP] = femur.height, femur.velocity, femur.try_step
+        state[E_HEIGHT], state[E_VELOCITY] = error.height, error.velocity
+        state[E_HH], state[E_HV], state[E_VV] = error.hh, error.hv, error.vv
+        state[IMPACT], state[IMPACT_ERROR] = femur.impact_speed, femur.impact_error
+        state[STIFFNESS], state[SLOPE_DAMPING] = result.stage.stiffness, result.stage.damping
         write_answer(knee, angle, angle_rate, load, fidelity, result, words, codes, counts, i)
 
 
 @in_kernel
-def with_cost(result: Result, evaluations: int, converged: bool) -> Result:
-    """Return a result with another number of evaluations, and whether the tick was resolved."""
-    return Result(
-        result.femur, result.stage, result.force, result.estimate, result.force_estimate, evaluations, converged
-    )
+def at_rest(knee: Knee, angle: float, load: float, height: float, most: int, spent: int) -> Result:
+    """Return the contact at rest, under the load [N] or at the prescribed height [m], by about `most` evaluations.
 
-
-@in_kernel
-def write_femur(state: Floats, result: Result) -> None:
-    """Write what the next tick begins with into the state of a run."""
-    femur, error = result.femur, result.femur.error
-    state[HEIGHT], state[VELOCITY], state[TRY_STEP] = femur.height, femur.velocity, femur.try_step
-    state[E_HEIGHT], state[E_VELOCITY] = error.height, error.velocity
-    state[E_HH], state[E_HV], state[E_VV] = error.hh, error.hv, error.vv
-    state[IMPACT], state[IMPACT_ERROR] = femur.impact_speed, femur.impact_error
-    state[STIFFNESS], state[SLOPE_DAMPING] = result.stage.stiffness, result.stage.damping
-
-
-@in_kernel
-def at_rest(knee: Knee, angle: float, load: float, height: float, most: int) -> Result:
-    """Return the contact at rest, under the load [N] or at the prescribed height [m], by about `most` evaluations."""
+    It answers the first tick of a run, or one that has been given up after it has `spent` some evaluations.
+    """
     if not math.isnan(height):
         depth, _, _ = touch(knee.surfaces, angle, 0.0, height)
         return at_height(knee, height, 0.0, depth, 0.0, 0.0 if depth > 0.0 else math.nan)
@@ -175,7 +162,7 @@ def at_rest(knee: Knee, angle: float, load: float, height: float, most: int) -> 
     square = cosine * cosine
     stage = Stage(depth, 0.0, force, square * stiffness, square * damping, 0.0, cosine, 0.0)
     femur = Femur(height, math.nan, EXACT, math.inf, 0.0, 0.0)
-    return Result(femur, stage, force, 0.0, 0.0, used, True)
+    return Result(femur, stage, force, 0.0, 0.0, spent + used, spent == 0)
 
 
 @in_kernel
