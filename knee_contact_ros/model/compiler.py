@@ -143,7 +143,8 @@ def _pipeline(inner: bool) -> Any:
             for function in self._final_module.functions:
                 if not function.is_declaration and own not in function.name and "_ZN" in function.name:
                     function.linkage = Linkage.internal
-            passes, builder = self._codegen._module_pass_manager()  # once: there are no references to count
+            # Once, as there are no references to count, and without vectors, which gain nothing here.
+            passes, builder = self._codegen._module_pass_manager(loop_vectorize=False, slp_vectorize=False, opt=2)
             passes.run(self._final_module, builder)
 
     linked = type("Linked", (JITCodeLibrary,), {
