@@ -77,7 +77,6 @@ def compiled(entry: Callable[..., Any], example: Sequence[Any]) -> Callable[...,
         _log.warning("knee_contact_ros: Numba cannot be used (%s); the model runs plainly, slowly", _said(error))
         return None
     made, types = twin(entry), tuple(map(numba.typeof, example))
-    made.targetctx.refresh()
     name = f"{stamp(entry)}-{_digest(made.targetctx.codegen().magic_tuple(), types)}{SUFFIX}"
     paths, doubts, refused = [folder / name for folder in folders(entry)], list[str](), list[str]()
     if not any(_done(partial(_load, made), path, doubts) for path in paths if os.path.lexists(path)):
