@@ -764,7 +764,8 @@ def pressed_step(
             return step, h, NOWHERE, try_step, used, True
     try_step = h * factor if h < remaining else max(try_step, h * factor)
     given_up = False
-    while step.boundary != NOWHERE and boundary == NOWHERE and not given_up:
+    # Ended on one boundary, a step may have crossed another before: a dashpot pulls before the surfaces part.
+    while step.boundary not in (NOWHERE, boundary) and h > 0.0 and not given_up:
         given_up = used + STEP_COST >= room
         if not given_up:
             step, h, boundary, extra = end_on_boundary(

@@ -99,6 +99,18 @@ def test_an_undamped_oscillation_shorter_than_the_step_is_not_lost() -> None:
     assert found.error <= 1.0
 
 
+def test_a_dashpot_lets_go_before_the_surfaces_part() -> None:
+    # 0.1 g creeps: it is let go where the load is 0, and flies off by the load alone, at first from rest, in 1.07 ms.
+    arguments = arguments_of("kelvin_voigt", 1e13, 1.0, 1e7)
+    load, mass, tick = (0.0, 2500.0, -300.0), 1e-4, 0.01
+    scene = Scene("kelvin_voigt", arguments, mass, 1e-7, (0.0, tick, 2.0 * tick), (0.3,) * 3, load)
+    last = answers(scene)[-1]
+    rate = 2800.0 / tick
+    flown = rate * (300.0 / rate) ** 3 / (6.0 * mass)
+    assert abs(last.gap - flown) <= scene.tolerance
+    assert not last.status & Status.NOT_CONVERGED
+
+
 @pytest.mark.parametrize("tibia", ["plane", "circle"])
 def test_bumps_of_a_raw_profile_are_not_stepped_across(tibia: str) -> None:
     time, angle = tuple(0.01 * i for i in range(8)), tuple(0.02 * i for i in range(8))
