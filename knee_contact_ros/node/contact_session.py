@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Collection
+from contextlib import AbstractContextManager
 from importlib.util import find_spec
 from typing import Any
 
@@ -32,7 +33,7 @@ from knee_contact_ros.messages.topics import (
     knee_name,
     recorded_topics,
 )
-from knee_contact_ros.model.compiler import kept_files
+from knee_contact_ros.model.compiler import COMPILING, kept_files
 from knee_contact_ros.model.types import ROW, reader
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.node.health import ContactHealth
@@ -137,22 +138,26 @@ class ContactSession(Session):
             url = address(parameters.rerun.port)
             node.get_logger().info(f"the scene is served on this machine at {url}; to see it: knee-contact view {url}")
 
-    def make_ready(self) -> None:
+    def make_ready(self, interrupting: Callable[[], AbstractContextManager[None]]) -> None:
         """Load the compiled model; where that is not possible, the plain one computes.
 
         It is compiled in a process of its own, which can just be killed. A signal in a process that compiles may come
         during a finalizer or a callback from C, where Python drops the exception; or it leaves LLVM's objects half
-        made, which crashes at the end of the process.
+        made, which crashes at the end of the process. A signal that comes while that process is started waits until
+        the process is known: it would go on compiling otherwise.
         """
-        self.node.get_logger().info("making the model ready; if it has to be compiled, once on a machine, for some 8 s")
+        words = f"making the model ready; if it has to be compiled, once on a machine, for some {COMPILING:.0f} s"
+        self.node.get_logger().info(words)
         if find_spec("numba") and not kept_files():
             process = start(output=None, **OWN_GROUP, **python_module("knee_contact_ros.cli.main", "warm"))
             try:
-                process.wait()
+                with interrupting():
+                    process.wait()
             finally:
                 process.kill()
                 process.wait()
-        self.pipeline.compile()
+        with interrupting():
+            self.pipeline.compile()
 
     def stop(self) -> None:
         """Close the inputs, answer what still waits, and show no markers any more."""

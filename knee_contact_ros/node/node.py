@@ -80,7 +80,7 @@ class ManagedNode(LifecycleNode):
             self.session = self.kind.session(self, self.node_parameters.read(), given_by_user(self))
             with self._stop.interrupting():
                 self.session.outputs.wait_until_known()
-                self.session.make_ready()
+            self.session.make_ready(self._stop.interrupting)
             self.node_parameters.user = self.session.retune
         except BaseException:
             self.finish()

@@ -6,6 +6,7 @@ import gc
 import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping, Sequence
+from contextlib import AbstractContextManager
 from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -70,8 +71,8 @@ class Session(ABC):
     def _described(self, parameters: Any) -> Knee:
         """Description for outputs that begin now, with these parameters."""
 
-    def make_ready(self) -> None:  # noqa: B027
-        """Prepare what takes long, such as the compiled model; it may be interrupted."""
+    def make_ready(self, interrupting: Callable[[], AbstractContextManager[None]]) -> None:  # noqa: B027
+        """Prepare what takes long, such as the compiled model; a signal ends it in a block of `interrupting`."""
 
     def _input_streams(
         self,
