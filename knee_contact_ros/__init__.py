@@ -19,15 +19,15 @@ __all__ = [
 ]  # fmt: skip
 
 if TYPE_CHECKING:
-    from knee_contact_ros.cohort.in_memory import sweep
+    from knee_contact_ros.lab.sensitivity import sensitivity
+    from knee_contact_ros.lab.sweep import sweep
+    from knee_contact_ros.lab.uncertainty import uncertainty
     from knee_contact_ros.offline.in_memory import solve
     from knee_contact_ros.offline.load_in_memory import estimate_load
-    from knee_contact_ros.offline.uncertainty.in_memory import uncertainty
     from knee_contact_ros.parameters.build import load_model
     from knee_contact_ros.results import Results
     from knee_contact_ros.system.errors import UsageError
     from knee_contact_ros.tools.calibration.in_memory import calibrate
-    from knee_contact_ros.tools.sensitivity.in_memory import sensitivity
 
 _PLACES = {
     "Results": "results",
@@ -35,10 +35,10 @@ _PLACES = {
     "calibrate": "tools.calibration.in_memory",
     "estimate_load": "offline.load_in_memory",
     "load_model": "parameters.build",
-    "sensitivity": "tools.sensitivity.in_memory",
+    "sensitivity": "lab.sensitivity",
     "solve": "offline.in_memory",
-    "sweep": "cohort.in_memory",
-    "uncertainty": "offline.uncertainty.in_memory",
+    "sweep": "lab.sweep",
+    "uncertainty": "lab.uncertainty",
 }
 
 

@@ -6,7 +6,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
-from knee_contact_ros.cohort.knees import Files, Knees, Recording
+from knee_contact_ros.lab.sweep import Files, Knees, Recording
 from knee_contact_ros.model.types import ROW
 from knee_contact_ros.parameters.reading import load_parameters
 from studies.cohorts.method import TOLERANCE, Method, Run

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from knee_contact_ros import load_model
-from knee_contact_ros.cohort.outcomes import outcomes
+from knee_contact_ros.lab.sweep import outcomes
 from knee_contact_ros.parameters.reading import load_parameters
 from studies.honesty.scenes import Scene
 from studies.honesty.truth import reference

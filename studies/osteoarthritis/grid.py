@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.cohort.study import read_study
+from knee_contact_ros.lab.study import read_study
 from knee_contact_ros.parameters.reading import load_parameters
 
 Floats = NDArray[np.float64]

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 import knee_contact_ros
-from knee_contact_ros.cohort.in_memory import Cohort
+from knee_contact_ros.lab.sweep import Cohort
 from studies.osteoarthritis.grid import ARTHRITIC, BAG, HEALTHY, LAYER, SECOND, SHARE, Floats, Grid
 
 Table = np.recarray[Any, Any]

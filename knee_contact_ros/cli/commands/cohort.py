@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from knee_contact_ros.cli.options import FILE, together
+from knee_contact_ros.system.extras import require
 
 on_workers = together(
     click.option("--workers", type=click.IntRange(1, 1024), help="Processes. [default: one for each processor]"),
@@ -29,7 +30,8 @@ def sweep(study: Path, output: str, workers: int | None, scheduler: str) -> None
     Bags, parameter files and values of a study, all combined: a row of outcomes for each case. A study that was
     stopped, or has grown, goes on where it is.
     """
-    from knee_contact_ros.cohort.command import run_sweep
+    require("sweep", "pyarrow", "distributed", "fsspec")
+    from knee_contact_ros.lab.run_study import run_sweep
 
     run_sweep(study, output, workers or 0, scheduler)
 
@@ -47,6 +49,8 @@ def sensitivity(study: Path, output: str, workers: int | None, scheduler: str) -
     Indices of Sobol or Morris, with intervals, of depth, pressure, bone contact and force: in a page with figures. A
     study is as for sweep, with `sensitivity` (method, n, ranges) in the place of `sample`.
     """
-    from knee_contact_ros.tools.sensitivity.run import run_sensitivity
+    require("sweep", "pyarrow", "distributed", "fsspec", "SALib", "matplotlib")
+    require("report", "jinja2")
+    from knee_contact_ros.lab.sensitivity_page import run_sensitivity
 
     run_sensitivity(study, output, workers or 0, scheduler)

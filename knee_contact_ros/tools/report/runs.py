@@ -11,6 +11,7 @@ from knee_contact_ros import __version__
 from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT, Provenance, read_provenance, with_values
 from knee_contact_ros.bags.recorded_answers import answer_blocks, answer_topics
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names, names_in_bag
+from knee_contact_ros.lab.uncertainty import Propagated
 from knee_contact_ros.messages.topics import (
     KNEE,
     KNEE_CONTACT,
@@ -23,7 +24,6 @@ from knee_contact_ros.messages.topics import (
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import read_refused
-from knee_contact_ros.offline.uncertainty.propagation import Propagated
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.curves import curve_texts
 from knee_contact_ros.parameters.lateral import answering

@@ -11,11 +11,17 @@ import numpy as np
 
 from knee_contact_ros.bags.provenance import Provenance
 from knee_contact_ros.bags.topic_names import names_in_bag
+from knee_contact_ros.lab.uncertainty import (
+    LEVEL,
+    Propagated,
+    deviations_of,
+    factor,
+    given_in,
+    propagated,
+    read_deviations,
+)
 from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.messages.topics import KNEE, is_lateral, knee_name
-from knee_contact_ros.offline.uncertainty.deviations import deviations_of, read_deviations
-from knee_contact_ros.offline.uncertainty.propagation import LEVEL, Propagated, factor, propagated
-from knee_contact_ros.offline.uncertainty.replay import given_in
 from knee_contact_ros.parameters.lateral import has_both
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.system.errors import UsageError

@@ -1,1 +1,0 @@
-"""Standard deviations of depth and force that follow from those of angle, load, share and constants of the knee."""

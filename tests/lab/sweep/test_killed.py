@@ -1,0 +1,161 @@
+"""Whatever is killed, no finished case is lost: the next run computes the rest, and the table is the same."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from knee_contact_ros.lab.study import read_study
+from knee_contact_ros.system.errors import IncompleteError
+from tests.helpers.disks import remount
+from tests.lab.sweep.studies import Cluster, assert_same, begin, computed, end, left_over, table, wait_until
+
+pytestmark = pytest.mark.xdist_group("cluster of cohorts")
+CASES = 1280
+
+
+@pytest.fixture(scope="module")
+def asked(tmp_path_factory: pytest.TempPathFactory, right_bag: Path) -> Path:
+    """A study of some seconds."""
+    path = tmp_path_factory.mktemp("study") / "study.yaml"
+    path.write_text(
+        f"bags: [{right_bag}]\nvalues: {{fidelity.level: dynamic, fidelity.tolerance: 1.0e-11}}\n"
+        f"sample: {{n: {CASES}, method: sobol, ranges: {{contact.damping: [1.0e3, 1.0e4]}}}}\n"
+    )
+    return path
+
+
+@pytest.fixture(scope="module")
+def expected(asked: Path, cluster: Cluster, tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
+    """Its table, when nothing happens."""
+    folder = tmp_path_factory.mktemp("expected")
+    assert computed(read_study(asked), folder, scheduler=cluster.address).computed == CASES
+    return table(folder)
+
+
+@pytest.fixture
+def own(tmp_path: Path) -> Iterator[Cluster]:
+    """A cluster to be killed."""
+    (tmp_path / "cluster").mkdir()
+    cluster = Cluster(tmp_path / "cluster")
+    cluster.add_worker()
+    yield cluster
+    cluster.close()
+
+
+class Client(threading.Thread):
+    """A client in this process."""
+
+    def __init__(self, asked: Path, folder: Path, address: str) -> None:
+        super().__init__()
+        self.asked, self.folder, self.address = asked, folder, address
+        self.came: Any = None
+        self.start()
+
+    def run(self) -> None:
+        self.came = computed(read_study(self.asked), self.folder, scheduler=self.address)
+
+
+def finished(folder: Path) -> int:
+    """How many files of the table there are."""
+    return len(list(folder.glob("cases-*")))
+
+
+def test_killed_workers(asked: Path, expected: pd.DataFrame, own: Cluster, tmp_path: Path) -> None:
+    client = Client(asked, tmp_path / "out", own.address)
+    for files in sorted(random.sample(range(1, 13), 2)):
+        wait_until(lambda files=files: finished(tmp_path / "out") >= files or not client.is_alive())
+        time.sleep(random.uniform(0.0, 0.1))
+        own.add_worker()
+        end(own.workers[-2])
+    client.join()
+    assert client.came[:3] == (0, CASES, 0)
+    assert_same(table(tmp_path / "out"), expected)
+
+
+def test_a_killed_scheduler(asked: Path, expected: pd.DataFrame, own: Cluster, tmp_path: Path) -> None:
+    client = begin("sweep", str(asked), "--output", str(tmp_path / "out"), "--scheduler", own.address)
+    files = random.randint(1, 10)
+    wait_until(lambda: finished(tmp_path / "out") >= files)
+    end(own.scheduler)
+    said, errors = client.communicate(timeout=60)
+    assert (client.returncode, said) == (1, "")
+    waits = f"knee-contact: warning: scheduler {own.address}: it has no workers yet, and is waited for\n"
+    told = errors.removeprefix(waits)
+    assert told == (
+        "knee-contact: the scheduler is gone; what is finished stays, and the rest is computed by the same command\n"
+    )
+    there = finished(tmp_path / "out")
+    assert there >= files
+    assert len(table(tmp_path / "out")) < CASES
+    own.start_scheduler()
+    own.add_worker()
+    again = computed(read_study(asked), tmp_path / "out", scheduler=own.address)
+    assert again.there >= 40 * files
+    assert again.there + again.computed == CASES
+    assert_same(table(tmp_path / "out"), expected)
+
+
+def test_a_killed_client(asked: Path, expected: pd.DataFrame, cluster: Cluster, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    client = begin("sweep", str(asked), "--output", str(out), "--scheduler", cluster.address)
+    wait_until(lambda: finished(out) >= 2)
+    time.sleep(random.uniform(0.0, 0.5))
+    end(client)
+    again = computed(read_study(asked), out, scheduler=cluster.address)
+    assert again.there >= 80
+    assert again.there + again.computed == CASES
+    assert_same(table(out), expected)
+
+
+def test_a_killed_client_with_workers_of_its_own_leaves_no_process(asked: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    client = begin("sweep", str(asked), "--output", str(out), "--workers", "1")
+    wait_until(lambda: finished(out) >= 2)
+    client.kill()
+    client.communicate()
+    wait_until(lambda: not in_group(client.pid))
+
+
+def test_ctrl_c(asked: Path, expected: pd.DataFrame, cluster: Cluster, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    client = begin("sweep", str(asked), "--output", str(out), "--workers", "2")
+    wait_until(lambda: finished(out) >= 2)
+    os.killpg(client.pid, signal.SIGINT)  # a terminal's Ctrl-C reaches the workers, too
+    said, errors = client.communicate(timeout=60)
+    assert (client.returncode, said, errors.strip()) == (130, "", "knee-contact: interrupted")
+    assert left_over(out) == []
+    wait_until(lambda: not in_group(client.pid))
+    assert 0 < len(table(out)) < CASES
+    computed(read_study(asked), out, scheduler=cluster.address)
+    assert_same(table(out), expected)
+
+
+def in_group(leader: int) -> list[str]:
+    """Processes of a group that still run."""
+    told = subprocess.run(["/bin/ps", "-eo", "pgid,stat,pid"], capture_output=True, text=True, check=True).stdout
+    rows = [line.split() for line in told.splitlines()[1:]]
+    return [pid for group, state, pid in rows if group == str(leader) and not state.startswith("Z")]
+
+
+def test_a_full_disk(asked: Path, expected: pd.DataFrame, cluster: Cluster, small_disk: Path) -> None:
+    remount(small_disk, "size=300k")
+    out = small_disk / "out"
+    with pytest.raises(IncompleteError, match=f"output {out}: No space left on device"):
+        computed(read_study(asked), out, scheduler=cluster.address)
+    wait_until(lambda: not left_over(out))  # what the workers had begun
+    before = len(table(out))
+    assert 0 < before < CASES
+    remount(small_disk, "size=20m")
+    assert computed(read_study(asked), out, scheduler=cluster.address).there >= before
+    assert_same(table(out), expected)

@@ -1,0 +1,212 @@
+"""What a run comes to, beside the plain formulas over its series; and cases computed together beside single runs."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import knee_contact_ros
+from knee_contact_ros.lab.sweep import OUTCOMES, Files, Knees, Recording, compute, knees_in, outcomes
+from knee_contact_ros.model.types import FLAT, ROW, ContactState, Status
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.system.errors import UsageError
+from tests import ROOT
+
+TIME = np.cumsum(np.tile([0.004, 0.006, 0.005], 40))
+ANGLE = 0.4 + 0.3 * np.sin(7.0 * TIME)
+LOAD = np.where((TIME > 0.2) & (TIME < 0.23), -150.0, 1400.0 + 1200.0 * np.sin(13.0 * TIME))
+TWO_LAYERS = {"contact.law": "two_layer_viscoelastic"}
+RESETS = (37, 38, 90)
+
+
+def expected(series: Any, begins: list[int]) -> dict[str, float]:
+    """All outcomes, tick by tick, of a series with its model; runs begin where stated."""
+    readouts = series.readouts
+    found = dict.fromkeys((one.name for one in OUTCOMES), 0.0)
+    for i in range(len(series)):
+        row, before = series[i], series[i - 1]
+        for name, field in (
+            ("peak_force", "contact_force"), ("peak_depth", "penetration_depth"), ("error_bound", "error_estimate"),
+            ("force_error_bound", "force_error_estimate"),
+        ):  # fmt: skip
+            found[name] = max(found[name], float(row[field]))
+        found["peak_pressure"] = max(found["peak_pressure"], float(readouts["peak_pressure"][i]))
+        found["peak_strain"] = max(found["peak_strain"], float(readouts["strain"][i]))
+        found["not_converged"] += bool(row["status"] & Status.NOT_CONVERGED)
+        found["implausible"] += bool(row["status"] & Status.IMPLAUSIBLE)
+        found["ticks"] += 1
+        found["evaluations"] += int(row["evaluations"])
+        if i in begins:
+            continue
+        step = (int(row["stamp"]) - int(before["stamp"])) * 1e-9
+        states = [one["contact_state"] != ContactState.SEPARATED for one in (before, row)]
+        bone = [one["contact_state"] == ContactState.BONE for one in (before, row)]
+        found["impulse"] += step * 0.5 * float(before["contact_force"] + row["contact_force"])
+        found["contact_time"] += step * 0.5 * sum(states)
+        found["bone_time"] += step * 0.5 * sum(bone)
+        rate = float(row["contact_force"] - before["contact_force"]) / step
+        found["peak_loading_rate"] = max(found["peak_loading_rate"], rate)
+        way = [float(row["contact_point"][axis] - before["contact_point"][axis]) for axis in "xy"]
+        found["path_length"] += float(np.hypot(*way)) if all(states) else 0.0
+        slid = [abs(float(one["sliding_velocity"])) for one in (before, row)]
+        found["sliding_distance"] += step * 0.5 * (slid[0] * states[0] + slid[1] * states[1])
+    return found
+
+
+def assert_close(row: Any, formulas: Mapping[str, float]) -> None:
+    """Sums of some hundred numbers, in another order: 1e-12 of them."""
+    for name, value in formulas.items():
+        assert row[name] == pytest.approx(value, rel=1e-12, abs=1e-15), name
+
+
+@pytest.mark.parametrize(
+    "values", [{}, TWO_LAYERS, {"contact.stiffness": 1e7, "translation.mechanism": "ball_and_socket"}]
+)
+def test_outcomes_are_those_of_the_formulas(values: dict[str, Any]) -> None:
+    knee = knee_contact_ros.load_model(["healthy", {"fidelity.budget": 300, "load.compartment": "total"} | values])
+    series = knee.run(TIME, ANGLE, LOAD)
+    steps = np.diff(series["stamp"], prepend=series["stamp"][:1]) * 1e-9
+    (row,) = outcomes(series[None, :], steps, [knee.law], [knee.patch])
+    formulas = expected(series, [0])
+    assert_close(row, formulas)
+    assert formulas["contact_time"] < TIME[-1] - TIME[0]  # it lifts off
+    assert (formulas["bone_time"] > 0.0) == bool(values == TWO_LAYERS)
+
+
+@pytest.mark.parametrize("number", [1, 2, 7, 8, 9, 127, 128, 129, 387, 8200])
+def test_what_a_run_comes_to_has_the_same_bits_however_many_are_beside_it(number: int) -> None:
+    """Sums of numbers are taken in an order of their own (pairwise), which must be that of a single row."""
+    random = np.random.default_rng(number)
+    answers, steps = np.zeros((43, number), ROW), random.uniform(0.001, 0.01, number)
+    for name in (name for name in FLAT.names or () if FLAT[name].kind == "f"):
+        answers.view(FLAT)[name] = random.normal(size=answers.shape) * 1e3
+    answers["contact_state"] = random.integers(0, 3, answers.shape)
+    steps[random.integers(0, number, 3)] = 0.0
+    knee = knee_contact_ros.load_model(TWO_LAYERS)
+    laws, patches = [knee.law] * len(answers), [knee.patch] * len(answers)
+    whole = outcomes(answers, steps, laws, patches)
+    for size in (1, 2, 5, 42):
+        parts = [outcomes(answers[i : i + size], steps, laws[i : i + size], patches[i : i + size])
+                 for i in range(0, len(answers), size)]  # fmt: skip
+        assert np.concatenate(parts).tobytes() == whole.tobytes()
+    weights = 0.5 * (steps + np.append(steps[1:], 0.0))
+    assert whole["impulse"].tolist() == [np.sum(one * weights) for one in answers["contact_force"]]
+
+
+def test_without_radii_that_fit_no_pressure_is_known() -> None:
+    knee = knee_contact_ros.load_model({"contact.tibial_radius": 0.02})
+    series = knee.run(TIME, ANGLE, LOAD)
+    (row,) = outcomes(series[None, :], np.diff(TIME, prepend=TIME[:1]), [knee.law], [knee.patch])
+    assert np.isnan(row["peak_pressure"])
+    assert np.isnan(row["peak_strain"])
+    assert row["peak_force"] > 0.0
+
+
+def bits(rows: Any) -> dict[str, bytes]:
+    """All of answers, but what is between the fields."""
+    flat = np.asarray(rows).view(FLAT)
+    return {name: np.ascontiguousarray(flat[name]).tobytes() for name in FLAT.names or ()}
+
+
+def recording(resets: tuple[int, ...] = ()) -> Recording:
+    """The gait, which begins anew at some ticks."""
+    stamps = np.rint(TIME * 1e9).astype(np.int64)
+    steps = np.diff(stamps, prepend=stamps[:1]) * 1e-9
+    steps[list(resets)] = 0.0
+    return Recording(stamps, steps, ANGLE, LOAD, np.zeros_like(LOAD), np.full(len(TIME), np.nan))
+
+
+@pytest.mark.parametrize("cases_in_all", [0, 10_000_000], ids=["plain", "compiled"])
+@pytest.mark.parametrize("threads", [1, 2])
+def test_cases_have_the_bits_of_single_runs_with_time_resets(cases_in_all: int, threads: int) -> None:
+    base = load_parameters({"load.compartment": "total"})
+    knees = Knees(recording(RESETS), base, Files())
+    cases = [{"contact.damping": value, "fidelity.tolerance": 1e-7} for value in (0.0, 2e3, 5e4)]
+    cases.append({"fidelity.level": "dynamic"})
+    computed = compute(knees, cases, series=True, threads=threads, in_all=cases_in_all)
+    for case, one in zip(cases, computed, strict=True):
+        knee = knee_contact_ros.load_model([{"load.compartment": "total"}, case], compiled=False)
+        parts = [
+            knee.run(TIME[begin:end], ANGLE[begin:end], LOAD[begin:end])
+            for begin, end in zip((0, *RESETS), (*RESETS, len(TIME)), strict=True)
+        ]
+        for part in parts[1:]:
+            part["status"][0] |= Status.TIME_RESET
+        whole = np.concatenate(parts)
+        whole["stamp"] = recording().stamps
+        assert bits(one.series[0]) == bits(whole)
+        series = whole.view(type(parts[0]))
+        series.model = knee
+        assert_close(one.sides[0], expected(series, [0, *RESETS]))
+
+
+def test_both_compartments_are_those_of_solve(right_bag: Path) -> None:
+    values = {"load.share": 0.6, "lateral.contact.damping": 1e3}
+    knees = knees_in(right_bag, load_parameters(["both_compartments", values]), Files())
+    (one,) = compute(knees, [{"contact.stiffness": 5e7}], series=True)
+    medial = knee_contact_ros.solve(right_bag, "both_compartments", values | {"contact.stiffness": 5e7})
+    assert medial.lateral is not None
+    for side, row, alone in zip(one.series, one.sides, (medial, medial.lateral), strict=True):
+        alone["latency"] = 0.0
+        assert bits(side) == bits(alone)
+        assert row["peak_force"] == alone.contact_force.max()
+
+
+def test_from_python_both_compartments_keep_their_series(right_bag: Path) -> None:
+    values = {"contact.damping": [1e3, 5e3]}
+    found = knee_contact_ros.sweep(right_bag, values, "both_compartments", series=True)
+    assert found.series is not None
+    assert found.lateral_series is not None
+    assert found.lateral is not None
+    for i, damping in enumerate(values["contact.damping"]):
+        medial = knee_contact_ros.solve(right_bag, "both_compartments", {"contact.damping": damping})
+        assert medial.lateral is not None
+        for own, alone in ((found.series[i], medial), (found.lateral_series[i], medial.lateral)):
+            alone["latency"] = 0.0
+            assert bits(own) == bits(alone)
+        assert found.lateral.peak_force[i] == medial.lateral.contact_force.max()
+    assert knee_contact_ros.sweep(right_bag, values, "both_compartments").lateral_series is None
+
+
+def test_a_case_that_cannot_be_is_a_case_with_a_reason() -> None:
+    knees = Knees(recording(), load_parameters({"tibia.geometry": "circle"}), Files())
+    computed = compute(knees, [{"tibia.radius": 0.02}, {"tibia.radius": 0.09}])
+    assert "tibia.radius: 0.02 is not allowed" in computed[0].failed
+    assert computed[0].sides == ()
+    assert computed[1].failed == ""
+    assert computed[1].sides[0]["peak_force"] > 0.0
+
+
+@pytest.mark.parametrize("what", ["flexion_angle", "axial_load"])
+def test_what_no_knee_is_given_is_refused_as_in_a_run(what: str) -> None:
+    gait = {"time": TIME, "flexion_angle": ANGLE, "axial_load": LOAD}
+    gait[what] = np.where(TIME > 0.3, 1e30, gait[what])
+    if what == "axial_load":
+        found = knee_contact_ros.sweep(gait, {"contact.damping": [0.0, 1.0]})
+        assert "load 5e+29 N is not allowed" in found.failed[0]
+    else:
+        with pytest.raises(UsageError, match=r"flexion angle 1e\+30 rad is not allowed"):
+            knee_contact_ros.sweep(gait, {"contact.damping": [0.0, 1.0]})
+
+
+def test_from_python_a_bag_gives_what_solve_does(right_bag: Path) -> None:
+    values = {"contact.damping": [1e3, 5e3], "femur.mass": 8.0}
+    found = knee_contact_ros.sweep(right_bag, values, "osteoarthritis", series=True)
+    assert found.series is not None
+    for i, damping in enumerate(values["contact.damping"]):  # type: ignore[arg-type]
+        own = {"contact.damping": damping, "femur.mass": 8.0}
+        alone = knee_contact_ros.solve(right_bag, "osteoarthritis", own, compiled=False)
+        for name in ("stamp", "contact_force", "penetration_depth", "status", "contact_point"):
+            assert found.series[name][i].tobytes() == np.asarray(alone[name]).tobytes(), name
+        assert found.outcomes.peak_force[i] == alone.contact_force.max()
+    assert list(found.to_pandas()["femur.mass"]) == [8.0, 8.0]
+
+
+def test_every_outcome_is_on_the_page() -> None:
+    page = (ROOT / "docs" / "cohorts.md").read_text(encoding="utf-8")
+    for one in OUTCOMES:
+        assert f"| `{one.name}` | {one.unit} |" in page
