@@ -16,13 +16,13 @@ from numpy.typing import NDArray
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw
 from knee_contact_ros.model.mechanisms import hinge, table
-from knee_contact_ros.model.surfaces import Circle, ContactPair, Cup, Plane, SmoothFemur
+from knee_contact_ros.model.surfaces import Circle, ContactPair, Cup, Plane
 from knee_contact_ros.model.ticks import LEVELS
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.tools.work_precision import reference
 from knee_contact_ros.tools.work_precision import reference_femur as femora
 from knee_contact_ros.tools.work_precision import reference_laws as laws
-from studies.ellipse import Ellipse
+from studies.ellipse import Ellipse, SmoothFemur
 from studies.gait import gait
 from studies.report import Section, machine, save
 
@@ -58,7 +58,7 @@ class Knee(NamedTuple):
 TURN = np.linspace(-math.pi, math.pi, 1501)
 FORWARDS = table(TURN, TRANSLATION * np.sin(TURN))
 """Mechanism that carries the femur forwards by `TRANSLATION` x sin(angle); the spline is 5e-14 m off"""
-SMOOTH = SmoothFemur(Ellipse(A, B).support)
+SMOOTH = SmoothFemur(closed_form=Ellipse(A, B).support)
 CIRCLE = Knee(ContactPair(Circle(A), Plane(0.0), hinge()), femora.ByDepth(femora.circle))
 ELLIPSE = Knee(ContactPair(SMOOTH, Plane(0.0), hinge()), femora.ByDepth(femora.ellipse(A, B)))
 SLOPED = Knee(

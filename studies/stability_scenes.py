@@ -15,11 +15,11 @@ from knee_contact_ros.model import ticks
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw
 from knee_contact_ros.model.mechanisms import hinge, parallel_mechanism
-from knee_contact_ros.model.surfaces import Circle, ContactPair, Cup, Plane, Plateau, Profile, SmoothFemur
+from knee_contact_ros.model.surfaces import Circle, ContactPair, Cup, Plane, Plateau, Profile
 from knee_contact_ros.model.ticks import LEVELS
 from knee_contact_ros.model.types import NANOSECOND, Fidelity, blank
 from knee_contact_ros.parameters.schema import Parameters, constants_of
-from studies.ellipse import Ellipse
+from studies.ellipse import Ellipse, SmoothFemur
 
 RADIUS = 0.034
 HALF_AXES = (0.034, 0.028)
@@ -108,7 +108,7 @@ def femur(name: str) -> Circle | Profile | SmoothFemur:
     }
     if name == "circle":
         return Circle(RADIUS)
-    return SmoothFemur(Ellipse(a, b).support) if name == "closed ellipse" else Profile(*profiles[name]())
+    return SmoothFemur(closed_form=Ellipse(a, b).support) if name == "closed ellipse" else Profile(*profiles[name]())
 
 
 DEGENERATE = ("4 points", "zigzag", "nearly straight", "repeated points", "raw")

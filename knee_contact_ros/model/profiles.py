@@ -10,7 +10,6 @@ that a dent between noisy points is never taken for the contact.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any, NamedTuple
@@ -24,8 +23,8 @@ Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 CELLS, DEGREE = 2048, 6
 """Number of cells of the full turn, and degree of their polynomials of h"""
-CLOSE, CLOSE_ENOUGH = 1e-16, 1e-12
-"""Largest error of h' [m] of a polynomial; and the one beyond which a callable is not smooth"""
+CLOSE = 1e-16
+"""Largest error of h' [m] of a polynomial"""
 ARC_POINTS, SHRUNK = 501, 0.5
 """Number of points of a circle's spline, and part of its radius there"""
 PER_RADIAN = CELLS / math.tau
@@ -143,49 +142,6 @@ class Circle:
         return Table(cells, NOWHERE, NOTHING, NOTHING, NOTHING[0])
 
 
-@dataclass(frozen=True)
-class SmoothFemur:
-    """A convex femur in closed form, for a plane tibia: a callable from the angle [rad] to h [m] and h' [m/rad]."""
-
-    support: Callable[[float], tuple[float, float]]
-    knot_spacing = math.inf
-    """As in `Circle`"""
-
-    def __str__(self) -> str:
-        return "smooth femur"
-
-    @property
-    def largest_radius(self) -> float:
-        """Upper bound of the distance [m] of the surface's points from the reference point."""
-        return float(np.hypot(*self.outline().T).max()) * (1.0 + 1e-3)
-
-    def outline(self) -> Floats:
-        """Return points around the femur, shape (n, 2) [m], for drawing."""
-        angles = np.linspace(0.0, math.tau, 181)
-        h, slope = np.array([self.support(angle) for angle in angles.tolist()]).T
-        sine, cosine = np.sin(angles), np.cos(angles)
-        return -np.stack([sine * h + cosine * slope, cosine * h - sine * slope], axis=1)
-
-    @cached_property
-    def on_plane(self) -> Table:
-        """The support function for the kernel.
-
-        Raises:
-            ValueError: it is not smooth.
-        """
-
-        def values(t: Floats) -> Floats:
-            angles = (np.arange(CELLS)[:, None] + 0.5 + t) * (math.tau / CELLS)
-            return np.array([self.support(angle) for angle in angles.ravel().tolist()]).reshape(CELLS, -1, 2)
-
-        tried = values(TRIED)
-        cells, error = _polynomials(values(np.zeros(1))[:, 0, 0], values(NODES)[..., 1], tried[..., 1])
-        wrong = np.abs(cells @ np.vander(TRIED, DEGREE + 1, increasing=True).T - tried[..., 0]).max()
-        if not max(error.max(), wrong) <= CLOSE_ENOUGH:
-            raise ValueError("the support function is not smooth, or its slope is not its derivative")
-        return Table(cells, NOWHERE, NOTHING, NOTHING, NOTHING[0])
-
-
 @dataclass(frozen=True, eq=False)
 class Profile:
     """An open curve through points of the femur frame: x anterior, y superior, origin at the reference point.
@@ -269,7 +225,7 @@ class Profile:
         polynomials = np.full((CELLS, DEGREE + 1), math.nan)
         where, only = cells[alone], segments[alone]
         middle = self._lowest(only, where, np.zeros(1))[0][:, 0]
-        found, error = _polynomials(middle, *(self._lowest(only, where, t)[2] for t in (NODES, TRIED)))
+        found, error = cell_polynomials(middle, *(self._lowest(only, where, t)[2] for t in (NODES, TRIED)))
         polynomials[where[error <= CLOSE]] = found[error <= CLOSE]
         # The place of the lowest point at both edges of each cell
         order = np.lexsort((-h[:, 0], cells)), np.lexsort((-h[:, -1], cells))
@@ -357,7 +313,7 @@ class Profile:
         return bool((least[begin < until] > 0.0).all())
 
 
-def _polynomials(middle: Floats, at_nodes: Floats, tried: Floats) -> tuple[Floats, Floats]:
+def cell_polynomials(middle: Floats, at_nodes: Floats, tried: Floats) -> tuple[Floats, Floats]:
     """Return coefficients of h [m] of cells, shape (n, DEGREE + 1), and their largest errors of h' [m], shape (n,).
 
     `middle` is h in the middle, `at_nodes` and `tried` h' at the places `NODES` and `TRIED` of each cell.

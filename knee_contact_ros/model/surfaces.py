@@ -24,12 +24,11 @@ from knee_contact_ros.model.profiles import (
     Floats,
     Integers,
     Profile,
-    SmoothFemur,
     Table,
     support_at,
 )
 
-__all__ = ["Circle", "Closest", "ContactPair", "Cup", "Plane", "Plateau", "Profile", "SmoothFemur"]
+__all__ = ["Circle", "Closest", "ContactPair", "Cup", "Plane", "Plateau", "Profile"]
 ON_PLANE, IN_CUP, ON_CURVE = 0, 1, 2
 """Kinds of contact pairs"""
 COSINE, SINE = 0.5, math.sqrt(0.75)
@@ -491,7 +490,7 @@ def _rise(pieces: Floats, x: Floats, derivative: int = 0) -> Floats:
     return np.asarray(c1 + u * (2.0 * c2 + u * 3.0 * c3) if derivative else c0 + u * (c1 + u * (c2 + u * c3)))
 
 
-Femur = Circle | Profile | SmoothFemur
+Femur = Circle | Profile
 Tibia = Plane | Cup | Plateau
 
 
@@ -534,8 +533,6 @@ class ContactPair:
         kind, table, pieces, non_convex = IN_CUP, NO_TABLE, NOTHING, False
         if isinstance(tibia, Plane):
             kind, table = ON_PLANE, femur.on_plane
-        elif isinstance(femur, SmoothFemur):
-            raise TypeError("a femur in closed form needs a plane tibia")
         elif isinstance(femur, Profile) or isinstance(tibia, Plateau):
             kind, pieces = ON_CURVE, tibia.pieces
             table = _starts(femur, pieces, mechanism)

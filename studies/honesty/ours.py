@@ -9,16 +9,18 @@ import numpy as np
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS
 from knee_contact_ros.model.mechanisms import hinge
-from knee_contact_ros.model.surfaces import ContactPair, Plane, SmoothFemur
+from knee_contact_ros.model.surfaces import ContactPair, Plane
 from knee_contact_ros.model.ticks import LEVELS
-from studies.ellipse import Ellipse
+from studies.ellipse import Ellipse, SmoothFemur
 from studies.honesty.scenes import Scene
 
 
 def knee(scene: Scene, level: str, tolerance: float, budget: int = 0, force_tolerance: float = 0.0) -> KneeModel:
     """Compiled model of a scene at a level of `LEVELS`; tolerances are in [m] and, unless it is 0, in [N]."""
     return KneeModel(
-        pair=ContactPair(SmoothFemur(Ellipse(*map(float, scene.half_axes)).support), Plane(scene.slope), hinge()),
+        pair=ContactPair(
+            SmoothFemur(closed_form=Ellipse(*map(float, scene.half_axes)).support), Plane(scene.slope), hinge()
+        ),
         law=CONTACT_LAWS[scene.law](**scene.arguments),
         mass=scene.mass,
         tolerance=tolerance,

@@ -17,8 +17,9 @@ import pytest
 
 from knee_contact_ros.model import compiler, surfaces
 from knee_contact_ros.model.mechanisms import hinge, parallel_mechanism
-from knee_contact_ros.model.profiles import CELLS, Circle, Profile, SmoothFemur, lowest_point
+from knee_contact_ros.model.profiles import CELLS, Circle, Profile, lowest_point
 from knee_contact_ros.model.surfaces import Closest, ContactPair, Cup, Plane, Plateau, closest, next_kink, touch
+from studies.ellipse import SmoothFemur
 from tests import ROOT
 from tests.model.brute_force import Femur, above_plane, deepest, in_cup, on_plateau
 
@@ -173,13 +174,13 @@ def test_splines_through_an_ellipse_converge_at_fourth_order() -> None:
     errors = [max(abs(ellipse(n).support(t)[0] - exact(t)[0]) for t in angles) for n in (40, 80, 160)]
     assert min(math.log2(coarse / fine) for coarse, fine in itertools.pairwise(errors)) > 3.7
     assert errors[-1] < 1e-9
-    smooth, fine = ContactPair(SmoothFemur(exact), Plane(), hinge()), ellipse(320)
+    smooth, fine = ContactPair(SmoothFemur(closed_form=exact), Plane(), hinge()), ellipse(320)
     for angle in angles:
         found = smooth.closest(angle, 0.03)
         assert (found.extent, found.turning) == pytest.approx(exact(angle), abs=1e-15)
         assert fine.support(angle)[1] == pytest.approx(exact(angle)[1], abs=1e-8)
     with pytest.raises(ValueError, match="not smooth"):
-        _ = ContactPair(SmoothFemur(lambda t: (abs(math.sin(t)), math.cos(t))), Plane(), hinge()).surfaces
+        _ = ContactPair(SmoothFemur(closed_form=lambda t: (abs(math.sin(t)), math.cos(t))), Plane(), hinge()).surfaces
 
 
 def test_the_arc_goes_on_along_its_end_tangents() -> None:
