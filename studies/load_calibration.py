@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.stats import t as student
 
-from knee_contact_ros.joint_reaction.motion import STILL
-from knee_contact_ros.joint_reaction.sensed import UNKNOWN, Ground, Joints
+from knee_contact_ros.joint_reaction.leg import STILL, UNKNOWN, Ground, Joints
 from knee_contact_ros.offline.sensed import Sensed
 from knee_contact_ros.parameters.load_schema import LOAD_READING
 from knee_contact_ros.tools.calibration.fit import fitted

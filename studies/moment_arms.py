@@ -1,4 +1,4 @@
-"""The moment arms of `joint_reaction/moment_arms.py`, fitted again to an OpenSim model with the muscles of gait2354.
+"""The moment arms of `joint_reaction/muscles.py`, fitted again to an OpenSim model with the muscles of gait2354.
 
 python -m studies.moment_arms MODEL.osim
 """
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 from tabulate import tabulate
 
-from knee_contact_ros.joint_reaction import moment_arms
+from knee_contact_ros.joint_reaction import muscles as moment_arms
 
 Floats = NDArray[np.float64]
 KNEE, ANKLE = "knee_angle_r", "ankle_angle_r"

@@ -1,14 +1,51 @@
-"""Lengths, masses and inertias of a leg from the mass and the height of a person.
+"""What the sensors of a leg measure, how the leg moves, and the net moments that hold it.
 
 Proportions: Winter (2009), Biomechanics and Motor Control of Human Movement, 4th ed., figure 4.1 and table 4.1
 (doi:10.1002/9780470549148): lengths relative to the height, masses to the body's mass, the rest to the segment's
-length. For a single person they may be wrong by a tenth.
+length. For a single person they may be wrong by a tenth. Inverse dynamics: Newton-Euler equations of foot and shank
+in the sagittal plane, from the ground up (chapter 5 there). The hip is assumed to move at a constant velocity: its
+own acceleration, at most a few m/s^2 in walking, is left out.
 """
 
 from __future__ import annotations
 
 import math
+from collections import deque
 from typing import NamedTuple
+
+import numpy as np
+
+Vector = tuple[float, float, float]
+"""A vector with x forward, y up and z to the right"""
+
+
+class Joints(NamedTuple):
+    """Angles of the leg's joints, and torques of actuators there; an angle that is not measured is not a number."""
+
+    flexion: float
+    """Angle of the knee [rad], positive in flexion"""
+    hip: float
+    """Angle of the thigh to the vertical in the sagittal plane [rad], positive when the knee is ahead of the hip"""
+    ankle: float
+    """Angle of the ankle [rad], positive in dorsiflexion, 0 where the foot is at a right angle to the shank"""
+    knee_assistance: float = 0.0
+    """Torque of an actuator at the knee [N m], positive when it extends"""
+    ankle_assistance: float = 0.0
+    """Torque of an actuator at the ankle [N m], positive when it plantarflexes"""
+
+
+class Ground(NamedTuple):
+    """Force and torque that the ground exerts on the foot, in upright axes."""
+
+    force: Vector
+    """Force [N]"""
+    torque: Vector
+    """Torque about the ankle joint [N m]; not a number where it is not measured"""
+
+
+UNKNOWN = float("nan")
+"""A value that is not measured"""
+
 
 GRAVITY = 9.80665
 """Acceleration of gravity [m/s^2]"""
@@ -63,3 +100,211 @@ def leg_of(mass: float, height: float) -> Leg:
         foot_mass, FOOT_CENTRE * forward, FOOT_CENTRE * below,
         foot_mass * (FOOT_GYRATION * math.hypot(forward, below)) ** 2,
     )  # fmt: skip
+
+
+NANOSECOND = 1e-9
+"""Duration [s] of a nanosecond"""
+FEWEST = 4
+"""The least number of samples in the window from which a motion is computed"""
+MOST = 1000
+"""The largest number of samples in the window (7 us): it is divided into so many cells, and of the samples in a cell
+the last one counts"""
+
+
+class Turning(NamedTuple):
+    """Angular velocity and acceleration of a joint, positive where its angle grows."""
+
+    rate: float
+    """Angular velocity [rad/s]"""
+    acceleration: float
+    """Angular acceleration [rad/s^2]"""
+
+
+class Motion(NamedTuple):
+    """Angular velocities and accelerations of the leg's joints."""
+
+    flexion: Turning
+    hip: Turning
+    ankle: Turning
+
+
+STANDING = Turning(0.0, 0.0)
+STILL = Motion(STANDING, STANDING, STANDING)
+
+
+class MotionFilter:
+    """Fits a parabola to the last angles by least squares, and gives its slope at their middle and its curvature.
+
+    So both are half a window late. A window of twice the length has a sixth of the noise in the curvature. The bits
+    depend only on stamps and angles in the window: cells and epochs are those of the clock, and the sums over the rows
+    are computed anew at every stamp.
+    """
+
+    def __init__(self, window: float) -> None:
+        """Take the duration [s] of the samples that the parabola is fitted to; 0: the joints count as still."""
+        self._window = round(window / NANOSECOND)
+        self._cell = -(-self._window // (MOST - 1))
+        self._held: deque[int] = deque()  # stamps in the window
+        self._motion = STILL
+        # A row for each: powers of its time, from the epoch's beginning and in windows, and its angles. New rows go
+        # behind the others; an epoch is as long as a window, and as it begins, what is held moves to the front.
+        self._rows = np.empty((2 * MOST, 6))
+        self._end = self._epoch = 0
+
+    def forget(self) -> None:
+        """Forget all angles."""
+        self._held.clear()
+        self._motion = STILL
+
+    def now(self, stamp: int) -> Motion:
+        """Give the motion at a stamp [ns] not before that of the last angles; still if these are too old by then."""
+        return self._motion if self._held and stamp - self._held[-1] <= self._window else STILL
+
+    def see(self, stamp: int, joints: Joints) -> Motion:
+        """Take the angles measured at a stamp [ns], and give the motion; still until there are enough samples.
+
+        A stamp that is not later than the last one makes the filter forget all angles before.
+        """
+        self._motion = self._seen(stamp, joints)
+        return self._motion
+
+    def _seen(self, stamp: int, joints: Joints) -> Motion:
+        window, cell, held = self._window, self._cell, self._held
+        if window == 0:
+            return STILL
+        if held and stamp <= held[-1]:
+            held.clear()
+        while held and stamp - held[0] > window:
+            held.popleft()
+        if held and stamp // cell == held[-1] // cell:
+            held.pop()
+            self._end -= 1
+        if not held or stamp - self._epoch >= window:
+            self._begin_epoch(stamp - stamp % window)
+        time = (stamp - self._epoch) / window
+        self._rows[self._end] = 1.0, time, time * time, joints.flexion, joints.hip, joints.ankle
+        self._end += 1
+        held.append(stamp)
+        if len(held) < FEWEST or 2 * (stamp - held[0]) < window:
+            return STILL
+        return self._parabola()
+
+    def _begin_epoch(self, epoch: int) -> None:
+        many = len(self._held)
+        angles = self._rows[self._end - many : self._end, 3:]
+        times = (np.array(self._held, dtype=np.int64) - epoch) / self._window
+        self._rows[:many] = np.column_stack([np.ones(many), times, times * times, angles])
+        self._end, self._epoch = many, epoch
+
+    def _parabola(self) -> Motion:
+        """Fit by polynomials that are orthogonal on the stamps: 1, t - mean, t^2 - tilt t - level."""
+        rows, window = self._rows[self._end - len(self._held) : self._end], self._window * NANOSECOND
+        ones, firsts, seconds = (rows[:, :3].T @ rows).tolist()
+        number, first, second = ones[:3]
+        mean = first / number
+        spread = second - mean * first
+        tilt = (seconds[1] - mean * second) / spread
+        level = (second - tilt * first) / number
+        bend = seconds[2] - tilt * seconds[1] - level * second
+        motion = []
+        for one, by_time, by_square in zip(ones[3:], firsts[3:], seconds[3:], strict=True):
+            curvature = (by_square - tilt * by_time - level * one) / bend
+            slope = (by_time - mean * one) / spread + (2.0 * mean - tilt) * curvature
+            known = math.isfinite(slope)
+            motion.append(Turning(slope / window, 2.0 * curvature / (window * window)) if known else STANDING)
+        return Motion(*motion)
+
+
+class NetMoments(NamedTuple):
+    """Net moments of muscles and actuators, and the force and the moment that the knee transmits without muscles."""
+
+    extension: float
+    """Net moment at the knee [N m], positive when it extends"""
+    plantarflexion: float
+    """Net moment at the ankle [N m], positive when it plantarflexes"""
+    compression: float
+    """Force along the tibia at the knee without muscles [N], positive in compression"""
+    frontal: float
+    """Moment about the tibia's x axis that the femur exerts on the tibia at the knee, without muscles [N m]
+
+    z to the right is lateral: the sensors of a left leg are mirrored to this, as its joint reaction is.
+    """
+
+
+class Plane(NamedTuple):
+    """A vector in the sagittal plane: x forward, y up."""
+
+    x: float
+    y: float
+
+    def cross(self, other: Plane) -> float:
+        """Give the z component of the cross product with another vector: the moment of a force on this lever arm."""
+        return self.x * other.y - self.y * other.x
+
+    def plus(self, other: Plane) -> Plane:
+        """Give the sum with another vector."""
+        return Plane(self.x + other.x, self.y + other.y)
+
+    def times(self, factor: float) -> Plane:
+        """Give the product with a factor."""
+        return Plane(self.x * factor, self.y * factor)
+
+    def swung(self, turning: Turning) -> Plane:
+        """Give the acceleration of this arm's end, relative to its beginning, as it turns about that."""
+        square = turning.rate * turning.rate
+        return Plane(
+            -self.y * turning.acceleration - self.x * square, self.x * turning.acceleration - self.y * square
+        )  # fmt: skip
+
+
+UPWARDS = Plane(0.0, GRAVITY)
+"""Acceleration [m/s^2] by which the ground supports a body at rest"""
+
+
+def inclination(joints: Joints) -> float:
+    """Give the angle [rad] of the shank to the vertical, positive when the ankle is ahead of the knee.
+
+    It follows from the hip; where that is not measured, from the ankle, with the foot flat on the ground.
+    """
+    return joints.hip - joints.flexion if math.isfinite(joints.hip) else -joints.ankle
+
+
+def net_moments(leg: Leg, joints: Joints, motion: Motion, ground: Ground) -> NetMoments:
+    """Solve the equations of motion of foot and shank for the moments and forces that hold them.
+
+    Args:
+        leg: Lengths, masses and inertias of the person's leg.
+        joints: Angles, of which hip or ankle must be measured. Without the ankle the foot is at a right angle to the
+            shank, and turns with it.
+        motion: How the joints turn; it counts only where the hip is measured.
+        ground: Force and torque of the ground on the foot; the torque must be measured.
+    """
+    shank = inclination(joints)
+    hip_angle, (bent, hip, turned) = (joints.hip, motion) if math.isfinite(joints.hip) else (0.0, STILL)
+    foot, turned = (shank + joints.ankle, turned) if math.isfinite(joints.ankle) else (shank, STANDING)
+    of_shank = Turning(hip.rate - bent.rate, hip.acceleration - bent.acceleration)
+    of_foot = Turning(of_shank.rate + turned.rate, of_shank.acceleration + turned.acceleration)
+
+    down = Plane(math.sin(shank), -math.cos(shank))
+    to_knee = Plane(math.sin(hip_angle), -math.cos(hip_angle)).times(leg.thigh_length)
+    to_ankle, to_shank_centre = down.times(leg.shank_length), down.times(leg.shank_centre)
+    to_foot_centre = Plane(
+        leg.foot_forward * math.cos(foot) + leg.foot_below * math.sin(foot),
+        leg.foot_forward * math.sin(foot) - leg.foot_below * math.cos(foot),
+    )
+    knee = to_knee.swung(hip).plus(UPWARDS)
+    ankle = knee.plus(to_ankle.swung(of_shank))
+    holds_shank = knee.plus(to_shank_centre.swung(of_shank)).times(leg.shank_mass)
+    holds_foot = ankle.plus(to_foot_centre.swung(of_foot)).times(leg.foot_mass)
+
+    force_x, force_y, force_z = ground.force
+    about_x, about_y, about_z = ground.torque
+    on_foot = holds_foot.plus(Plane(-force_x, -force_y))
+    dorsiflexion = leg.foot_inertia * of_foot.acceleration + to_foot_centre.cross(holds_foot) - about_z
+    extension = dorsiflexion + leg.shank_inertia * of_shank.acceleration
+    extension += to_shank_centre.cross(holds_shank) + to_ankle.cross(on_foot)
+    on_shank = on_foot.plus(holds_shank)
+    compression = on_shank.x * down.x + on_shank.y * down.y
+    about_x = -about_x - to_ankle.y * force_z - leg.knee_offset * force_y
+    about_y = -about_y + to_ankle.x * force_z + leg.knee_offset * force_x
+    return NetMoments(extension, -dorsiflexion, compression, about_x * -down.y + about_y * down.x)

@@ -17,7 +17,7 @@ from rclpy.lifecycle import LifecycleNode
 from sensor_msgs.msg import JointState
 
 from knee_contact_ros.bags.load_provenance import LOAD_PROVENANCE, load_provenance_record
-from knee_contact_ros.joint_reaction.reaction import Level
+from knee_contact_ros.joint_reaction.estimator import Level
 from knee_contact_ros.messages.topics import (
     JOINT_REACTION_FORCE,
     JOINT_STATES,

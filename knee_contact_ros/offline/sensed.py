@@ -8,8 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from knee_contact_ros.bags.topic_names import Names
-from knee_contact_ros.joint_reaction.motion import Motion
-from knee_contact_ros.joint_reaction.sensed import Ground, Joints
+from knee_contact_ros.joint_reaction.leg import Ground, Joints, Motion
 from knee_contact_ros.messages.topics import JOINT_STATES
 from knee_contact_ros.offline.estimate_load import MESSAGES_PER_ADVANCE, leg_pipeline
 from knee_contact_ros.parameters.load_schema import LoadParameters

@@ -6,9 +6,8 @@ from typing import Annotated
 
 from pydantic import AfterValidator, Field
 
-from knee_contact_ros.joint_reaction.estimator import Trust
-from knee_contact_ros.joint_reaction.levels import LEVELS
-from knee_contact_ros.joint_reaction.reaction import Person
+from knee_contact_ros.joint_reaction.estimator import LEVELS, Trust
+from knee_contact_ros.joint_reaction.muscles import Person
 from knee_contact_ros.parameters.declared import NodeReading
 from knee_contact_ros.parameters.limits import OffOrAtLeast, OneOf
 from knee_contact_ros.parameters.sections import Diagnostics, Pairing, Record, Section, frame_name

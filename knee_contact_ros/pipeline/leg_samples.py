@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from knee_contact_ros.joint_reaction.sensed import UNKNOWN, Ground, Joints, Vector
+from knee_contact_ros.joint_reaction.leg import UNKNOWN, Ground, Joints, Vector
 from knee_contact_ros.messages.cdr import JointState, WrenchStamped
 from knee_contact_ros.messages.topics import GROUND_REACTION_FORCE
 from knee_contact_ros.model.knee import LARGEST_ANGLE

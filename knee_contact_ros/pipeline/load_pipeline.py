@@ -8,9 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from knee_contact_ros.joint_reaction.estimator import PACKING, Estimate, Estimator
-from knee_contact_ros.joint_reaction.inverse_dynamics import inclination
-from knee_contact_ros.joint_reaction.motion import Motion, MotionFilter
-from knee_contact_ros.joint_reaction.sensed import Ground, Joints
+from knee_contact_ros.joint_reaction.leg import Ground, Joints, Motion, MotionFilter, inclination
 from knee_contact_ros.messages.answer import Answer, Record
 from knee_contact_ros.messages.answer_out import header
 from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_wrench_stamped

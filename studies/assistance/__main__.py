@@ -10,7 +10,7 @@ import click
 import numpy as np
 
 from knee_contact_ros import load_model
-from knee_contact_ros.joint_reaction.levels import LEVELS
+from knee_contact_ros.joint_reaction.estimator import LEVELS
 from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE
 from knee_contact_ros.offline.demo_sensors import FORCE_LIMIT, LOAD_FILE, RECORDED, largest
 from knee_contact_ros.parameters.load_schema import LOAD_READING

@@ -13,8 +13,7 @@ import knee_contact_ros
 from examples.assist_as_needed import AssistLaw, Settings
 from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.joint_reaction.estimator import Estimator
-from knee_contact_ros.joint_reaction.motion import STILL
-from knee_contact_ros.joint_reaction.sensed import UNKNOWN, Ground, Joints
+from knee_contact_ros.joint_reaction.leg import STILL, UNKNOWN, Ground, Joints
 from knee_contact_ros.messages.stamps import stamp_to_ns
 from knee_contact_ros.messages.topics import GROUND_REACTION_FORCE, JOINT_STATES, LOAD_INPUTS, MESSAGE_TYPES
 from knee_contact_ros.model.knee import KneeModel

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from knee_contact_ros.joint_reaction.levels import LEVELS, Deviation
+from knee_contact_ros.joint_reaction.estimator import LEVELS, Deviation
 from studies.load_validation.fitting import fitted, regression
 from studies.load_validation.walks import DEFAULTS, Constants, Floats, Walk, axial
 

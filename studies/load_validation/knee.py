@@ -11,11 +11,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.joint_reaction.inverse_dynamics import NetMoments
-from knee_contact_ros.joint_reaction.leg import GRAVITY, leg_of
-from knee_contact_ros.joint_reaction.levels import LEVELS
-from knee_contact_ros.joint_reaction.motion import STILL
-from knee_contact_ros.joint_reaction.sensed import UNKNOWN, Ground, Joints
+from knee_contact_ros.joint_reaction.estimator import LEVELS
+from knee_contact_ros.joint_reaction.leg import GRAVITY, STILL, UNKNOWN, Ground, Joints, NetMoments, leg_of
 from studies.load_validation.walks import Flags, Floats, Walk
 from studies.validation.data import BODY_WEIGHT, TRIALS, Measured, read
 

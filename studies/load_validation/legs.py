@@ -15,12 +15,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.joint_reaction.inverse_dynamics import NetMoments
-from knee_contact_ros.joint_reaction.leg import leg_of
-from knee_contact_ros.joint_reaction.levels import LEVELS
-from knee_contact_ros.joint_reaction.motion import MotionFilter
-from knee_contact_ros.joint_reaction.sensed import Ground, Joints
-from knee_contact_ros.offline.gait_files.storage import Storage, read_storage
+from knee_contact_ros.joint_reaction.estimator import LEVELS
+from knee_contact_ros.joint_reaction.leg import Ground, Joints, MotionFilter, NetMoments, leg_of
+from knee_contact_ros.lab.tables import Storage, read_storage
 from studies.load_validation.walks import Floats, Walk
 
 NEEDED = (

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from knee_contact_ros.joint_reaction.estimator import LEVELS
 from knee_contact_ros.joint_reaction.leg import SHANK_LENGTH
-from knee_contact_ros.joint_reaction.levels import LEVELS
 from studies.load_validation.answers import BY_DEFAULT, Answer
 from studies.load_validation.fitting import fitted_together
 from studies.load_validation.legs import HEIGHT, MASS, Leg, nets_in

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from knee_contact_ros.joint_reaction.levels import LEVELS, Deviation
+from knee_contact_ros.joint_reaction.estimator import LEVELS, Deviation
 from studies.load_validation import field
 from studies.load_validation.answers import BY_DEFAULT, FITTED, Answer, answers, lines
 from studies.load_validation.fitting import MOST, fitted_together

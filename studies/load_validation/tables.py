@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from knee_contact_ros.joint_reaction.levels import Deviation
+from knee_contact_ros.joint_reaction.estimator import Deviation
 from studies.load_validation.answers import Answer
 from studies.load_validation.fitting import fitted
 from studies.load_validation.scores import HALVES, Peak, covered, peaks, rms, score

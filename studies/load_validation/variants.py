@@ -8,15 +8,15 @@ from typing import NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.joint_reaction.moment_arms import (
+from knee_contact_ros.joint_reaction.muscles import (
     ACHILLES,
     GASTROCNEMIUS,
     GASTROCNEMIUS_SHARE,
     HAMSTRINGS,
     QUADRICEPS,
     arm,
+    muscles_of,
 )
-from knee_contact_ros.joint_reaction.muscles import muscles_of
 from studies.load_validation.walks import Constants, Floats, Walk
 
 COSINE = math.cos(math.radians(20.0))

@@ -8,9 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.joint_reaction.inverse_dynamics import NetMoments
-from knee_contact_ros.joint_reaction.reaction import Person, reaction_of
-from knee_contact_ros.joint_reaction.sensed import Joints
+from knee_contact_ros.joint_reaction.leg import Joints, NetMoments
+from knee_contact_ros.joint_reaction.muscles import Person, reaction_of
 from knee_contact_ros.parameters.load_schema import PersonParameters
 from studies.validation.data import ON_PLATE
 

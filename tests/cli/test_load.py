@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from knee_contact_ros.cli.main import main
+from knee_contact_ros.joint_reaction.estimator import LEVELS
 from knee_contact_ros.joint_reaction.leg import GRAVITY
-from knee_contact_ros.joint_reaction.levels import LEVELS
 from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.parameters.load_schema import LOAD_READING
 from tests.helpers.needs import HAS_REPORT, needs_viewer

@@ -13,16 +13,16 @@ from knee_contact_ros.bags.recover import Recovery, TopicCount
 from knee_contact_ros.cli import load_table
 from knee_contact_ros.cli.main import main
 from knee_contact_ros.cli.recovery_table import show_recovery
+from knee_contact_ros.lab.opensim import command as show
+from knee_contact_ros.lab.opensim.pipeline import Check as Quality
 from knee_contact_ros.offline import summary_table
 from knee_contact_ros.system.terminal import natural_width
 from knee_contact_ros.tools.latency import report as latency
-from knee_contact_ros.tools.opensim import show
-from knee_contact_ros.tools.opensim.opensim_quality import Check as Quality
 from knee_contact_ros.tools.work_precision import run as trade
 from knee_contact_ros.tools.work_precision.problems import problems
 from tests.helpers.terminals import Terminal
 from tests.helpers.walking import walk, walking_bag
-from tests.tools.opensim.storages import kinematics, reactions
+from tests.lab.opensim.storages import kinematics, reactions
 
 COLUMNS = 80
 MODULES = (summary_table, load_table, show, latency, sys.modules[show_recovery.__module__])

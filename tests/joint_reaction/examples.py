@@ -5,10 +5,8 @@ from __future__ import annotations
 import math
 from random import Random
 
-from knee_contact_ros.joint_reaction.leg import leg_of
-from knee_contact_ros.joint_reaction.motion import STANDING, Motion, Turning
-from knee_contact_ros.joint_reaction.reaction import Person
-from knee_contact_ros.joint_reaction.sensed import Ground, Joints
+from knee_contact_ros.joint_reaction.leg import STANDING, Ground, Joints, Motion, Turning, leg_of
+from knee_contact_ros.joint_reaction.muscles import Person
 
 PERSON = Person(75.0, 1.8, 0.9, 0.2, 0.05)
 LEG = leg_of(PERSON.mass, PERSON.height)

@@ -12,11 +12,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from knee_contact_ros.joint_reaction.estimator import PACKING, Estimate, Estimator, Trust
-from knee_contact_ros.joint_reaction.levels import LEVELS
-from knee_contact_ros.joint_reaction.motion import MotionFilter
-from knee_contact_ros.joint_reaction.reaction import Level, Person
-from knee_contact_ros.joint_reaction.sensed import UNKNOWN, Ground, Joints
+from knee_contact_ros.joint_reaction.estimator import LEVELS, PACKING, Estimate, Estimator, Level, Trust
+from knee_contact_ros.joint_reaction.leg import UNKNOWN, Ground, Joints, MotionFilter
+from knee_contact_ros.joint_reaction.muscles import Person
 from knee_contact_ros.model.types import UNUSABLE, Status
 from tests import ROOT
 from tests.joint_reaction.examples import EPOCH, LEG, MS, PERSON, angles, ground, walking

@@ -10,10 +10,19 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from knee_contact_ros.joint_reaction.inverse_dynamics import NetMoments, inclination, net_moments
-from knee_contact_ros.joint_reaction.leg import Leg, leg_of
-from knee_contact_ros.joint_reaction.motion import Motion, Turning
-from knee_contact_ros.joint_reaction.sensed import UNKNOWN, Ground, Joints, Vector
+from knee_contact_ros.joint_reaction.leg import (
+    UNKNOWN,
+    Ground,
+    Joints,
+    Leg,
+    Motion,
+    NetMoments,
+    Turning,
+    Vector,
+    inclination,
+    leg_of,
+    net_moments,
+)
 from tests.joint_reaction.examples import LEG, STANDING_STILL, angles, ground, motion
 from tests.joint_reaction.lagrange import GRAVITY, Chain, Holds, derivative, place, velocity
 

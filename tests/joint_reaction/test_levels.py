@@ -9,11 +9,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from knee_contact_ros.joint_reaction.inverse_dynamics import net_moments
-from knee_contact_ros.joint_reaction.levels import LEVELS
-from knee_contact_ros.joint_reaction.motion import STANDING
-from knee_contact_ros.joint_reaction.reaction import Level
-from knee_contact_ros.joint_reaction.sensed import UNKNOWN, Ground, Joints
+from knee_contact_ros.joint_reaction.estimator import LEVELS, Level
+from knee_contact_ros.joint_reaction.leg import STANDING, UNKNOWN, Ground, Joints, net_moments
 from tests.joint_reaction.examples import LEG, STANDING_STILL, angles, ground, motion
 
 draws = st.integers(0, 2**32).map(Random)

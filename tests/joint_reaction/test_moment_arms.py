@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from knee_contact_ros.joint_reaction.moment_arms import (
+from knee_contact_ros.joint_reaction.muscles import (
     ACHILLES,
     GASTROCNEMIUS,
     GASTROCNEMIUS_SHARE,

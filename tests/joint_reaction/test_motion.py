@@ -11,8 +11,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from knee_contact_ros.joint_reaction.motion import FEWEST, MOST, STANDING, STILL, Motion, MotionFilter, Turning
-from knee_contact_ros.joint_reaction.sensed import UNKNOWN, Joints
+from knee_contact_ros.joint_reaction.leg import (
+    FEWEST,
+    MOST,
+    STANDING,
+    STILL,
+    UNKNOWN,
+    Joints,
+    Motion,
+    MotionFilter,
+    Turning,
+)
 from tests.joint_reaction.examples import EPOCH, MS, walking
 
 WINDOW = 0.05

@@ -11,8 +11,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from knee_contact_ros.joint_reaction.moment_arms import GASTROCNEMIUS, HAMSTRINGS, QUADRICEPS
-from knee_contact_ros.joint_reaction.muscles import Muscles, gastrocnemius_of, muscles_of
+from knee_contact_ros.joint_reaction.muscles import (
+    GASTROCNEMIUS,
+    HAMSTRINGS,
+    QUADRICEPS,
+    Muscles,
+    gastrocnemius_of,
+    muscles_of,
+)
 
 ROUNDINGS = 1e-12
 """Of the largest moment or force that is added: some of 1e-16"""

@@ -8,9 +8,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from knee_contact_ros.joint_reaction.inverse_dynamics import NetMoments
-from knee_contact_ros.joint_reaction.reaction import Person, reaction_of
-from knee_contact_ros.joint_reaction.sensed import UNKNOWN, Joints
+from knee_contact_ros.joint_reaction.leg import UNKNOWN, Joints, NetMoments
+from knee_contact_ros.joint_reaction.muscles import Person, reaction_of
 from tests.joint_reaction.examples import PERSON
 
 ROUNDINGS = 1e-12

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from knee_contact_ros.joint_reaction.levels import LEVELS
+from knee_contact_ros.joint_reaction.estimator import LEVELS
 from knee_contact_ros.parameters.load_schema import LOAD_READING, LoadParameters, allowed_levels
 from knee_contact_ros.parameters.reading import READING, load_parameters
 from knee_contact_ros.system.errors import UsageError

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from knee_contact_ros.joint_reaction.sensed import Joints
+from knee_contact_ros.joint_reaction.leg import Joints
 from knee_contact_ros.messages.cdr import JointState, WrenchStamped
 from knee_contact_ros.parameters.load_schema import LOAD_READING, GroundForce, LoadParameters
 from knee_contact_ros.pipeline.leg_samples import LARGEST_TORQUE, ground_of, ground_sample, joints_of, leg_sample

@@ -10,8 +10,7 @@ from hypothesis import strategies as st
 from knee_contact_ros.msg import LoadEstimate
 from rclpy.serialization import deserialize_message
 
-from knee_contact_ros.joint_reaction.estimator import Estimate
-from knee_contact_ros.joint_reaction.levels import LEVELS
+from knee_contact_ros.joint_reaction.estimator import LEVELS, Estimate
 from knee_contact_ros.messages.ros_types import deserialize, typestore
 from knee_contact_ros.messages.topics import LOAD_ESTIMATE, MESSAGE_TYPES
 from knee_contact_ros.model.types import UNUSABLE, Status

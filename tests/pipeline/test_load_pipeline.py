@@ -11,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from knee_contact_ros.bags.reader import RawMessage
-from knee_contact_ros.joint_reaction.levels import LEVELS, Deviation
+from knee_contact_ros.joint_reaction.estimator import LEVELS, Deviation
 from knee_contact_ros.messages.cdr import (
     JOINT_STATE,
     WRENCH,

@@ -9,8 +9,8 @@ pytest.importorskip("tabulate", reason="the studies' tables")
 pytest.importorskip("rclpy", reason="the companion's law is in its node")
 
 import knee_contact_ros
-from knee_contact_ros.joint_reaction.levels import LEVELS
-from knee_contact_ros.joint_reaction.moment_arms import QUADRICEPS, arm
+from knee_contact_ros.joint_reaction.estimator import LEVELS
+from knee_contact_ros.joint_reaction.muscles import QUADRICEPS, arm
 from studies.assistance.__main__ import TABLE, TORQUES, cells
 from studies.assistance.walks import FORCE_LIMIT, LAWS, Sample, constant_in_stance, person, sensors, walk
 from tests import ROOT

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from knee_contact_ros.joint_reaction.inverse_dynamics import NetMoments
-from knee_contact_ros.joint_reaction.levels import LEVELS
-from knee_contact_ros.joint_reaction.sensed import UNKNOWN, Joints
+from knee_contact_ros.joint_reaction.estimator import LEVELS
+from knee_contact_ros.joint_reaction.leg import UNKNOWN, Joints, NetMoments
 from tests import ROOT
 
 pytest.importorskip("tabulate", reason="the studies' tables")

@@ -8,10 +8,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.joint_reaction.inverse_dynamics import NetMoments
-from knee_contact_ros.joint_reaction.leg import leg_of
-from knee_contact_ros.joint_reaction.levels import LEVELS, EstimationLevel
-from knee_contact_ros.joint_reaction.reaction import Person, reaction_of
+from knee_contact_ros.joint_reaction.estimator import LEVELS, EstimationLevel
+from knee_contact_ros.joint_reaction.leg import NetMoments, leg_of
+from knee_contact_ros.joint_reaction.muscles import Person, reaction_of
 from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.parameters.declared import all_values
 from knee_contact_ros.parameters.load_schema import LOAD_READING, LoadParameters

@@ -1,0 +1,1 @@
+"""From OpenSim to a gait bag."""

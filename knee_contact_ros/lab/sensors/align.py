@@ -1,0 +1,287 @@
+"""The work of `knee-contact align`: offset, lag and gain of an angle sensor against a reference, with intervals.
+
+The model of the sensor is offset + gain x reference(t - lag). The lag is where both correlate best (least squares with
+a free gain, so that a wrong gain does not bias it), to a fraction of a sample by a cubic spline through the reference;
+the offset is the mean difference then, as parameters correct an offset and no gain. Intervals are from a jackknife over
+stretches of about a second: each is left out once, and the spread of the results gives their error, whatever the
+sensor's errors within a stride are like (Miller 1974, The jackknife - a review, Biometrika 61:1).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from rich import box
+from rich.console import Console
+from rich.table import Table
+from scipy.interpolate import CubicSpline
+from scipy.optimize import minimize_scalar
+from scipy.stats import t as student
+
+from knee_contact_ros.lab.sensors.channels import Series, read_channels, read_map
+from knee_contact_ros.lab.sensors.importing import impossible
+from knee_contact_ros.lab.tables import Floats
+from knee_contact_ros.messages.stamps import NANOSECONDS
+from knee_contact_ros.parameters.reading import values_set_in
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.terminal import WIDTH, say, shown, warn
+
+STRETCH = 1.0
+"""Duration of a stretch that the jackknife leaves out [s]: about a stride"""
+FEWEST, MOST = 4, 60
+"""Smallest and largest number of stretches"""
+ENOUGH = 40
+"""Smallest number of rows in common"""
+MOST_ROWS = 50_000
+"""Largest number of rows that are used; of more rows every second, third and so on is used"""
+ALIKE = 0.8
+"""Correlation below which two angles are not of one knee"""
+MOST_GAIN = 5.0
+"""Largest gain, and inverse of the smallest: soft tissue makes 0.8, degrees taken for radians 57"""
+SURE = 0.95
+
+
+class Estimate(NamedTuple):
+    """Value with its confidence interval."""
+
+    value: float
+    half: float
+    """Half width of the 95 % interval"""
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Lower and upper end of the interval."""
+        return self.value - self.half, self.value + self.half
+
+
+class Alignment(NamedTuple):
+    """Offset, lag and gain of an angle sensor against a reference."""
+
+    offset: Estimate
+    """Offset to be added to the sensor's angle [rad]"""
+    lag: Estimate
+    """Time by which the sensor is late [s]"""
+    gain: Estimate
+    """Ratio of the sensor's motion to that of the reference"""
+    rows: int
+    """Number of rows in common"""
+    stretches: int
+    """Number of stretches of the jackknife"""
+    before: tuple[float, float]
+    """Correlation and RMS difference [rad] of the angles as they are"""
+    after: tuple[float, float]
+    """Correlation and RMS difference [rad] with offset and lag removed"""
+
+
+class Pair:
+    """Rows of a sensor, and a cubic spline through those of the reference."""
+
+    def __init__(self, sensor: Series, reference: Series, max_gap: float) -> None:
+        """Both have the same clock; `rows` leaves out rows in gaps of the reference longer than `max_gap` [s]."""
+        first = reference.stamps[0]
+        self.times: Floats = (sensor.stamps - first) / NANOSECONDS
+        self.values = sensor.values
+        self._known: Floats = (reference.stamps - first) / NANOSECONDS
+        self._curve = CubicSpline(self._known, reference.values)
+        wide = np.diff(self._known) > max_gap
+        self._holes = list(zip(self._known[:-1][wide], self._known[1:][wide], strict=True))
+        self.step = max(float(np.median(np.diff(times))) for times in (self.times, self._known))
+        """Time from row to row of the slower one [s]"""
+
+    def rows(self, least: float, most: float) -> NDArray[np.intp]:
+        """Indices of the sensor's rows that have a reference at every lag from `least` to `most` [s].
+
+        Raises:
+            UsageError: there are fewer than `ENOUGH`.
+        """
+        there = (self.times - most >= self._known[0]) & (self.times - least <= self._known[-1])
+        for begin, end in self._holes:
+            there &= (self.times - least <= begin) | (self.times - most >= end)
+        rows = np.flatnonzero(there)
+        if len(rows) < ENOUGH:
+            raise UsageError(
+                f"angle and reference have {len(rows)} rows in common (with lags from {least:.3g} to {most:.3g} s), "
+                f"and {ENOUGH} are needed"
+            )
+        return rows[:: 1 + len(rows) // MOST_ROWS]
+
+    def reference(self, rows: NDArray[np.intp], lag: float) -> Floats:
+        """Angles of the reference [rad] at rows of the sensor, if that is late by `lag` [s]."""
+        return np.asarray(self._curve(self.times[rows] - lag))
+
+    def correlation(self, rows: NDArray[np.intp], lag: float) -> float:
+        """Correlation of sensor and reference at rows of the sensor, if that is late by `lag` [s]."""
+        return correlation(self.values[rows], self.reference(rows, lag))
+
+    def best(self, rows: NDArray[np.intp], least: float, most: float) -> float:
+        """Lag [s] between `least` and `most` at which they correlate best; there must be a single optimum."""
+        best = minimize_scalar(
+            lambda lag: -self.correlation(rows, lag), bounds=(least, most), method="bounded", options={"xatol": 1e-6}
+        )
+        return float(best.x)
+
+
+def correlation(one: Floats, other: Floats) -> float:
+    """Pearson's correlation coefficient; 0 if one of them is constant."""
+    a, b = one - one.mean(), other - other.mean()
+    scale = math.sqrt(float(a @ a) * float(b @ b))
+    return float(a @ b) / scale if scale > 0.0 else 0.0
+
+
+def aligned(sensor: Series, reference: Series, longest: float, max_gap: float) -> Alignment:
+    """Align a sensor with a reference; lags from -`longest` to `longest` [s] are tried.
+
+    Raises:
+        UsageError: too few rows are in common, the two do not correlate at any lag, or the gain is implausible.
+    """
+    pair = Pair(sensor, reference, max_gap)
+    rows = pair.rows(-longest, longest)
+    lags = np.linspace(-longest, longest, 1 + 2 * math.ceil(longest / (0.5 * pair.step)))
+    correlations = [pair.correlation(rows, float(lag)) for lag in lags]
+    at = int(np.argmax(correlations))
+    _check(sensor, reference, correlations, lags, at)
+    near = (float(lags[at - 1]), float(lags[at + 1]))
+    margin = 4.0 * pair.step
+    rows = pair.rows(near[0] - margin, near[1] + margin)  # more of them than with the longest lags
+    lag = pair.best(rows, *near)
+    alignment = _estimated(pair, rows, lag, (near[0] - margin, near[1] + margin))
+    gain = alignment.gain.value
+    if not 1.0 / MOST_GAIN <= gain <= MOST_GAIN:
+        raise UsageError(f"{sensor.where} moves {gain:.3g} times as far as {reference.where}: are both units right?")
+    return alignment
+
+
+def _check(sensor: Series, reference: Series, correlations: list[float], lags: Floats, at: int) -> None:
+    """Refuse angles that correlate at no lag, or best at the first or last one; `at` is the index of the best lag."""
+    best, against = max(correlations), -min(correlations)
+    if best < ALIKE:
+        why = (
+            f"but against each other with {against:.2f}: is a sign turned?"
+            if against >= ALIKE
+            else "are both of one knee, in one time?"
+        )
+        raise UsageError(f"{sensor.where} and {reference.where} go together with r = {best:.2f} at best; {why}")
+    if at in (0, len(lags) - 1):
+        raise UsageError(
+            f"{sensor.where} and {reference.where} fit best at the longest lag tried, {lags[at]:g} s: see --longest-lag"
+        )
+
+
+def _estimated(pair: Pair, rows: NDArray[np.intp], lag: float, within: tuple[float, float]) -> Alignment:
+    """Estimate offset, lag and gain with their intervals; the lag of a jackknife's part is looked for `within` [s]."""
+    span = pair.times[rows[-1]] - pair.times[rows[0]]
+    number = int(np.clip(round(span / STRETCH), FEWEST, MOST))
+    of_row = np.minimum((np.arange(len(rows)) * number) // len(rows), number - 1)
+    whole = np.array(_values(pair, rows, lag))
+    without = []
+    for stretch in range(number):
+        kept = rows[of_row != stretch]
+        without.append(_values(pair, kept, pair.best(kept, *within)))
+    spread = np.array(without) - np.mean(without, axis=0)
+    error = np.sqrt((number - 1) / number * (spread**2).sum(axis=0))
+    half = float(student.ppf(0.5 * (1.0 + SURE), number - 1)) * error
+    offset, late, gain = (Estimate(float(v), float(h)) for v, h in zip(whole, half, strict=True))
+    sensor, raw, moved = pair.values[rows], pair.reference(rows, 0.0), pair.reference(rows, lag)
+    return Alignment(
+        offset, late, gain, len(rows), number,
+        (correlation(sensor, raw), _rms(sensor - raw)),
+        (correlation(sensor, moved), _rms(sensor + whole[0] - moved)),
+    )  # fmt: skip
+
+
+def _values(pair: Pair, rows: NDArray[np.intp], lag: float) -> tuple[float, float, float]:
+    """Offset [rad], lag [s] and gain of rows of the sensor, for a lag."""
+    sensor, moved = pair.values[rows], pair.reference(rows, lag)
+    around = moved - moved.mean()
+    return float(np.mean(moved - sensor)), lag, float(around @ sensor) / float(around @ around)
+
+
+def _rms(values: Floats) -> float:
+    return float(np.sqrt(np.mean(values**2)))
+
+
+GAIN_OFF = 0.05
+"""Deviation of the gain from 1 from which on it is reported"""
+
+
+def align(files: Sequence[Path], map_file: Path, output: Path, longest: float, *, overwrite: bool) -> None:
+    """Align the map's angle with its reference, write the parameter file `output`, and print the estimates.
+
+    Lags from -`longest` to `longest` [s] are tried.
+
+    Raises:
+        UsageError: a file, the map or the output cannot be used, or the angles are not those of the same knee. Nothing
+            is then written.
+    """
+    sensors = read_map(map_file)
+    if sensors.reference is None:
+        raise UsageError(f"map {map_file}: reference: is missing, the angle that `angle` is held against")
+    if output.exists() and not overwrite:
+        raise UsageError(f"{output} exists already; give another --output, or --overwrite")
+    channels = read_channels(files, sensors, ("angle", "reference"))
+    sensor, reference = channels["angle"], channels["reference"]
+    fault = impossible(sensor, None) or impossible(reference, None)
+    if fault:
+        raise UsageError(fault)
+    alignment = aligned(sensor, reference, longest, sensors.max_gap)
+    output.write_text(overlay(alignment, sensor.columns, reference.columns, sensors.angle.sign), encoding="utf-8")
+    values_set_in(output)
+    show(alignment, output)
+    warn(doubts(alignment, sensors.angle.scale))
+
+
+def overlay(alignment: Alignment, sensor: str, reference: str, sign: float) -> str:
+    """Text of the parameter file; `sensor` and `reference` name their columns, `sign` is that of the map's angle."""
+    offset, lag = alignment.offset, alignment.lag
+    degrees = f"{math.degrees(offset.value):.2f} +- {math.degrees(offset.half):.2f}"
+    milliseconds = f"{1e3 * lag.value:.1f} +- {1e3 * lag.half:.1f}"
+    comments = [
+        f"Written by knee-contact align: {sensor} against {reference}",
+        f"offset {degrees} deg, lag {milliseconds} ms (95 %); r {alignment.after[0]:.4f}.",
+        *["The sensor falls in flexion: live, give knee.flexion_sign: -1.0 too; import-csv has turned it."][: sign < 0],
+    ]
+    return (
+        "".join(f"# {' '.join(line.split())}\n" for line in comments)
+        + "/**/knee_contact:\n  ros__parameters:\n"
+        + f"    knee:\n      flexion_offset: {offset.value:.6f}\n"
+        + f"    pairing:\n      angle_delay: {lag.value:.6f}\n"
+    )
+
+
+def show(alignment: Alignment, output: Path) -> None:
+    """Print the estimates with their intervals, and the correlation and difference before and after."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for heading in ("", "value", "95 % interval", "parameter"):
+        table.add_column(heading, justify="right" if heading == "value" else "left", no_wrap=True)
+    for name, estimate, factor, digits, parameter in (
+        ("offset [deg]", alignment.offset, math.degrees(1.0), 2, "knee.flexion_offset [rad]"),
+        ("lag [ms]", alignment.lag, 1e3, 1, "pairing.angle_delay [s]"),
+        ("gain", alignment.gain, 1.0, 3, "none; angle.scale in the map"),
+    ):
+        value, half = factor * estimate.value, factor * estimate.half
+        interval = f"{value - half:.{digits}f} to {value + half:.{digits}f}"
+        table.add_row(shown(name), f"{value:.{digits}f}", interval, shown(parameter))
+    Console(width=WIDTH, emoji=False).print(table, highlight=False)
+    for label, (r, rms) in {"as they are": alignment.before, "aligned": alignment.after}.items():
+        say(f"{label}: r {r:.4f}, {math.degrees(rms):.2f} deg RMS")
+    say(f"{alignment.rows} rows in common, intervals from {alignment.stretches} stretches")
+    say("")
+    say(f"Parameters: {output}")
+
+
+def doubts(alignment: Alignment, scale: float) -> list[str]:
+    """Warn of a gain, which offset and delay cannot correct; `scale` is that of the map's angle."""
+    gain = alignment.gain.value
+    least, most = alignment.gain.bounds
+    if abs(gain - 1.0) <= GAIN_OFF or least <= 1.0 <= most:
+        return []
+    return [
+        f"the sensor moves {gain:.3f} times as far as the reference, {least:.3f} to {most:.3f}, and "
+        f"{math.degrees(alignment.after[1]):.1f} deg RMS are left; angle.scale {scale / gain:.4g} in the map "
+        "would make up for it (then align again)"
+    ]

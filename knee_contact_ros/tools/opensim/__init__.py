@@ -1,1 +1,0 @@
-"""From other programs' results to gait bags."""

@@ -1,0 +1,126 @@
+"""`knee-contact import-opensim` as a person runs it: bags, what is printed, and what it says of bad input."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import pytest
+from mcap.reader import make_reader
+
+from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
+from knee_contact_ros.cli.main import main
+from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.parameters.reading import load_parameters
+from tests.lab.opensim.storages import kinematics, reactions
+from tests.offline.test_solve import silent
+
+
+@pytest.fixture
+def results(tmp_path: Path) -> list[str]:
+    q, jr = kinematics(tmp_path / "q.sto"), reactions(tmp_path / "jr.sto")
+    return ["import-opensim", "--kinematics", str(q), "--reactions", str(jr)]
+
+
+def origin(bag: Path) -> dict[str, str]:
+    (path,) = bag.glob("*.mcap")
+    with path.open("rb") as file:
+        return next(record.metadata for record in make_reader(file).iter_metadata() if record.name == "origin")
+
+
+def test_a_bag_comes_out_that_solve_takes(
+    results: list[str], config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = tmp_path / "walk"
+    assert main([*results, "--side", "right", "--output", str(bag)]) == 0
+    said = capsys.readouterr().out
+    for part in ("knee_angle_r of q.sto", "241 rows, 0.000 to 1.200 s, 3.0 to 63.0 deg", "degrees to rad, sign turned",
+                 "1800.0       900.0    0.300", f"Bag: {bag}"):  # fmt: skip
+        assert part in said
+    assert sorted(path.name for path in bag.iterdir()) == ["metadata.yaml", "walk_0.mcap"]
+    messages = read_bag(bag, INPUT_TYPES)
+    assert [message.log_time for message in messages] == sorted(message.log_time for message in messages)
+    assert (messages[0].topic, messages[1].topic) == ("/joint_states", "/joint_reaction_force")
+    assert list(messages[0].message.name) == ["knee"]
+    assert messages[1].message.header.frame_id == "tibia_r"
+    summary = solve(bag, load_parameters(config / "healthy.yaml"), tmp_path / "out.mcap", silent)
+    assert (summary.ticks, summary.refused.total(), summary.flagged.total()) == (241, 0, 0)
+    assert summary.peaks["load"].value == pytest.approx(900.0, rel=1e-9)
+
+
+def test_the_bag_says_where_it_comes_from_and_nothing_of_this_machine(results: list[str], tmp_path: Path) -> None:
+    for name in ("a", "b"):
+        (tmp_path / name).mkdir()
+        assert main([*results, "--side", "left", "--output", str(tmp_path / name / "walk"), "--rate", "100"]) == 0
+    bags = [tmp_path / name / "walk" for name in ("a", "b")]
+    record = origin(bags[0])
+    assert record["kinematics"] == "q.sto"
+    assert len(record["reactions_sha256"]) == 64
+    assert record["column of angle"] == "knee_angle_l"
+    assert "mirrored" in record["conversions"]
+    assert json.loads(record["settings"])["rate"] == 100.0
+    assert str(tmp_path) not in "".join(record.values())
+    assert (bags[0] / "walk_0.mcap").read_bytes() == (bags[1] / "walk_0.mcap").read_bytes()
+
+
+def test_both_sides_are_two_bags(results: list[str], tmp_path: Path) -> None:
+    assert main([*results, "--side", "both", "--output", str(tmp_path / "walk")]) == 0
+    assert sorted(path.name for path in tmp_path.glob("walk*")) == ["walk_left", "walk_right"]
+    assert origin(tmp_path / "walk_left")["side"] == "left"
+
+
+def test_a_bag_is_replaced_only_when_asked_and_nothing_else_ever(
+    results: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = tmp_path / "walk"
+    arguments = [*results, "--side", "right", "--output", str(bag)]
+    assert main(arguments) == 0
+    before = (bag / "walk_0.mcap").read_bytes()
+    assert main([*arguments, "--rate", "50"]) == 2
+    assert "exists already; give another --output, or --overwrite" in capsys.readouterr().err
+    assert (bag / "walk_0.mcap").read_bytes() == before
+    assert main([*arguments, "--rate", "50", "--overwrite"]) == 0
+    assert (bag / "walk_0.mcap").read_bytes() != before
+    (bag / "thesis.docx").touch()
+    assert main([*arguments, "--overwrite"]) == 2
+    assert "no bag's folder, as it has thesis.docx, and is not replaced" in capsys.readouterr().err
+    assert (bag / "thesis.docx").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        (["--joint", "hip_r"], "no joint hip_r (--joint); it has knee_r, knee_l"),
+        (["--angle-sign", "1"], "with sign +1 that is -63.0 to -3.0 deg of flexion"),
+        (["--start", "9"], "nothing is left of 0 to 1.2 s"),
+        (["--rate", "-1"], "-1.0 is not in the range 0.0<=x<=10000.0"),
+        (["--rate", "nan"], "--rate nan: it must be a finite number"),
+        (["--end", "inf"], "--end inf: it must be a finite number"),
+        (["--speeds", "none.sto"], "cannot read none.sto: No such file"),
+        (["--setup", "."], "--kinematics and --setup exclude each other"),
+        (["--steps", "ik"], "--steps and --work need --setup"),
+    ],
+)
+def test_bad_input_is_one_line_and_leaves_nothing(
+    results: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], says: str
+) -> None:
+    assert main([*results, "--side", "right", "--output", str(tmp_path / "walk"), *arguments]) == 2
+    said = capsys.readouterr().err
+    assert says in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "walk").exists()
+
+
+def test_what_is_missing_is_named(results: list[str], tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    output = ["--output", str(tmp_path / "walk")]
+    assert main([*results[:3], "--side", "right", *output]) == 2
+    assert "--reactions FILE is missing; or give --setup FOLDER" in capsys.readouterr().err
+    assert main([*results, "--side", "both", "--joint", "knee_r", *output]) == 2
+    assert "give --side right or left with them" in capsys.readouterr().err
+    assert main([*results, "--side", "right", "--output", str(tmp_path / "walk.mcap")]) == 2
+    assert "a bag's folder is written; give its name without .mcap" in capsys.readouterr().err
+    (tmp_path / "file").touch()
+    assert main([*results, "--side", "right", "--output", str(tmp_path / "file"), "--overwrite"]) == 2
+    assert "is a file and no bag's folder" in capsys.readouterr().err
+    assert main([*results, *output]) == 2
+    assert "--side" in capsys.readouterr().err

@@ -1,0 +1,171 @@
+"""`knee-contact align`: offset, lag and gain that were put in are found, with intervals that hold them."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from knee_contact_ros.cli.main import main
+from knee_contact_ros.lab.sensors.align import Alignment, aligned
+from knee_contact_ros.lab.sensors.channels import Series
+from knee_contact_ros.lab.tables import Floats
+from knee_contact_ros.offline.in_memory import solve
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.system.errors import UsageError
+from tests.helpers.needs import TRIALS, needs_trials
+from tests.lab.sensors.trials import DELAY, MAP, OFFSET, flexion, write_csv, write_trial
+
+
+def series(time: Floats, degrees: Floats) -> Series:
+    return Series("angle", Path("a.csv"), np.rint(1e9 * time).astype(np.int64), np.radians(degrees), "a", ())
+
+
+def found(
+    lag: float = 0.0137,
+    offset: float = -7.0,
+    gain: float = 1.0,
+    noise: float = 0.0,
+    seconds: float = 12.0,
+    seed: int = 0,
+) -> Alignment:
+    """What is found of a sensor at 148 Hz that is off, against a reference at 100 Hz."""
+    time, known = np.arange(0.0, seconds, 1.0 / 148.0), np.arange(0.0, seconds, 0.01)
+    sensor = gain * flexion(time - lag) - offset + noise * np.random.default_rng(seed).normal(size=len(time))
+    return aligned(series(time, sensor), series(known, flexion(known)), 0.25, 0.1)
+
+
+@pytest.mark.parametrize("lag", [0.0, 0.0137, -0.043, 0.2])
+def test_what_was_put_in_is_found_to_a_fraction_of_a_sample(lag: float) -> None:
+    """A spline through 100 Hz follows a gait to 1e-4 of a degree."""
+    got = found(lag)
+    assert got.lag.value == pytest.approx(lag, abs=2e-5)
+    assert math.degrees(got.offset.value) == pytest.approx(-7.0, abs=1e-3)
+    assert got.gain.value == pytest.approx(1.0, abs=1e-4)
+    assert got.after[0] == pytest.approx(1.0, abs=1e-6)
+    assert got.lag.half < 1e-4
+
+
+def test_a_wrong_gain_is_seen_and_pulls_at_no_lag() -> None:
+    got = found(gain=0.85)
+    assert got.gain.value == pytest.approx(0.85, abs=1e-4)
+    assert got.lag.value == pytest.approx(0.0137, abs=2e-5)
+
+
+def test_intervals_hold_what_was_put_in_as_often_as_they_say() -> None:
+    """95 % of 60: binomially 52 or more, but for one time in a hundred."""
+    tries = [found(noise=2.0, seed=seed) for seed in range(60)]
+    for name, right in (("lag", 0.0137), ("offset", math.radians(-7.0)), ("gain", 1.0)):
+        bounds = [getattr(got, name).bounds for got in tries]
+        held = sum(low <= right <= high for low, high in bounds)
+        assert held >= 52, (name, held)
+        widths = np.array([high - low for low, high in bounds])
+        error = np.std([getattr(got, name).value for got in tries])
+        assert 2.0 * 1.5 * error < np.median(widths) < 2.0 * 3.0 * error, name  # 1.96 if it were normal
+
+
+def test_gaps_of_the_reference_tell_nothing() -> None:
+    time, known = np.arange(0.0, 12.0, 1.0 / 148.0), np.arange(0.0, 12.0, 0.01)
+    known = known[(known < 4.0) | (known > 5.5)]
+    got = aligned(series(time, flexion(time - 0.02) + 5.0), series(known, flexion(known)), 0.25, 0.1)
+    assert got.lag.value == pytest.approx(0.02, abs=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("sensor", "words"),
+    [
+        (lambda t: -flexion(t), r"go together with r = .* but against each other with 1\.00: is a sign turned\?"),
+        (lambda t: np.random.default_rng(1).normal(size=len(t)), "are both of one knee, in one time"),
+        (lambda t: flexion(t - 0.3), "fit best at the longest lag tried, 0.25 s|r = 0"),
+        (lambda t: np.zeros(len(t)), "go together with r = 0.00"),
+        (lambda t: np.degrees(flexion(t - 0.02)), r"moves 57\.3 times as far as .*: are both units right\?"),
+        (lambda t: np.radians(flexion(t - 0.02)), r"moves 0\.0175 times as far as .*: are both units right\?"),
+    ],
+)
+def test_angles_that_do_not_go_together_are_told(sensor: Callable[[Floats], Floats], words: str) -> None:
+    time = np.arange(0.0, 10.0, 0.01)
+    with pytest.raises(UsageError, match=words):
+        aligned(series(time, sensor(time)), series(time, flexion(time)), 0.25, 0.1)
+
+
+def test_too_little_in_common_is_told() -> None:
+    time = np.arange(0.0, 10.0, 0.01)
+    with pytest.raises(UsageError, match="have 0 rows in common"):
+        aligned(series(time + 30.0, flexion(time)), series(time, flexion(time)), 0.25, 0.1)
+
+
+def test_the_command_writes_parameters_that_make_the_sensor_right(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Flexion of the answers, computed with them, is that of the motion capture; without, it is 12 degrees off."""
+    moved, tray, map_file = write_trial(tmp_path, noise=0.5)
+    overlay, bag = tmp_path / "align.yaml", tmp_path / "bag"
+    files = [str(moved), str(tray), "--map", str(map_file), "--output"]
+    assert main(["align", *files, str(overlay)]) == 0
+    said = capsys.readouterr()
+    assert "warning" not in said.err
+    assert re.search(r"lag \[ms\] +2[01]\.\d ", said.out)
+    parameters = load_parameters(overlay)
+    assert math.degrees(parameters.knee.flexion_offset) == pytest.approx(OFFSET, abs=0.1)
+    assert parameters.pairing.angle_delay == pytest.approx(DELAY, abs=1e-3)
+    assert main(["import-csv", *files, str(bag)]) == 0
+    answers = solve(bag, ["healthy.yaml", str(overlay)])
+    inside = answers["stamp"] < 5.9e9  # behind are forces without an angle
+    right = flexion(1e-9 * answers["stamp"][inside])
+    error = np.degrees(answers["flexion_angle"][inside]) - right
+    assert np.sqrt(np.mean(error**2)) < 0.6  # the noise
+    raw = np.degrees(solve(bag)["flexion_angle"])
+    assert np.sqrt(np.mean((raw - flexion(1e-9 * solve(bag)["stamp"])) ** 2)) > 11.0
+    assert main(["align", *files, str(overlay)]) == 2
+    assert "exists already" in capsys.readouterr().err
+
+
+def test_the_command_tells_a_gain_and_what_makes_up_for_it(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    moved, tray, map_file = write_trial(tmp_path, noise=0.5)
+    map_file.write_text(MAP.replace("goniometer_deg, unit: deg", "goniometer_deg, unit: deg, scale: 0.8"))
+    arguments = ["align", str(moved), str(tray), "--map", str(map_file), "--output", str(tmp_path / "align.yaml")]
+    assert main(arguments) == 0
+    told = re.search(r"angle\.scale ([0-9.]+) in the map", capsys.readouterr().err)
+    assert told
+    assert float(told[1]) == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_map_without_a_reference_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    _, tray, map_file = write_trial(tmp_path)
+    map_file.write_text("time: {column: time_s}\nangle: {column: goniometer_deg, unit: deg}\n")
+    assert main(["align", str(tray), "--map", str(map_file), "--output", str(tmp_path / "align.yaml")]) == 2
+    assert "reference: is missing" in capsys.readouterr().err
+    write_csv(tmp_path / "r.csv", {"time_s": np.arange(500) / 100.0, "knee_flexion_deg": 100.0 * np.arange(500.0)})
+    map_file.write_text(MAP)
+    assert (
+        main(
+            ["align", str(tray), str(tmp_path / "r.csv"), "--map", str(map_file), "--output", str(tmp_path / "a.yaml")]
+        )
+        == 2
+    )
+    assert "which no knee does: is reference.unit right" in capsys.readouterr().err
+
+
+@needs_trials
+@pytest.mark.parametrize(
+    ("trial", "offset", "lag", "gain", "r"),
+    [("og5", -5.4, 0.0224, 0.835, 0.991), ("tm_fast1", -7.6, 0.0101, 0.891, 0.994)],
+)
+def test_measured_goniometers(
+    tmp_path: Path, trial: str, offset: float, lag: float, gain: float, r: float, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """What was found on them once: both move less than the motion capture says."""
+    map_file = tmp_path / "map.yaml"
+    map_file.write_text(MAP, encoding="utf-8")
+    files = [str(TRIALS / f"ngait_{trial}_{part}.csv") for part in ("motion", "tibia_cells")]
+    assert main(["align", *files, "--map", str(map_file), "--output", str(tmp_path / "a.yaml")]) == 0
+    parameters = load_parameters(tmp_path / "a.yaml")
+    assert math.degrees(parameters.knee.flexion_offset) == pytest.approx(offset, abs=0.05)
+    assert parameters.pairing.angle_delay == pytest.approx(lag, abs=2e-4)
+    said = capsys.readouterr()
+    assert f"moves {gain:.3f} times as far" in " ".join(said.err.split())
+    assert float(re.search(r"aligned: r ([0-9.]+)", said.out)[1]) == pytest.approx(r, abs=1e-3)

@@ -1,0 +1,357 @@
+"""`knee-contact import-csv`: what is in the bag, and what is told of files that are damaged or mislabelled."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from knee_contact_ros.bags.mcap_metadata import metadata_records
+from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader
+from knee_contact_ros.cli.main import main
+from knee_contact_ros.messages.cdr import JOINT_STATE, WRENCH
+from knee_contact_ros.offline.in_memory import solve
+from tests import ROOT
+from tests.helpers.needs import TRIALS, needs_trials
+from tests.lab.opensim.storages import write_storage
+from tests.lab.sensors.trials import MAP, SECONDS, cells, flexion, load, write_csv, write_trial
+
+Told = Callable[..., str]
+
+
+def importing(files: list[Path], map_file: Path, output: Path, *more: str) -> int:
+    return main(["import-csv", *map(str, files), "--map", str(map_file), "--output", str(output), *more])
+
+
+def content(bag: Path) -> tuple[list, list]:
+    """Angles and forces."""
+    with BagReader(bag, INPUT_TYPES) as reader:
+        messages = list(reader.raw_messages())
+    angles = [JOINT_STATE.decode(m.data)[0] for m in messages if m.topic == "/joint_states"]
+    return angles, [WRENCH.decode(m.data)[0] for m in messages if m.topic == "/joint_reaction_force"]
+
+
+@pytest.fixture
+def told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Told:
+    """What an import of a file says that is refused; nothing is written then."""
+
+    def tell(path: Path, map_text: str = MAP) -> str:
+        (tmp_path / "map.yaml").write_text(map_text, encoding="utf-8")
+        capsys.readouterr()
+        assert importing([path], tmp_path / "map.yaml", tmp_path / "bag") == 2
+        captured = capsys.readouterr()
+        assert captured.out == ""
+        assert captured.err.count("\n") == 1
+        assert not (tmp_path / "bag").exists()
+        assert not list(tmp_path.glob(".incomplete*"))
+        return captured.err
+
+    return tell
+
+
+def test_columns_become_what_the_node_listens_to(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = cells()
+    path = write_csv(tmp_path / "cells.csv", table)
+    (tmp_path / "map.yaml").write_text(MAP, encoding="utf-8")
+    assert importing([path], tmp_path / "map.yaml", tmp_path / "bag") == 0
+    assert "goniometer_deg of cells.csv" in capsys.readouterr().out
+    angles, forces = content(tmp_path / "bag")
+    stamps = np.rint(1e9 * np.round(table["time_s"], 6)).astype(int).tolist()
+    assert [angle.stamp for angle in angles] == [force.stamp for force in forces] == stamps
+    assert [angle.name for angle in angles] == [("knee",)] * len(stamps)
+    found = np.degrees([angle.position[0] for angle in angles])
+    np.testing.assert_allclose(found, table["goniometer_deg"], atol=1e-6)
+    np.testing.assert_allclose([force.force[1] for force in forces], -load(table["time_s"]), atol=3e-6)
+    assert {force.frame_id for force in forces} == {"tibia_r"}
+    assert len(solve(tmp_path / "bag")) == len(stamps)
+    (origin,) = [
+        found.metadata for found in metadata_records(tmp_path / "bag" / "bag_0.mcap") if found.name == "origin"
+    ]
+    assert json.loads(origin["map"])["load"]["columns"] == {"pm_n": 1.0, "am_n": 1.0, "al_n": 1.0, "pl_n": 1.0}
+    assert re.fullmatch("[0-9a-f]{64}", origin["file 1_sha256"])
+
+
+def test_files_of_one_trial_make_one_bag(tmp_path: Path) -> None:
+    """Motion in one, the cells in the other; both have a column time_s."""
+    moved, tray, map_file = write_trial(tmp_path)
+    map_file.write_text(MAP.replace("goniometer_deg, unit: deg", "knee_flexion_deg, unit: deg, sign: -1"))
+    assert importing([moved, tray], map_file, tmp_path / "bag") == 0
+    angles, forces = content(tmp_path / "bag")
+    np.testing.assert_allclose(
+        np.degrees([angle.position[0] for angle in angles]),
+        flexion(1e-9 * np.array([angle.stamp for angle in angles])),
+        atol=1e-5,
+    )
+    assert angles[0].stamp == 3_000_000  # every row keeps its stamp
+    assert forces[0].stamp == 8_333_000  # the first with an angle before it
+
+
+def test_weights_scale_units_direction_side_and_rate(tmp_path: Path) -> None:
+    table = cells()
+    total = load(table["time_s"])
+    table |= {"time_s": 1e3 * table["time_s"] + 5000.0, "fy": -total / 4.4482216152605, "m": 0.01 * total}
+    path = write_csv(tmp_path / "cells.csv", table)
+    (tmp_path / "map.yaml").write_text(
+        """
+time: {column: time_s, unit: ms, offset: -5.0}
+angle: {column: goniometer_deg, unit: deg, joint: left_knee}
+load: {column: fy, unit: lbf, direction: tension, scale: 0.5}
+moment: {columns: {m: 2}, unit: N*mm}
+body_weight: 350
+side: left
+rate: 100
+"""
+    )
+    assert importing([path], tmp_path / "map.yaml", tmp_path / "bag") == 0
+    angles, forces = content(tmp_path / "bag")
+    stamps = [force.stamp for force in forces]
+    assert stamps == [angle.stamp for angle in angles] == list(range(0, stamps[-1] + 1, 10_000_000))
+    expected = np.interp(1e-9 * np.array(stamps), cells()["time_s"], 0.5 * total)
+    np.testing.assert_allclose([-force.force[1] for force in forces], expected, atol=1e-2)
+    np.testing.assert_allclose([force.torque[0] for force in forces], expected * 4e-5, atol=1e-4)
+    assert (forces[0].frame_id, angles[0].name) == ("tibia_l", ("left_knee",))
+
+
+@pytest.mark.parametrize(
+    "form", ["semicolons", "tabs", "spaces", "bom", "utf-16", "crlf", "quotes", "top", "units row"]
+)
+def test_the_ways_in_which_tables_are_written(tmp_path: Path, form: str) -> None:
+    table, more = cells(), ""
+    path = tmp_path / "cells.csv"
+    if form in ("semicolons", "tabs"):
+        write_csv(path, table, {"semicolons": ";", "tabs": "\t"}[form], ",")
+    elif form == "spaces":
+        write_csv(path, table, "  ")
+    elif form == "quotes":
+        write_csv(path, {f'"{name}"': [f'"{cell:.6f}"' for cell in column] for name, column in table.items()})
+    elif form == "top":
+        write_csv(path, table, top="# of the logger\n\nSubject: JW\n")
+        more = "table: {header_line: 4}\n"
+    elif form == "units row":
+        write_csv(path, {name: ["[x]", *(f"{cell:.6f}" for cell in column)] for name, column in table.items()})
+        more = "table: {first_line: 3}\n"
+    else:
+        text = write_csv(path, table).read_text(encoding="utf-8")
+        encoding = {"bom": "utf-8-sig", "utf-16": "utf-16"}.get(form, "utf-8")
+        path.write_bytes((text.replace("\n", "\r\n") if form == "crlf" else text).encode(encoding))
+    (tmp_path / "map.yaml").write_text(more + MAP, encoding="utf-8")
+    assert importing([path], tmp_path / "map.yaml", tmp_path / "bag") == 0
+    angles, forces = content(tmp_path / "bag")
+    assert len(angles) == len(forces) == round(120 * SECONDS)
+    np.testing.assert_allclose([force.force[1] for force in forces], -load(table["time_s"]), atol=3e-6)
+
+
+def test_opensim_files_are_tables_too(tmp_path: Path, told: Told) -> None:
+    table = cells()
+    names = [name for name in table if name != "time_s"]
+    path = write_storage(tmp_path / "q.mot", table["time_s"], {name: table[name] for name in names}, "yes")
+    (tmp_path / "map.yaml").write_text(MAP, encoding="utf-8")
+    assert importing([path], tmp_path / "map.yaml", tmp_path / "bag") == 0
+    assert len(content(tmp_path / "bag")[0]) == len(table["time_s"])
+
+
+SPOILT: dict[str, tuple[Callable[[dict], dict], str]] = {
+    "nan": (lambda t: t | {"am_n": np.where(t["time_s"] == 1.0, np.nan, t["am_n"])},
+            r"column am_n has no number at 1 s, and in 1 of 720 rows .* missing: leave_out"),
+    "empty cell": (lambda t: t | {"am_n": ["" if i == 7 else f"{v:.3f}" for i, v in enumerate(t["am_n"])]},
+                   r"column am_n has no number at 0.058333 s"),
+    "text": (lambda t: t | {"pl_n": ["n/a" if i == 7 else f"{v:.3f}" for i, v in enumerate(t["pl_n"])]},
+             r"line 9, column pl_n: 'n/a' is no number"),
+    "time goes back": (lambda t: t | {"time_s": np.where(t["time_s"] == 1.0, 0.5, t["time_s"])},
+                       r"time goes back from 0.991667 to 0.5 s \(rows 120, 121\)"),
+    "time stands still": (lambda t: t | {"time_s": np.floor(t["time_s"] * 20.0) / 20.0},
+                          r"in 600 of 720 rows column time_s has the value of the next row"),
+    "time is not a number": (lambda t: t | {"time_s": np.where(t["time_s"] == 1.0, np.nan, t["time_s"])},
+                             r"column time_s is nan in row 121; a time must be there"),
+    "missing column": (lambda t: {("gonio_deg" if n == "goniometer_deg" else n): v for n, v in t.items()},
+                       r"has no column goniometer_deg \(map: angle\); did you mean gonio_deg\?"),
+    "pounds given as newtons": (lambda t: t | {n: v / 4.448 for n, v in t.items() if n.endswith("_n")},
+                                r"with \d+\.\d N, 0\.49\d body weights at most, .*In lbf it would be 2\.2 body"),
+    "loads 4.4 times too large": (lambda t: t | {n: v * 4.448 for n, v in t.items() if n.endswith("_n")},
+                                  r"9\.7\d body weights at most.*is load\.unit N right"),
+    "tension": (lambda t: t | {n: -v for n, v in t.items() if n.endswith("_n")},
+                r"pulls the knee apart.*load\.direction"),
+    "radians given as degrees": (lambda t: t | {"goniometer_deg": np.radians(t["goniometer_deg"])},
+                                 r"moves by 0\.\d+ deg in all: is angle\.unit right"),
+    "sign": (lambda t: t | {"goniometer_deg": -t["goniometer_deg"] - 30.0}, r"of flexion, and a knee has -30 to 170"),
+    "another column": (lambda t: t | {"goniometer_deg": t["am_n"], "am_n": t["goniometer_deg"]},
+                       r"goes from .* deg, which no knee does"),
+    "an encoder's turn": (lambda t: t | {"goniometer_deg": np.mod(t["goniometer_deg"], 40.0)}, r"jumps by \d+ deg at"),
+    "milliseconds given as seconds": (lambda t: t | {"time_s": 1e3 * t["time_s"]},
+                                      r"0\.12 rows a second: is time\.unit"),
+}  # fmt: skip
+"""What becomes of a table, and what is told"""
+
+
+@pytest.mark.parametrize("fault", SPOILT)
+def test_damaged_and_mislabelled_columns_are_told(tmp_path: Path, told: Told, fault: str) -> None:
+    spoil, words = SPOILT[fault]
+    assert re.search(words, told(write_csv(tmp_path / "cells.csv", spoil(cells()))))
+
+
+MAPS = {
+    ("unit: N", "unit: deg"): r"map: load: unit deg cannot be: it is a unit of angle, and force is wanted: N, kN",
+    ("unit: N", "unit: newtn"): r"map: load: unit 'newtn' is not known; .*allowed: N",
+    ("goniometer_deg, unit: deg", "goniometer_deg, unit: rad"): r"goes from .* deg, which no knee does: is angle\.unit",
+    ("{column: goniometer_deg,", "{column: pm_n,"): r"which no knee does",
+    ("{column: time_s}", "{column: pm_n}"): r"time goes back",
+    ("{column: time_s}", "{column: times}"): r"has no column times; did you mean time_s\?",
+    ("700.0", "71.4"): r"^knee-contact: body_weight 71\.4 N: is it kg",
+    ("700.0", "-1"): r"body_weight: -1.* is not allowed; it should be greater than 0",
+    ("body_weight", "bodyweight"): r"bodyweight: is not known; did you mean body_weight\?",
+    ("{pm_n: 1,", "{pm: 1,"): r"has no column pm \(map: load\); did you mean pm_n\?",
+    ("unit: deg}", "unit: deg, sign: 2}"): r"angle\.sign: 2.* is not allowed; allowed: 1\.0, -1\.0",
+    ("{column: goniometer_deg, unit: deg}", "{unit: deg}"): r"angle: .* either column or columns",
+    ("load:", "lode:"): r"lode: is not known; did you mean load\?",
+    ("unit: N", "unit: N\n  file: '*.txt'"): r"load\.file: no file is named as \*\.txt; given are cells\.csv",
+}
+
+
+@pytest.mark.parametrize("change", MAPS)
+def test_mistakes_in_the_map_are_told(tmp_path: Path, told: Told, change: tuple[str, str]) -> None:
+    assert change[0] in MAP
+    assert re.search(MAPS[change], told(write_csv(tmp_path / "cells.csv", cells()), MAP.replace(*change, 1)))
+
+
+NAMES = b"time_s,pm_n,am_n,al_n,pl_n,goniometer_deg"
+FILES: dict[str, tuple[bytes, str]] = {
+    "empty": (b"", "cells.csv is empty"),
+    "blank": (b"\n\n# nothing\n", "cells.csv is empty"),
+    "names only": (NAMES + b"\n", r"has no rows below its names \(line 1\)"),
+    "one row": (NAMES + b"\n0,1,2,3,4,5\n", "has 1 row with numbers for angle"),
+    "no names": (b"0,1,2,3,4,5\n1,1,2,3,4,5\n", "line 1 has numbers, and must have the columns' names"),
+    "cut off": (NAMES + b"\n0,1,2,3,4,5\n1,1,2", "line 3 has 3 columns, and the names are 6"),
+    "too wide": (NAMES + b"\n0,1,2,3,4,5,6\n", "line 2 has 7 columns"),
+    "twice": (NAMES + b",pm_n\n0,1,2,3,4,5,6\n", "has 2 columns pm_n"),
+    "units": (NAMES + b"\ns,N,N,N,N,deg\n0,1,2,3,4,5\n", r"'s' is no number; .*table\.first_line"),
+    "decimal commas": (NAMES + b'\n0,"1,5",2,3,4,5\n', r"'1,5' is no number; .*table\.decimal"),
+    "infinite": (NAMES + b"\n0,inf,2,3,4,5\n1,1,2,3,4,5\n", "column pm_n has no number"),
+    "underscores": (NAMES + b"\n0,1_0,2,3,4,5\n", "'1_0' is no number"),
+    "zeros": (bytes(5000), "is not a text file"),
+    "random": (np.random.default_rng(3).bytes(5000).replace(b"\0", b"a"), "has no column"),
+    "one long line": (b"a," * 2**20, "characters; it is no table"),
+    "an open quote": (NAMES + b'\n"0,1,2,3,4,5\n' + b"1,2,3,4,5,6\n" * 20000, "line .* cannot be read: field larger"),
+}
+"""What is in a file, and what is told"""
+
+
+@pytest.mark.parametrize("name", FILES)
+def test_files_that_are_no_tables_are_told(tmp_path: Path, told: Told, name: str) -> None:
+    path, (data, words) = tmp_path / "cells.csv", FILES[name]
+    path.write_bytes(data)
+    assert re.search(words, told(path))
+
+
+def test_files_that_cannot_be_read_are_told(tmp_path: Path, told: Told) -> None:
+    assert "cannot read" in told(tmp_path / "nowhere.csv")
+    assert "cannot read" in told(tmp_path)
+
+
+def test_what_is_likely_a_mistake_is_written_only_if_the_user_insists(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = write_csv(tmp_path / "cells.csv", SPOILT["pounds given as newtons"][0](cells()))
+    (tmp_path / "map.yaml").write_text(MAP, encoding="utf-8")
+    assert importing([path], tmp_path / "map.yaml", tmp_path / "bag", "--anyway") == 0
+    assert re.search(r"warning: .* presses with 3\d\d", capsys.readouterr().err.replace("\n", " "))
+    (origin,) = [
+        found.metadata for found in metadata_records(tmp_path / "bag" / "bag_0.mcap") if found.name == "origin"
+    ]
+    assert "In lbf" in origin["doubts"]
+    impossible = write_csv(tmp_path / "cells.csv", SPOILT["another column"][0](cells()))
+    assert importing([impossible], tmp_path / "map.yaml", tmp_path / "other", "--anyway") == 2
+
+
+def test_rows_without_a_number_are_left_out_if_so_asked_and_gaps_stay(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    table = cells()
+    hole = (table["time_s"] > 2.0) & (table["time_s"] < 2.5)
+    path = write_csv(
+        tmp_path / "cells.csv", table | {"goniometer_deg": np.where(hole, np.nan, table["goniometer_deg"])}
+    )
+    for rate, number in (("", 720), ("rate: 120\n", 720 - 59)):
+        (tmp_path / "map.yaml").write_text(f"missing: leave_out\n{rate}{MAP}", encoding="utf-8")
+        assert importing([path], tmp_path / "map.yaml", tmp_path / "bag", "--overwrite") == 0
+        said = " ".join(capsys.readouterr().out.split())
+        assert "angle: 59 of 720 rows left out, as a number is missing" in said
+        assert "angle: 1 gaps longer than 0.1 s, the longest of 0.5 s at 2 s" in said
+        angles, forces = content(tmp_path / "bag")
+        assert (len(angles), len(forces)) == (720 - 59, number)
+
+
+def test_behind_a_gap_a_knee_may_be_anywhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table = cells()
+    kept = np.ones(len(table["time_s"]), dtype=bool)
+    kept[545:574] = False  # a quarter of a second of swing, by 46 degrees
+    jump = np.abs(np.diff(table["goniometer_deg"][kept])).max()
+    assert jump > 30.0
+    path = write_csv(tmp_path / "cells.csv", {name: values[kept] for name, values in table.items()})
+    (tmp_path / "map.yaml").write_text(MAP, encoding="utf-8")
+    assert importing([path], tmp_path / "map.yaml", tmp_path / "bag") == 0
+    assert "angle: 1 gaps longer than 0.1 s" in capsys.readouterr().out
+
+
+def test_columns_in_two_files_are_asked_for(tmp_path: Path, told: Told, capsys: pytest.CaptureFixture[str]) -> None:
+    one, other = (write_csv(tmp_path / f"{name}.csv", cells()) for name in ("a", "b"))
+    (tmp_path / "map.yaml").write_text(MAP, encoding="utf-8")
+    assert importing([one, other], tmp_path / "map.yaml", tmp_path / "bag") == 2
+    assert "a.csv and b.csv both have goniometer_deg; say which with angle.file" in capsys.readouterr().err
+    named = MAP.replace("unit: deg}", "unit: deg, file: 'a*'}", 1).replace("  unit: N", "  unit: N\n  file: b.csv")
+    (tmp_path / "map.yaml").write_text(named, encoding="utf-8")
+    assert importing([one, other], tmp_path / "map.yaml", tmp_path / "bag") == 0
+
+
+def test_an_hour_at_1_khz_is_read_row_by_row(tmp_path: Path) -> None:
+    """As large a file as a day of logging makes, with less memory than its text takes."""
+    path = tmp_path / "cells.csv"
+    table, rows = cells(), 60_000
+    lines = [
+        "{:.3f}," + ",".join(f"{table[name][i]:.3f}" for name in list(table)[1:]) + ',"' + "x" * 200 + '"\n'
+        for i in range(100)
+    ]
+    with path.open("w", encoding="utf-8") as file:
+        file.write(",".join([*table, "comment"]) + "\n")
+        for i in range(rows):
+            file.write(lines[min(i % 200, 199 - i % 200)].format(1e-3 * i))
+    (tmp_path / "map.yaml").write_text(MAP, encoding="utf-8")
+    assert importing([path], tmp_path / "map.yaml", tmp_path / "bag", "--anyway") == 0
+    assert len(content(tmp_path / "bag")[1]) == rows
+
+
+def test_the_map_of_the_page_is_one(tmp_path: Path) -> None:
+    page = (ROOT / "docs" / "sensors.md").read_text(encoding="utf-8")
+    (shown,) = re.findall("```yaml\n(time: .*?)```", page, re.DOTALL)
+    moved, tray, map_file = write_trial(tmp_path)
+    map_file.write_text(shown, encoding="utf-8")
+    assert importing([moved, tray], map_file, tmp_path / "bag") == 0
+    assert len(solve(tmp_path / "bag")) == 720
+
+
+@needs_trials
+@pytest.mark.parametrize(("trial", "rows", "peak"), [("og5", 247, 1476), ("tm_fast1", 1760, 1737)])
+def test_measured_trials_as_they_are(tmp_path: Path, trial: str, rows: int, peak: int) -> None:
+    """Columns and peaks as their page says; and the mistakes that a map may make with them are told."""
+    files = [TRIALS / f"ngait_{trial}_{part}.csv" for part in ("motion", "tibia_cells")]
+    map_file = tmp_path / "map.yaml"
+    right = MAP.replace("700.0", "654.3")
+    map_file.write_text(right, encoding="utf-8")
+    assert importing(files, map_file, tmp_path / "bag") == 0
+    _, forces = content(tmp_path / "bag")
+    assert len(forces) == rows
+    assert round(max(-force.force[1] for force in forces)) == peak
+    mistakes = {
+        "unit: N": "unit: lbf",
+        "unit: N\n": "unit: N\n  scale: 0.2248\n",
+        "goniometer_deg, unit: deg": "goniometer_deg, unit: rad",
+        "{column: goniometer_deg,": "{column: am_n,",
+        "{pm_n: 1, am_n: 1, al_n: 1, pl_n: 1}": "{goniometer_deg: 1}",
+    }
+    for before, after in mistakes.items():
+        assert before in right
+        map_file.write_text(right.replace(before, after, 1), encoding="utf-8")
+        assert importing(files, map_file, tmp_path / "other") == 2
