@@ -35,10 +35,10 @@ from knee_contact_ros.system.ports import free_port
 from knee_contact_ros.system.resources import share_folder
 from knee_contact_ros.tools.latency.samples import samples
 from knee_contact_ros.tools.latency.usage import Snapshot, snapshot
-from knee_contact_ros.view.outlets import RerunFile
-from knee_contact_ros.view.outlines import KneeOutlines, drawing_of
+from knee_contact_ros.view.anatomy import KneeOutlines, drawing_of
+from knee_contact_ros.view.output import RerunFile
 from knee_contact_ros.view.scene import Scene
-from knee_contact_ros.view.window import address, connect_command
+from knee_contact_ros.view.viewer import address, connect_command
 from studies.report import Section, machine, save
 
 RATE = 1000

@@ -50,9 +50,9 @@ from knee_contact_ros.pipeline.synchronise import PairedSample
 from knee_contact_ros.sinks.protocol import Knee
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.processes import OWN_GROUP, python_module, start
+from knee_contact_ros.view.anatomy import drawings_of
 from knee_contact_ros.view.markers import KneeMarkers
-from knee_contact_ros.view.outlines import drawings_of
-from knee_contact_ros.view.window import address
+from knee_contact_ros.view.viewer import address
 
 COUNTED = reader("load", "penetration_depth", "fidelity", "status")
 """Reader of the fields of an answer's row that the health of the node depends on"""

@@ -33,7 +33,7 @@ from knee_contact_ros.system.ros_graph import private_graph
 from knee_contact_ros.system.terminal import warn
 from knee_contact_ros.system.work_folder import replace, work_folder
 from knee_contact_ros.view.picture import write_peak
-from knee_contact_ros.view.window import NOT_INSTALLED, has_screen, viewer
+from knee_contact_ros.view.viewer import NOT_INSTALLED, has_screen, look_at, viewer
 
 PICTURE = Path("knee.png")
 RESULTS = (
@@ -162,8 +162,6 @@ def offer(scene: Path) -> None:
     """Ask whether to open the scene in a viewer, if there are a terminal and a screen."""
     if not (has_screen() and sys.stdin.isatty() and sys.stdout.isatty()):
         return
-    from knee_contact_ros.offline.view import look_at  # Rerun, which may be missing
-
     with suppress(click.Abort):  # Ctrl-D or Ctrl-C: all is there, and said
         if click.confirm("Open the scene in the Rerun viewer?", default=True):
             look_at(scene)

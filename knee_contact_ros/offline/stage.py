@@ -35,7 +35,7 @@ from knee_contact_ros.system.processes import PATIENCE, Child, child_process
 from knee_contact_ros.system.resources import share_folder
 from knee_contact_ros.system.ros_graph import joining
 from knee_contact_ros.system.terminal import progress
-from knee_contact_ros.view.window import viewer
+from knee_contact_ros.view.viewer import viewer
 
 NODE_START = 300.0
 """Time [s] that the nodes may take to appear; they may have to compile first"""

@@ -3,40 +3,42 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from pathlib import Path
-from tempfile import TemporaryDirectory, TemporaryFile
+from tempfile import TemporaryDirectory
 from typing import NamedTuple
 from urllib.parse import quote
 
 import click
 
 from knee_contact_ros.bags.bag_files import refuse_input
-from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, Change
-from knee_contact_ros.bags.recorded_answers import answer_topics
+from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, Change, read_provenance
+from knee_contact_ros.bags.recorded_answers import answer_blocks, answer_topics
+from knee_contact_ros.messages.topics import KNEE, LATERAL, MEDIAL, compartment_name, is_lateral, knee_name
+from knee_contact_ros.model.knee import KneeModel
+from knee_contact_ros.model.types import Rows
 from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.parameters.build import build_model
+from knee_contact_ros.parameters.curves import curve_texts
+from knee_contact_ros.parameters.lateral import answering
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.system.errors import IncompleteError, UsageError
+from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import refuse_existing
 from knee_contact_ros.system.ports import LOCALHOST, refuse_taken
-from knee_contact_ros.system.processes import interrupted_by_sigterm, kept
+from knee_contact_ros.system.processes import interrupted_by_sigterm
 from knee_contact_ros.system.resources import refuse_twice
 from knee_contact_ros.system.terminal import progress, say
-from knee_contact_ros.view import window
-from knee_contact_ros.view.cursor import put_on_peak
-from knee_contact_ros.view.file_server import served
-from knee_contact_ros.view.outlets import RerunFile
-from knee_contact_ros.view.recorded import RecordedKnee, answers_of, distinct, recorded_knees
-from knee_contact_ros.view.scene import Scene
+from knee_contact_ros.view import viewer
+from knee_contact_ros.view.anatomy import KneeOutlines, drawing_of
+from knee_contact_ros.view.output import RerunFile
+from knee_contact_ros.view.scene import Pictures, Scene
 
 SERVED = ("rerun+", "http://")
 """Beginnings of the address of a scene that a node or `--serve` serves"""
 ALTERNATIVES = "say --save OUT.rrd or --serve"
-PATIENCE = 5.0
-"""Time [s] that a viewer may take to end"""
-RERUN_SUFFIX = ".rrd"
-"""Suffix of a Rerun file"""
+LONGEST_NAME = 80
+"""Most characters of a knee's name"""
 
 
 class ViewOptions(NamedTuple):
@@ -49,6 +51,22 @@ class ViewOptions(NamedTuple):
     """Whether to serve the scene to browsers and viewers on this machine instead"""
     port: int = 9876
     """Port at which viewers are served; browsers are served at the next one"""
+
+
+class RecordedKnee(NamedTuple):
+    """A knee whose answers are in a recording."""
+
+    recording: Path
+    topic: str
+    """Absolute name of the topic of its answers"""
+    model: KneeModel
+    """Model with its surfaces and their motion"""
+    drawing: KneeOutlines
+    """Outlines of the knee"""
+    changes: tuple[Change, ...]
+    """Resets and changed parameters of the node during the recording"""
+    known: bool
+    """Whether the recording holds its parameters; otherwise they were assumed"""
 
 
 @interrupted_by_sigterm()
@@ -65,12 +83,12 @@ def run_view(sources: Sequence[str], parameters: Parameters, options: ViewOption
     if addresses:
         if len(addresses) < len(sources) or options.save or options.serve:
             raise UsageError(f"{addresses[0]}: what is served can only be looked at, and not together with files")
-        window.refuse_blind(ALTERNATIVES)
-        look(window.connect_command(addresses))
+        viewer.refuse_blind(ALTERNATIVES)
+        viewer.look(viewer.connect_command(addresses))
         return
-    check(options)
-    if sources[0].endswith(RERUN_SUFFIX):
-        present(drawn_already(sources, options), options)
+    _check(options)
+    if sources[0].endswith(".rrd"):
+        _present(_drawn_already(sources, options), options)
         return
     with TemporaryDirectory(prefix="knee_contact_view_") as folder:
         work = Path(folder)
@@ -78,52 +96,128 @@ def run_view(sources: Sequence[str], parameters: Parameters, options: ViewOption
         refuse_twice(list(map(Path, sources)))
         for source in sources:
             refuse_input(Path(source), path)
-        knees = recorded_knees(with_answers([Path(source) for source in sources], parameters, work), parameters)
-        draw(knees, path, options.overwrite)
+        knees = recorded_knees(_with_answers([Path(source) for source in sources], parameters, work), parameters)
+        _draw(knees, path, options.overwrite)
         for knee in knees:
             if not knee.known:
                 say(f"{knee.recording} does not tell its parameters: drawn with those of --params", err=True)
         if options.save:
             say(f"Rerun file   {options.save}")
         else:
-            present(path, options)
+            _present(path, options)
 
 
-def present(path: Path, options: ViewOptions) -> None:
-    """Serve a Rerun file, or show it in a window."""
-    if options.serve:
-        serve(path, options.port)
-    else:
-        look_at(path)
+def recorded_knees(recordings: Mapping[Path, str], parameters: Parameters) -> list[RecordedKnee]:
+    """Return all knees in several recordings, each with a name of its own.
 
-
-def look_at(path: Path) -> None:
-    """Show a Rerun file in a window, at its largest load, until the window is closed.
+    The values of `recordings` are names, used where topics do not name the knee; `parameters` are those of recordings
+    that do not hold theirs.
 
     Raises:
-        UsageError: Rerun is not installed.
-        IncompleteError: the viewer failed.
+        UsageError: a recording cannot be used or has no answers.
     """
-    place = window.hidden()
-    put_on_peak(path, place.url)
-    look([str(window.executable()), *place.options, str(path)])
+    answered = []
+    for path, name in recordings.items():
+        topics = answer_topics(path)
+        if not topics:
+            raise UsageError(f"recording {path} has no answers (knee_contact_ros/msg/KneeContact)")
+        answered += [(path, topic, name) for topic in topics]
+    alone = len({(path, knee_name(topic)) for path, topic, _ in answered}) == 1
+    all_topics = {(path, topic) for path, topic, _ in answered}
+    names = _distinct([_name(path, topic, name, alone, all_topics) for path, topic, name in answered])
+    return [_knee(path, topic, name, parameters) for (path, topic, _), name in zip(answered, names, strict=True)]
 
 
-def drawn_already(sources: Sequence[str], options: ViewOptions) -> Path:
-    """Return the Rerun file that is the only source.
+def _name(path: Path, topic: str, recording: str, alone: bool, all_topics: Set[tuple[Path, str]]) -> str:
+    """Return the name of a knee by its topic or its `recording`; `all_topics` are all with answers."""
+    name = knee_name(topic)
+    name = name.replace("/", "_") if name != KNEE or alone else recording
+    if is_lateral(topic):
+        name = compartment_name(name, LATERAL)
+    elif (path, f"{topic}/{LATERAL}") in all_topics:
+        name = compartment_name(name, MEDIAL)
+    return "".join(letter if letter.isprintable() else "_" for letter in name)[:LONGEST_NAME]
 
-    Raises:
-        UsageError: there are other sources, or the file does not exist.
+
+def _distinct(names: Sequence[str]) -> list[str]:
+    """Make names distinct: those that occur several times get a number."""
+    return [f"{name}_{names[: i + 1].count(name)}" if names.count(name) > 1 else name for i, name in enumerate(names)]
+
+
+def _knee(path: Path, topic: str, name: str, parameters: Parameters) -> RecordedKnee:
+    """Build a knee from the parameters in its recording, or from `parameters` if it holds none."""
+    provenance = read_provenance(path)
+    if provenance:
+        parameters = provenance.parameters
+    parameters, texts = answering(topic, parameters, provenance.texts() if provenance else curve_texts(parameters, {}))
+    model = build_model(parameters, curves=texts)
+    changes = provenance.changes if provenance else ()
+    drawing = drawing_of(model, name, parameters.body_weight)
+    return RecordedKnee(path, topic, model, drawing, changes, provenance is not None)
+
+
+def _with_answers(paths: Sequence[Path], parameters: Parameters, work: Path) -> dict[Path, str]:
+    """Return recordings with answers, and a name for each; a bag without answers is computed into the folder `work`."""
+    names = _distinct([path.name.split(".")[0] for path in map(Path.resolve, paths)])
+    recordings = {}
+    for path, name in zip(paths, names, strict=True):
+        answered = path
+        if not answer_topics(path):
+            answered = work / f"{name}.mcap"
+            with progress(f"Solving {name}") as advance:
+                solve(path, parameters, answered, advance)
+        recordings[answered] = name
+    return recordings
+
+
+def _draw(knees: Sequence[RecordedKnee], path: Path, overwrite: bool = False) -> None:
+    """Write the scene of several knees to a Rerun file, which appears under its name when it is complete."""
+    file = RerunFile(path, [knee.drawing for knee in knees], overwrite=overwrite)
+    try:
+        for number, knee in enumerate(knees):
+            scene = Scene(file.recording, knee.drawing, number=number if len(knees) > 1 else None)
+            with progress(f"Drawing {knee.drawing.knee}") as advance:
+                for changes, answers in _answers_of(knee, advance):
+                    for change in changes:
+                        scene.note(*_note_of(change))
+                    scene.show(answers)
+            scene.finish()
+        file.close()
+    except BaseException:
+        file.discard()
+        raise
+
+
+def _answers_of(knee: RecordedKnee, advance: Callable[[int, int], None]) -> Iterator[tuple[Sequence[Change], Rows]]:
+    """Yield blocks of answers, each with the changes of the node right before it; for `advance` see `answer_blocks`.
+
+    Answers that are drawn get femoral x and normal, which messages do not hold.
     """
-    path = Path(sources[0])
-    if len(sources) > 1 or options.save:
-        raise UsageError(f"{path} is a Rerun file: it can be looked at or served, alone")
-    if not path.is_file():
-        raise UsageError(f"no Rerun file at {path}")
-    return path
+    pictures, waiting, done = Pictures(), list(knee.changes), 0
+    for block in answer_blocks(knee.recording, knee.topic, advance):
+        for i in pictures.choose(block["stamp"]).tolist():
+            angle, height = float(block["flexion_angle"][i]), float(block["femoral_height"][i])
+            x, _ = knee.model.pair.mechanism.translation(angle)
+            closest = knee.model.closest(angle, height)
+            block["femoral_x"][i], block["normal_x"][i], block["normal_y"][i] = x, closest.normal_x, closest.normal_y
+        begin = 0
+        while begin < len(block):
+            due = [change for change in waiting if change.tick <= done + begin]
+            waiting = waiting[len(due) :]
+            end = min(len(block), waiting[0].tick - done) if waiting else len(block)
+            yield due, block[begin:end]
+            begin = end
+        done += len(block)
 
 
-def check(options: ViewOptions) -> None:
+def _note_of(change: Change) -> tuple[str, dict[str, str]]:
+    """Return the name and the values of the note with which the node reported a change."""
+    if change.values is None:
+        return RESET, {}
+    return PARAMETERS_CHANGED, {name: json.dumps(value) for name, value in change.values.items()}
+
+
+def _check(options: ViewOptions) -> None:
     """Refuse options before any work that would be in vain.
 
     Raises:
@@ -137,81 +231,32 @@ def check(options: ViewOptions) -> None:
         for port in (options.port, options.port + 1):
             refuse_taken(port, "--port")
     if not options.save and not options.serve:
-        window.refuse_blind(ALTERNATIVES)
+        viewer.refuse_blind(ALTERNATIVES)
 
 
-def with_answers(paths: Sequence[Path], parameters: Parameters, work: Path) -> dict[Path, str]:
-    """Return recordings with answers, and a name for each; a bag without answers is computed into the folder `work`."""
-    names = distinct([path.name.split(".")[0] for path in map(Path.resolve, paths)])
-    recordings = {}
-    for path, name in zip(paths, names, strict=True):
-        answered = path
-        if not answer_topics(path):
-            answered = work / f"{name}.mcap"
-            with progress(f"Solving {name}") as advance:
-                solve(path, parameters, answered, advance)
-        recordings[answered] = name
-    return recordings
+def _drawn_already(sources: Sequence[str], options: ViewOptions) -> Path:
+    """Return the Rerun file that is the only source.
 
-
-def draw(knees: Sequence[RecordedKnee], path: Path, overwrite: bool = False) -> None:
-    """Write the scene of several knees to a Rerun file, which appears under its name when it is complete."""
-    outlet = RerunFile(path, [knee.drawing for knee in knees], overwrite=overwrite)
-    try:
-        for number, knee in enumerate(knees):
-            scene = Scene(outlet.recording, knee.drawing, number=number if len(knees) > 1 else None)
-            with progress(f"Drawing {knee.drawing.knee}") as advance:
-                for changes, answers in answers_of(knee, advance):
-                    for change in changes:
-                        scene.note(*note_of(change))
-                    scene.show(answers)
-            scene.finish()
-        outlet.close()
-    except BaseException:
-        outlet.discard()
-        raise
-
-
-def note_of(change: Change) -> tuple[str, dict[str, str]]:
-    """Return the name and the values of the note with which the node reported a change."""
-    if change.values is None:
-        return RESET, {}
-    return PARAMETERS_CHANGED, {name: json.dumps(value) for name, value in change.values.items()}
-
-
-def serve(path: Path, port: int) -> None:
-    """Serve a Rerun file to browsers and viewers on this machine until Ctrl-C.
-
-    Rerun itself serves only the page, which holds nothing of the file: while it serves a file it keeps a whole
-    processor busy, and it answers everybody.
+    Raises:
+        UsageError: there are other sources, or the file does not exist.
     """
-    web = port + 1
-    with suppress(KeyboardInterrupt), served(path, port, page=web) as scene:
+    path = Path(sources[0])
+    if len(sources) > 1 or options.save:
+        raise UsageError(f"{path} is a Rerun file: it can be looked at or served, alone")
+    if not path.is_file():
+        raise UsageError(f"no Rerun file at {path}")
+    return path
+
+
+def _present(path: Path, options: ViewOptions) -> None:
+    """Show a Rerun file in a window, or let Rerun serve it to browsers and viewers on this machine until Ctrl-C."""
+    if not options.serve:
+        viewer.look_at(path)
+        return
+    scene, web = viewer.address(options.port), options.port + 1
+    command = [str(viewer.executable()), *viewer.on_loopback(options.port), "--serve-web"]
+    with suppress(KeyboardInterrupt):
         click.echo(f"In a browser   http://{LOCALHOST}:{web}?url={quote(scene, safe='')}")
         click.echo(f"In a viewer    knee-contact view {scene}")
         click.echo("Ctrl-C ends it.")
-        look(
-            [
-                str(window.executable()),
-                "--bind",
-                LOCALHOST,
-                *window.ANY_PORT,
-                "--serve-web",
-                "--web-viewer-port",
-                str(web),
-                scene,
-            ]
-        )
-
-
-def look(command: Sequence[str]) -> None:
-    """Run the command of a viewer until it ends.
-
-    Raises:
-        IncompleteError: the viewer failed.
-    """
-    with TemporaryFile() as log:
-        with kept(command, log, PATIENCE, env=window.uncoloured()) as process:
-            code = process.wait()
-        if code:
-            raise IncompleteError(f"the Rerun viewer {window.ending(code, log)}")
+        viewer.look([*command, "--web-viewer-port", str(web), str(path)])

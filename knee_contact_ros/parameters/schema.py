@@ -217,7 +217,7 @@ class FidelityParameters(Section):
 class Rerun(Section):
     """Viewer: the scene in Rerun."""
 
-    output: ClassVar[str] = "knee_contact_ros.view.outlines"
+    output: ClassVar[str] = "knee_contact_ros.view.output"
 
     mode: Annotated[str, BeforeValidator(_off), OneOf("off", "file", "serve", "spawn")] = Field(
         "off", description="off, file, serve (on this machine's loopback interface), spawn (a viewer beside it)"

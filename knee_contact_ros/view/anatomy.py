@@ -1,7 +1,7 @@
 """The knee as closed polygons in the sagittal plane: two bones with their cartilage, and where they overlap.
 
-All lengths are in metres; x is anterior, y superior. `anatomy_of` gives the polygons of a model before it moves,
-`picture_of` those of a tick in the tibia frame. A polygon is an array of shape (n, 2) whose last point joins its first.
+All lengths are in metres; x is anterior, y superior. A polygon is an array of shape (n, 2) whose last point joins its
+first. `drawing_of` gives what a viewer's process needs of a model, `picture_of` the polygons of a tick.
 
 The outer edges of the cartilage, which touch, are the surfaces of the model, up to the resolution of the drawn lines.
 All else is made up for the drawing: the shafts, their joins to the surfaces, and the cartilage's thickness unless the
@@ -11,13 +11,16 @@ contact law gives one (`Anatomy.thickness`).
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from knee_contact_ros.messages.topics import LATERAL, MEDIAL, compartment_name
 from knee_contact_ros.model.knee import KneeModel
-from knee_contact_ros.view.overlap import overlaps
+from knee_contact_ros.model.laws import ContactLaw
+from knee_contact_ros.model.readouts import ContactPatch
 
 Floats = NDArray[np.float64]
 DRAWN_THICKNESS = 2.2e-3
@@ -40,6 +43,22 @@ PLATEAU_MARGIN = 0.012
 """Least distance [m] that the plateau is drawn beyond the contact of a walking knee"""
 TIBIA_WIDTH, TIBIA_DROP, TIBIA_DEPTH = 0.62, 0.34, 0.60
 """Dimensions of the tibial shaft, in widths of the plateau: width, and depth of its beginning and end below it"""
+PLATEAU_REACH = 0.04
+"""Half the length [m] of the tibial surface that overlaps and markers are made of"""
+NEWTONS_PER_MM = 50.0
+"""Scale of the force arrow [N/mm]"""
+WALKING = np.radians(np.arange(0.0, 81.0, 5.0))
+"""Flexion angles [rad] of a walking knee at which its contact is looked for"""
+STILL = 1e-5
+"""Movement [m] of the contact point below which it counts as standing still"""
+POINTS = 13
+"""Number of points along an overlap"""
+SAMPLES = 33
+"""Number of points at which the outlines are compared to find the ends of the overlap"""
+MARGIN = 2.0
+"""Width of the range that is searched first, in widths of the overlap of a circle and a plane"""
+WIDENINGS = 4
+"""Most doublings of that range: surfaces that are nearly congruent overlap over a greater length"""
 
 
 class Anatomy(NamedTuple):
@@ -58,6 +77,42 @@ class Anatomy(NamedTuple):
     bones touch where the law says so; or `DRAWN_THICKNESS`"""
     thickness_is_drawn: bool
     """Whether the law gives no thickness, so that it is one of the drawing only"""
+
+
+class KneeOutlines(NamedTuple):
+    """Parts of a knee's scene that do not change, as numbers: the process of a viewer needs no model."""
+
+    knee: str
+    """Name of the knee or the compartment"""
+    femur: Floats
+    """Points of the femoral surface, shape (n, 2) [m], femur frame"""
+    tibia: Floats
+    """Points of the tibial surface under the femur, shape (n, 2) [m], tibia frame"""
+    second_layer: float
+    """Penetration depth [m] at which the second layer begins; infinite or NaN if there is none"""
+    contact_range: tuple[float, float]
+    """Lowest and highest x [m] of the contact of a walking knee"""
+    body_weight: float
+    """Body weight [N], the unit of the forces shown"""
+    anatomy: Anatomy
+    """Polygons of bones and cartilage"""
+    law: ContactLaw
+    """Contact law, for pressure and patch"""
+    patch: ContactPatch | None
+    """Contact patch from which pressure is computed; None: not known"""
+    height_prescribed: bool
+    """Whether the femoral height drives the model, and not a load"""
+
+    @property
+    def has_bone(self) -> bool:
+        """Whether the contact law has a second layer."""
+        return math.isfinite(self.second_layer)
+
+    @property
+    def point_moves(self) -> bool:
+        """Whether the contact of a walking knee moves along the plateau; that of a circle on a hinge does not."""
+        low, high = self.contact_range
+        return high - low > STILL
 
 
 class Picture(NamedTuple):
@@ -79,12 +134,43 @@ class Picture(NamedTuple):
     """Polygons of the same knee before it moves"""
 
 
+class Overlaps(NamedTuple):
+    """Overlaps in `n` pictures, from posterior to anterior."""
+
+    x: Floats
+    """x [m], shape (n, POINTS)"""
+    lower: Floats
+    """y [m] on the femur, shape (n, POINTS); not above `upper`"""
+    upper: Floats
+    """y [m] on the tibia, shape (n, POINTS)"""
+
+
+def drawings_of(models: Sequence[KneeModel], knee: str, body_weight: float) -> tuple[KneeOutlines, ...]:
+    """Make the outlines of a knee's compartments, the only one or medial and lateral; see `drawing_of`."""
+    names = [compartment_name(knee, of) for of in (MEDIAL, LATERAL)] if len(models) > 1 else [knee]
+    return tuple(drawing_of(model, name, body_weight) for model, name in zip(models, names, strict=True))
+
+
+def drawing_of(model: KneeModel, knee: str, body_weight: float) -> KneeOutlines:
+    """Make the outlines of a model; forces will be shown in units of `body_weight` [N]."""
+    touched = []
+    for angle in WALKING.tolist():
+        x, _ = model.pair.mechanism.translation(angle)
+        height = model.pair.femur.support(angle)[0]
+        touched.append(model.closest(angle, height).point(x, height)[0])
+    reach = min(touched), max(touched)
+    return KneeOutlines(
+        knee, model.pair.femur.outline(), model.pair.outline(PLATEAU_REACH), model.cartilage_thickness, reach,
+        body_weight, anatomy_of(model, reach), model.law, model.patch, model.height_prescribed,
+    )  # fmt: skip
+
+
 def anatomy_of(model: KneeModel, contact_range: tuple[float, float] = (0.0, 0.0)) -> Anatomy:
     """Make the polygons of a model; `contact_range` are the lowest and highest x [m] of the contact on the plateau."""
-    femur = even(_open(model.pair.femur.outline()))
+    femur = _even(_open(model.pair.femur.outline()))
     extent = float(np.ptp(femur[:, 0]))
     reach = max(PLATEAU * extent, PLATEAU_MARGIN + max(map(abs, contact_range)))
-    tibia = even(model.pair.outline(reach))
+    tibia = _even(model.pair.outline(reach))
     thickness, is_drawn = cartilage_of(model)
     return Anatomy(*_femur(femur, thickness, extent), *_tibia(tibia, thickness), thickness, is_drawn)
 
@@ -101,7 +187,7 @@ def picture_of(model: KneeModel, flexion_angle: float, femoral_height: float) ->
     x, _ = model.pair.mechanism.translation(flexion_angle)
     pose = flexion_angle, x, femoral_height
     closest = model.closest(flexion_angle, femoral_height)
-    point, normal = closest.point(x, femoral_height), (closest.normal_x, closest.normal_y)
+    point = closest.point(x, femoral_height)
     overlap = np.zeros((0, 2))
     if closest.depth > 0.0:
         femur, tibia = model.pair.femur.outline(), model.pair.outline(10.0 * model.femoral_radius)
@@ -112,21 +198,69 @@ def picture_of(model: KneeModel, flexion_angle: float, femoral_height: float) ->
         overlap = np.concatenate([upper, lower[::-1]])
     return Picture(
         placed(knee.femur_bone, *pose), placed(knee.femur_cartilage, *pose), knee.tibia_bone, knee.tibia_cartilage,
-        overlap, point, normal, closest.depth, knee,
+        overlap, point, (closest.normal_x, closest.normal_y), closest.depth, knee,
     )  # fmt: skip
 
 
-def placed(points: Floats, angle: float, x: float, height: float) -> Floats:
-    """Transform points of the femur, shape (n, 2) [m], to the tibia frame; flexion [rad] turns anterior to superior."""
-    cosine, sine = math.cos(angle), math.sin(angle)
-    return np.asarray(points @ np.array([[cosine, sine], [-sine, cosine]]) + (x, height))
+def placed(points: Floats, angle: Any, x: Any, height: Any) -> Floats:
+    """Transform points of the femur, shape (m, 2) [m], to the tibia frame; flexion turns anterior to superior.
+
+    Angle [rad], x and height [m] are numbers, or arrays of shape (n,), which give points of shape (n, m, 2).
+    """
+    cosine, sine, x, height = (np.asarray(each)[..., None] for each in (np.cos(angle), np.sin(angle), x, height))
+    (along, up) = points.T
+    return np.stack([x + cosine * along - sine * up, height + sine * along + cosine * up], axis=-1)
 
 
-def even(points: Floats) -> Floats:
-    """Resample a polyline, shape (m, 2), at `SURFACE_POINTS` points with equal distances along it."""
-    distance = _distance(points)
-    places = np.linspace(0.0, distance[-1], SURFACE_POINTS)
-    return np.stack([np.interp(places, distance, axis) for axis in points.T], axis=1)
+def overlaps(femur: Floats, tibia: Floats, middle: Floats, depth: Floats, radius: float) -> Overlaps:
+    """Find the overlap in `n` pictures, at least one; it has no width where the surfaces are apart.
+
+    Args:
+        femur: outline of the femur in every picture, shape (n, m, 2) [m], tibia frame.
+        tibia: outline of the tibia, shape (k, 2) [m], x ascending.
+        middle: x of the contact point [m], shape (n,).
+        depth: penetration depth [m], shape (n,).
+        radius: approximate radius of the femur [m].
+    """
+    half = MARGIN * np.sqrt(2.0 * radius * np.maximum(depth, 0.0))
+    for _ in range(1 + WIDENINGS):
+        x = middle[:, None] + half[:, None] * np.linspace(-1.0, 1.0, SAMPLES)
+        deep = np.interp(x, *tibia.T) - lowest_at(femur, x)
+        cut = (deep[:, [0, -1]] > 0.0).any(axis=1)
+        if not cut.any():
+            break
+        half = np.where(cut, 2.0 * half, half)
+    begin, end = _crossing(x, deep), _crossing(x[:, ::-1], deep[:, ::-1])
+    x = begin[:, None] + (end - begin)[:, None] * np.linspace(0.0, 1.0, POINTS)
+    upper = np.interp(x, *tibia.T)
+    return Overlaps(x, np.minimum(lowest_at(femur, x), upper), upper)
+
+
+def lowest_at(outlines: Floats, x: Floats) -> Floats:
+    """Return the lowest y [m] of outlines, shape (n, m, 2) [m], at `x`, shape (n, s) [m]; infinite beyond them."""
+    lowest = np.full(x.shape, np.inf)
+    begin, end = outlines[:, :-1], outlines[:, 1:]
+    left, right = np.minimum(begin[..., 0], end[..., 0]), np.maximum(begin[..., 0], end[..., 0])
+    below = (begin[..., 1] < outlines[..., 1].mean(axis=1)[:, None]).any(axis=0)
+    near = below & (left.min(axis=0) <= x.max()) & (right.max(axis=0) >= x.min())
+    for segment in np.flatnonzero(near).tolist():
+        (x0, y0), (x1, y1) = begin[:, segment, :, None].swapaxes(0, 1), end[:, segment, :, None].swapaxes(0, 1)
+        width = x1 - x0
+        part = (x - x0) / np.where(width == 0.0, 1.0, width)
+        on_it = (part >= 0.0) & (part <= 1.0) & (width != 0.0)
+        lowest = np.where(on_it, np.minimum(lowest, y0 + part * (y1 - y0)), lowest)
+    return lowest
+
+
+def _crossing(x: Floats, deep: Floats) -> Floats:
+    """Return where the outlines first cross along `x` [m], shape (n,); the middle of `x` where they do not overlap."""
+    rows, inside = np.arange(len(x)), deep > 0.0
+    after = inside.argmax(axis=1)
+    before = np.maximum(after - 1, 0)
+    over, under = np.maximum(-deep[rows, before], 0.0), np.maximum(deep[rows, after], 0.0)
+    part = np.where(np.isfinite(over) & (under > 0.0), under / np.where(under > 0.0, over + under, 1.0), 0.0)
+    crossing = x[rows, after] + part * (x[rows, before] - x[rows, after])
+    return np.asarray(np.where(inside.any(axis=1), crossing, x.mean(axis=1)))
 
 
 def _femur(surface: Floats, thickness: float, extent: float) -> tuple[Floats, Floats]:
@@ -134,30 +268,36 @@ def _femur(surface: Floats, thickness: float, extent: float) -> tuple[Floats, Fl
     inner = surface + _covered(surface, thickness) * _left(surface)
     rear, front = surface[0], surface[-1]
     begin = max(rear[1], front[1]) + SHAFT_RISE * extent
-    posterior = np.array([surface[:, 0].min() + SHAFT_BEGIN * extent, begin])
-    posterior[0] = max(posterior[0], rear[0] + SHAFT_BEGIN * extent)
+    posterior = np.array([rear[0] + SHAFT_BEGIN * extent, begin])
     anterior = posterior + np.array([SHAFT_WIDTH * extent, 0.0])
-    top = max(SHAFT_LENGTH * extent, begin)
-    ends = np.array([[anterior[0], top], [posterior[0], top]])
-    up = np.array([0.0, 1.0])
+    up, top = np.array([0.0, 1.0]), max(SHAFT_LENGTH * extent, begin)
     before = _join(posterior, -up, rear, surface[1] - rear)
     behind = _join(front, front - surface[-2], anterior, up)
-    return np.concatenate([inner, behind[1:], ends, before[:-1]]), _band(surface, inner)
+    return _bone(inner, behind, (anterior[0], posterior[0]), top, before), _band(surface, inner)
 
 
 def _tibia(surface: Floats, thickness: float) -> tuple[Floats, Floats]:
     """Make bone and cartilage of the tibia; `surface` goes from posterior to anterior."""
     inner = surface - _covered(surface, thickness) * _left(surface)
     rear, front = surface[0], surface[-1]
-    width = float(front[0] - rear[0])
-    middle, begin = 0.5 * (rear[0] + front[0]), min(rear[1], front[1]) - TIBIA_DROP * width
+    width, edge = float(front[0] - rear[0]), min(rear[1], front[1])
+    middle, begin = 0.5 * (rear[0] + front[0]), edge - TIBIA_DROP * width
     anterior, posterior = (np.array([middle + side * 0.5 * TIBIA_WIDTH * width, begin]) for side in (1.0, -1.0))
-    bottom = min(rear[1], front[1]) - TIBIA_DEPTH * width
-    down = np.array([0.0, -1.0])
-    behind = _join(front, 0.4 * (front - surface[-2]) / np.hypot(*(front - surface[-2])) + down, anterior, down)
-    before = _join(posterior, -down, rear, 0.4 * (surface[1] - rear) / np.hypot(*(surface[1] - rear)) - down)
-    ends = np.array([[anterior[0], bottom], [posterior[0], bottom]])
-    return np.concatenate([inner, behind[1:], ends, before[:-1]]), _band(surface, inner)
+    down, first, last = np.array([0.0, -1.0]), surface[1] - rear, front - surface[-2]
+    behind = _join(front, 0.4 * last / np.hypot(*last) + down, anterior, down)
+    before = _join(posterior, -down, rear, 0.4 * first / np.hypot(*first) - down)
+    bone = _bone(inner, behind, (anterior[0], posterior[0]), edge - TIBIA_DEPTH * width, before)
+    return bone, _band(surface, inner)
+
+
+def _bone(inner: Floats, behind: Floats, shaft: tuple[float, float], end: float, before: Floats) -> Floats:
+    """Make the polygon of a bone: under the cartilage, along a join to the shaft, across its end, and back."""
+    return np.concatenate([inner, behind[1:], [[x, end] for x in shaft], before[:-1]])
+
+
+def _band(surface: Floats, inner: Floats) -> Floats:
+    """Make the polygon of the cartilage: along the surface, and back along the bone."""
+    return np.concatenate([surface, inner[-2:0:-1]])
 
 
 def _open(points: Floats) -> Floats:
@@ -168,13 +308,16 @@ def _open(points: Floats) -> Floats:
         order = np.argsort(turn)
         kept = (turn[order] > UNCOVERED) & (turn[order] < math.tau - UNCOVERED)
         return np.asarray(points[:-1][order][kept])
-    return points if _turns_left(points) else points[::-1]
-
-
-def _turns_left(points: Floats) -> bool:
-    """Return whether a line turns counterclockwise, as from posterior over inferior to anterior."""
     (x, y), (next_x, next_y) = points.T, np.roll(points, -1, axis=0).T
-    return bool((x * next_y - next_x * y).sum() > 0.0)
+    counterclockwise = (x * next_y - next_x * y).sum() > 0.0  # as from posterior over inferior to anterior
+    return points if counterclockwise else points[::-1]
+
+
+def _even(points: Floats) -> Floats:
+    """Resample a polyline, shape (m, 2), at `SURFACE_POINTS` points with equal distances along it."""
+    distance = _distance(points)
+    at = np.linspace(0.0, distance[-1], SURFACE_POINTS)
+    return np.stack([np.interp(at, distance, axis) for axis in points.T], axis=1)
 
 
 def _distance(points: Floats) -> Floats:
@@ -190,14 +333,9 @@ def _left(points: Floats) -> Floats:
 
 def _covered(surface: Floats, thickness: float) -> Floats:
     """Return the thickness [m] of the cartilage along a surface, shape (n, 1): it thins out towards both ends."""
-    place = _distance(surface) / _distance(surface)[-1]
-    part = np.clip(np.minimum(place, 1.0 - place) / TAPER, 0.0, 1.0)
+    along = _distance(surface) / _distance(surface)[-1]
+    part = np.clip(np.minimum(along, 1.0 - along) / TAPER, 0.0, 1.0)
     return np.asarray(thickness * np.sqrt(1.0 - (1.0 - part[:, None]) ** 2))
-
-
-def _band(surface: Floats, inner: Floats) -> Floats:
-    """Make the polygon of the cartilage: along the surface, and back along the bone."""
-    return np.concatenate([surface, inner[-2:0:-1]])
 
 
 def _join(begin: Floats, begin_along: Floats, end: Floats, end_along: Floats) -> Floats:

@@ -1,20 +1,52 @@
-"""The layout of the scene in Rerun's viewer, for one knee or for several side by side."""
+"""What stands where in Rerun: the entities, the plots with their curves, the visible part of the plane, and the tabs.
+
+The layout is for one knee or for several side by side, which share their plots. Entities stand under the name of the
+knee. Lengths are mm; units stand in the names of the curves.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
 
+import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.components import PlayState
 
-from knee_contact_ros.view.colours import BACKGROUND, KNEE_COLOURS
-from knee_contact_ros.view.frame import Frame, common, frame_of
-from knee_contact_ros.view.outlines import KneeOutlines
-from knee_contact_ros.view.plots import DEPTHS, DETAILS, FLEXION, KNEE, LAYER, READ_OFF, Plot, plots_of
-from knee_contact_ros.view.sagittal import BODY, CAMERA, PATH
-from knee_contact_ros.view.scene import CURVES, EVENTS, STATES, TIMELINE
+from knee_contact_ros.model.types import Rows
+from knee_contact_ros.view.anatomy import SURFACE_POINTS, Floats, KneeOutlines, lowest_at, placed
+from knee_contact_ros.view.colours import (
+    ANGLE,
+    BACKGROUND,
+    BAND,
+    BONE,
+    CARTILAGE,
+    COST,
+    DEPTH,
+    ERROR,
+    FORCE,
+    KNEE_COLOURS,
+    LOAD,
+    SLIP,
+    Colour,
+)  # fmt: skip
 
+TIMELINE = "stamp"
+"""The one timeline: it has the ROS stamps"""
+CURVES, EVENTS, STATES = "curves", "events", "states"
+CAMERA, BODY = "sagittal", "body"
+"""Paths of the entities of the camera, with marks in front of the knee, and of the knee"""
+PATH = "contact_path"
+MM, MICRO, MEGA = 1e3, 1e6, 1e-6
+NOISE, LEAST = 3.0, 0.01
+"""Noise of force less load: `NOISE` times the estimated error of the force, and at least `LEAST` [BW]"""
+SCALE_BAR = 10.0
+"""Length of the scale bar [mm]"""
+SEEN = np.radians([-5.0, 0.0, 15.0, 30.0, 45.0, 60.0, 70.0])
+"""Flexion angles [rad] at which the whole knee must be visible"""
+MARGIN, WORD = 0.04, 0.07
+"""Margin around the knee, and room for words below the marks, in heights of the knee: words keep their size"""
 PATH_SPAN = 1.5
 """Time [s] for which the path of the contact point stays visible: a little more than a stride"""
 LIVE_SPAN = 6.0
@@ -25,8 +57,191 @@ ABREAST = 2
 """Largest number of planes side by side; further ones stand below, or their words would overlap"""
 LONGEST_TITLE = 105
 """Most letters of a title on a screen of 1600 pixels; Rerun cuts longer ones"""
-MAIN, BEHIND, READ = "Knee", "Cost, levels, estimates, events", "Pressure, patch, strain"
-"""Names of the tabs"""
+
+
+class Series(NamedTuple):
+    """A curve of a plot: its name, style and values."""
+
+    name: str
+    """Name with the unit"""
+    colour: Colour
+    width: float
+    """Width of the line"""
+    values: Callable[[Any, float], Floats]
+    """Function of answers (or of their readouts) and body weight [N] that returns the values in the unit"""
+
+
+class Plot(NamedTuple):
+    """Curves that share a view, and what is known of the view."""
+
+    path: str
+    """Path of its entity under `KNEE/curves`"""
+    title: str
+    """Title with the unit, and the colours of the curves if one knee has the view"""
+    series: tuple[Series, ...]
+    title_of_several: str = ""
+    """Title where several knees share the view and their colours are added to it; empty: as `title`"""
+    live: bool = False
+    """Whether only a running node has it"""
+    steps: bool = False
+    """Whether a value holds until the next one"""
+    read_off: bool = False
+    """Whether it shows readouts of answers, and not their fields"""
+
+
+def _excess(answers: Rows, weight: float) -> Floats:
+    """Return contact force less load [BW]; 0 where it is noise."""
+    excess = answers["contact_force"] - answers["load"]
+    noise = np.maximum(NOISE * np.nan_to_num(answers["force_error_estimate"]), LEAST * weight)
+    return np.asarray(np.where(np.abs(excess) > noise, excess, 0.0) / weight)
+
+
+LAYER = "layer"
+"""Path of the entity with the depth at which the second layer begins, shown with the depths"""
+LAYER_NAME = "bone begins [mm]"
+LAYER_COLOUR = BONE
+FLEXION, CONTACT_POINT, FORCES, DEPTHS = "flexion", "contact_point", "force", "depth"
+KNEE = (
+    Plot(FLEXION, "Flexion angle [deg]", (
+        Series("flexion angle [deg]", ANGLE, 2.0, lambda answers, _: np.degrees(answers["flexion_angle"])),
+    )),
+    Plot(FORCES, "Contact force ± error, orange; load and force - load, grey [BW of {weight} N]", (
+        Series("force - error [BW]", BAND, 1.0,
+               lambda of, weight: (of["contact_force"] - of["force_error_estimate"]) / weight),
+        Series("force + error [BW]", BAND, 1.0,
+               lambda of, weight: (of["contact_force"] + of["force_error_estimate"]) / weight),
+        Series("contact force [BW]", FORCE, 3.0, lambda answers, weight: answers["contact_force"] / weight),
+        Series("load [BW]", LOAD, 1.0, lambda answers, weight: answers["load"] / weight),
+        Series("force - load [BW]", LOAD, 1.0, _excess),
+    ), title_of_several="Contact force ± error, thick; load; force - load [BW of {weight} N]"),
+    Plot(DEPTHS, "Depth ± error, apart < 0 [mm]", (
+        Series("depth - error [mm]", BAND, 1.0, lambda of, _: MM * (_signed(of) - of["error_estimate"])),
+        Series("depth + error [mm]", BAND, 1.0, lambda of, _: MM * (_signed(of) + of["error_estimate"])),
+        Series("depth [mm]", DEPTH, 2.0, lambda answers, _: MM * _signed(answers)),
+    )),
+    Plot(CONTACT_POINT, "Contact point on the plateau, anterior > 0 [mm]", (
+        Series("anterior [mm]", CARTILAGE, 2.0, lambda answers, _: MM * answers["contact_point"]["x"]),
+    )),
+)  # fmt: skip
+"""Plots beside the sagittal plane"""
+DETAILS = (
+    Plot("sliding", "Sliding velocity, anterior > 0 [mm/s]", (
+        Series("sliding velocity [mm/s]", SLIP, 2.0, lambda answers, _: MM * answers["sliding_velocity"]),
+    )),
+    Plot("error", "Estimated errors: depth, violet [µm]; force, orange [N]", (
+        Series("error of the force [N]", FORCE, 1.0, lambda answers, _: answers["force_error_estimate"]),
+        Series("error of the depth [µm]", ERROR, 2.0, lambda answers, _: MICRO * answers["error_estimate"]),
+    ), title_of_several="Estimated errors: depth, thick [µm]; force [N]"),
+    Plot("evaluations", "Contact law evaluations per tick", (
+        Series("evaluations per tick", COST, 1.5, lambda answers, _: answers["evaluations"]),
+    ), steps=True),
+    Plot("latency", "Latency from load to answer [ms]", (
+        Series("latency [ms]", ANGLE, 1.0, lambda answers, _: MM * answers["latency"]),
+    ), live=True),
+)  # fmt: skip
+"""Plots in the second tab"""
+READ_OFF = (
+    Plot("pressure", "Contact pressure: peak, thick; mean [MPa]", (
+        Series("mean pressure [MPa]", BAND, 1.5, lambda read, _: MEGA * read["mean_pressure"]),
+        Series("peak pressure [MPa]", FORCE, 2.5, lambda read, _: MEGA * read["peak_pressure"]),
+    ), read_off=True),
+    Plot("patch", "Half-width of the contact patch [mm]", (
+        Series("half-width [mm]", CARTILAGE, 2.0, lambda read, _: MM * read["half_width"]),
+    ), read_off=True),
+    Plot("strain", "Nominal strain of the cartilage [%]", (
+        Series("strain [%]", DEPTH, 2.0, lambda read, _: 100.0 * read["strain"]),
+    ), read_off=True),
+    Plot("loading_rate", "Loading rate [kN/s]", (
+        Series("loading rate [kN/s]", SLIP, 1.0, lambda read, _: 1e-3 * read["loading_rate"]),
+    ), read_off=True),
+)  # fmt: skip
+"""Plots in the third tab"""
+
+
+FORCE_NUMBER, LOAD_NUMBER = 2, 3
+"""Numbers of contact force and load among the series of `FORCES`"""
+
+
+HEIGHT_DRIVEN = KNEE[1]._replace(
+    title="Contact force ± error [BW of {weight} N]",
+    title_of_several="Contact force ± error, thick [BW of {weight} N]",
+    series=KNEE[1].series[:LOAD_NUMBER],
+)
+"""Plot `FORCES` where the femoral height is prescribed: no load drives the model there"""
+
+
+def _signed(answers: Rows) -> Floats:
+    """Return the depth [m]; negative when apart."""
+    return np.asarray(answers["penetration_depth"] - answers["gap"])
+
+
+def plots_of(drawing: KneeOutlines, latency: bool) -> list[Plot]:
+    """Return the plots that a knee has curves for; `latency` says whether its answers have latencies."""
+    plots = [plot for plot in KNEE if drawing.point_moves or plot.path != CONTACT_POINT]
+    if drawing.height_prescribed:
+        plots = [HEIGHT_DRIVEN if plot.path == FORCES else plot for plot in plots]
+    plots += [plot for plot in DETAILS if latency or not plot.live]
+    return [*plots, *READ_OFF] if drawing.patch else plots
+
+
+class Frame(NamedTuple):
+    """Visible part and places of words, in mm on the screen, whose y points down."""
+
+    x: tuple[float, float]
+    """Left and right end of the visible part"""
+    y: tuple[float, float]
+    """Upper and lower end of the visible part"""
+    axes: tuple[float, float]
+    """Origin of the arrows to anterior and superior"""
+    axis_length: float
+    """Length of these arrows"""
+    scale: tuple[float, float]
+    """Left end of the scale bar"""
+    femur_name: tuple[float, float]
+    """Place of the femur's name, on its shaft, femur frame"""
+    tibia_name: tuple[float, float]
+    """Place of the tibia's name"""
+    depth_name: tuple[float, float]
+    """Place of the depth: posterior to the contact, above the plateau, where no bone comes"""
+
+
+def frame_of(drawing: KneeOutlines) -> Frame:
+    """Return the visible part for a single knee."""
+    knee = drawing.anatomy
+    shapes = [_touching(drawing, angle) for angle in SEEN]
+    points = MM * np.concatenate([*shapes, knee.tibia_bone])
+    height = float(np.ptp(points[:, 1]))
+    margin, word = MARGIN * height, WORD * height
+    (left, bottom), (right, top) = points.min(axis=0) - margin, points.max(axis=0) + margin
+    floor = -bottom - word
+    shaft = knee.femur_bone[knee.femur_bone[:, 1] > knee.femur_bone[:, 1].max() - 1e-6]
+    rear = MM * knee.tibia_cartilage[0]
+    length = 0.09 * (right - left)
+    return Frame(
+        (left, right), (-top, -bottom),
+        axes=(left + word, floor), axis_length=length,
+        scale=(right - margin - SCALE_BAR, floor),
+        femur_name=(MM * float(shaft[:, 0].mean()), -MM * float(shaft[0, 1]) + word),
+        tibia_name=(MM * float(knee.tibia_bone[:, 0].mean()), floor - 0.5 * word),
+        depth_name=(0.5 * (left + float(rear[0])), -float(rear[1]) - word),
+    )  # fmt: skip
+
+
+def _touching(drawing: KneeOutlines, angle: float) -> Floats:
+    """Return the femur's bone [m], tibia frame, at a flexion angle [rad], touching the tibia."""
+    knee = drawing.anatomy
+    femur, tibia = placed(knee.femur_cartilage, angle, 0.0, 0.0), knee.tibia_cartilage[:SURFACE_POINTS]
+    apart = lowest_at(femur[None], tibia[None, :, 0])[0] - tibia[:, 1]
+    return placed(knee.femur_bone, angle, 0.0, -float(apart.min()))
+
+
+def common(frames: Sequence[Frame]) -> Frame:
+    """Return the first frame, as large as all need it: knees side by side have one scale."""
+    x, y = (np.array([frame[axis] for frame in frames]) for axis in (0, 1))
+    first = frames[0]
+    return first._replace(
+        x=(float(x[:, 0].min()), float(x[:, 1].max())), y=(float(y[:, 0].min()), float(y[:, 1].max()))
+    )
 
 
 def blueprint(drawings: Sequence[KneeOutlines], latency: bool = False, follow: bool = False) -> rrb.Blueprint:
@@ -38,17 +253,16 @@ def blueprint(drawings: Sequence[KneeOutlines], latency: bool = False, follow: b
         [_plot(drawings, by_path[plot.path], follow) for plot in plots if plot.path in by_path]
         for plots in (KNEE, DETAILS, READ_OFF)
     )
-    wide = len(drawings) <= ABREAST
-    texts = [rrb.Vertical(_states(one.knee, follow, wide), _events(one.knee), row_shares=[1, 2]) for one in drawings]
+    words = [_states_and_events(one.knee, follow, len(drawings) <= ABREAST) for one in drawings]
     return rrb.Blueprint(
         rrb.Tabs(
             rrb.Horizontal(
                 rrb.Grid(*planes, grid_columns=min(ABREAST, len(planes))),
                 rrb.Vertical(*main, row_shares=HEIGHTS if len(main) == len(HEIGHTS) else None),
-                name=MAIN,
+                name="Knee",
             ),
-            rrb.Horizontal(rrb.Vertical(*details), rrb.Horizontal(*texts), name=BEHIND),
-            *([rrb.Grid(*read, grid_columns=ABREAST, name=READ)] if read else []),
+            rrb.Horizontal(rrb.Vertical(*details), rrb.Horizontal(*words), name="Cost, levels, estimates, events"),
+            *([rrb.Grid(*read, grid_columns=ABREAST, name="Pressure, patch, strain")] if read else []),
         ),
         rrb.TimePanel(
             timeline=TIMELINE, state="collapsed", play_state=PlayState.Following if follow else PlayState.Paused
@@ -65,25 +279,28 @@ def title_of(drawings: Sequence[KneeOutlines], plot: Plot) -> str:
     title = ((several and plot.title_of_several) or plot.title).format(weight=weight)
     if plot.path == DEPTHS and any(drawing.has_bone for drawing in drawings):
         title += "; bone begins, pink"
-    names = [
-        f"{drawing.knee} {KNEE_COLOURS[place % len(KNEE_COLOURS)].name}"
-        for place, drawing in enumerate(drawings)
-        if plot.path in {one.path for one in plots_of(drawing, latency=True)}
-    ]
     if not several:
         return title
+    names = [
+        f"{drawing.knee} {KNEE_COLOURS[number % len(KNEE_COLOURS)].name}"
+        for number, drawing in enumerate(drawings)
+        if plot.path in {one.path for one in plots_of(drawing, latency=True)}
+    ]
     full = f"{title}: {', '.join(names)}"
     return full if len(full) <= LONGEST_TITLE or plot.path == FLEXION else f"{title}: colours as of the flexion angle"
 
 
+def plane_title(drawing: KneeOutlines, several: bool = False) -> str:
+    """Return the title of a knee's plane; it is shorter where several planes stand side by side."""
+    drawn = " (drawn only)" if drawing.anatomy.thickness_is_drawn else ""
+    cartilage = f"cartilage 2 × {MM * drawing.anatomy.thickness:.2g} mm{drawn}"
+    return f"{drawing.knee}: {'' if several else 'sagittal plane, '}{cartilage}"
+
+
 def _plane(drawing: KneeOutlines, frame: Frame, several: bool) -> rrb.Spatial2DView:
     """Make the view of a knee's sagittal plane."""
-    camera = f"{drawing.knee}/{CAMERA}"
-    recent = rrb.VisibleTimeRange(
-        TIMELINE,
-        start=rrb.TimeRangeBoundary.cursor_relative(seconds=-PATH_SPAN),
-        end=rrb.TimeRangeBoundary.cursor_relative(seconds=0.0),
-    )
+    camera, cursor = f"{drawing.knee}/{CAMERA}", rrb.TimeRangeBoundary.cursor_relative
+    recent = rrb.VisibleTimeRange(TIMELINE, start=cursor(seconds=-PATH_SPAN), end=cursor(seconds=0.0))
     return rrb.Spatial2DView(
         origin=camera, contents=["$origin/**", f"{rr.new_entity_path([drawing.knee, BODY])}/**"],
         name=plane_title(drawing, several), background=BACKGROUND,
@@ -92,40 +309,27 @@ def _plane(drawing: KneeOutlines, frame: Frame, several: bool) -> rrb.Spatial2DV
     )  # fmt: skip
 
 
-def plane_title(drawing: KneeOutlines, several: bool = False) -> str:
-    """Return the title of a knee's plane; it is shorter where several planes stand side by side."""
-    knee = drawing.anatomy
-    drawn = " (drawn only)" if knee.thickness_is_drawn else ""
-    cartilage = f"cartilage 2 × {1e3 * knee.thickness:.2g} mm{drawn}"
-    return f"{drawing.knee}: {cartilage}" if several else f"{drawing.knee}: sagittal plane, {cartilage}"
-
-
 def _plot(drawings: Sequence[KneeOutlines], plot: Plot, follow: bool) -> rrb.TimeSeriesView:
     """Make the view of a plot with the curves of all knees."""
-    contents = []
-    for drawing in drawings:
-        paths = [plot.path, *([LAYER] if plot.path == DEPTHS and drawing.has_bone else [])]
-        contents += [rr.new_entity_path([drawing.knee, CURVES, path]) for path in paths]
+    contents = [
+        rr.new_entity_path([drawing.knee, CURVES, path])
+        for drawing in drawings
+        for path in (plot.path, *([LAYER] if plot.path == DEPTHS and drawing.has_bone else []))
+    ]
+    legend = rrb.PlotLegend(visible=False)  # it would cover curves; the title tells the colours
     return rrb.TimeSeriesView(
-        origin="/",
-        contents=contents,
-        name=title_of(drawings, plot),
-        axis_x=_time_axis(follow),
-        plot_legend=rrb.PlotLegend(visible=False),  # it would cover curves; the title tells the colours
+        origin="/", contents=contents, name=title_of(drawings, plot), axis_x=_time_axis(follow), plot_legend=legend
     )
 
 
-def _states(knee: str, follow: bool, wide: bool) -> rrb.StateTimelineView:
-    """Make the view of a knee's contact states and levels."""
+def _states_and_events(knee: str, follow: bool, wide: bool) -> rrb.Vertical:
+    """Make the views of a knee's contact states and levels, and of its events."""
     name = f"{knee}: contact and level" if wide else knee  # what they are stands above them, too
-    return rrb.StateTimelineView(origin=f"{knee}/{STATES}", name=name, time_view=_time_axis(follow))
-
-
-def _events(knee: str) -> rrb.TextLogView:
-    """Make the view of a knee's events."""
+    states = rrb.StateTimelineView(origin=f"{knee}/{STATES}", name=name, time_view=_time_axis(follow))
     stamp = rrb.encodings.TimelineColumn(TIMELINE, visible=False)  # too narrow to be read; the text tells the time
     columns = rrb.TextLogColumns(timeline_columns=[stamp], text_log_columns=["Body"])
-    return rrb.TextLogView(origin=f"{knee}/{EVENTS}", name=f"{knee}: events", columns=columns)
+    events = rrb.TextLogView(origin=f"{knee}/{EVENTS}", name=f"{knee}: events", columns=columns)
+    return rrb.Vertical(states, events, row_shares=[1, 2])
 
 
 def _time_axis(follow: bool) -> rrb.TimeAxis:

@@ -1,46 +1,141 @@
-"""The scene as an output in a process of its own (`sinks.protocol.Output`)."""
+"""The scene as an output of a node: a Rerun file, or a server for viewers on this machine.
+
+`sink_for` describes it to the node, `open_output` opens it in a process of its own. Rerun is large, so that only what
+runs there imports it.
+"""
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from pathlib import Path
+from threading import Thread
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from knee_contact_ros.messages.answer import Ending
+from knee_contact_ros.messages.topics import KNEE_CONTACT, LATERAL, MEDIAL, compartment_name, knee_name
 from knee_contact_ros.model.types import ROW
-from knee_contact_ros.system.output_files import all_names, cut_off, leftovers, refuse_impossible
-from knee_contact_ros.view.outlets import Outlet, RerunFile, Served
-from knee_contact_ros.view.outlines import KneeOutlines, Serving
-from knee_contact_ros.view.scene import Scene
-from knee_contact_ros.view.window import Window, address, open_window
+from knee_contact_ros.sinks.protocol import Job, Knee, Sink
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.output_files import (
+    all_names,
+    claim,
+    cut_off,
+    leftovers,
+    open_claimed,
+    refuse_impossible,
+    take_name,
+)
+from knee_contact_ros.system.ports import LOCALHOST, refuse_taken
+from knee_contact_ros.view.anatomy import KneeOutlines, drawings_of
+from knee_contact_ros.view.viewer import Window, address, executable
 
+if TYPE_CHECKING:
+    from knee_contact_ros.view.scene import Scene
+
+APPLICATION = "knee_contact_ros"
+NICENESS = 10
+"""Niceness of a scene's process: it may wait for all others, unlike a recorder, whose unwritten data can be lost"""
+FILE_GATHER, LIVE_GATHER = 0.25, 0.05
+"""Time [s] for which answers are gathered before they are sent to the scene's process, for a file and live"""
+SERVED_MEMORY = "64MB"
+"""Memory that a server keeps for viewers that connect later; older data is dropped first"""
 BATCH = 4000
 """Number of answers that are shown at once: a message to Rerun costs as much as hundreds of answers"""
 FILE_PERIOD, LIVE_PERIOD = 1.0, 0.1
 """Time [s] that a batch waits to be full, for a file and for a live viewer"""
 PAUSE = 0.0005
 """Pause [s] between two messages to Rerun beside a node, which gets the processor then"""
+BLOCK = 1 << 16
+"""Bytes that a pipe holds"""
+
+
+class Serving(NamedTuple):
+    """Options of serving a scene to viewers."""
+
+    port: int
+    """Port of this machine's loopback interface"""
+    window: bool
+    """Whether a viewer is opened on this machine"""
+    knees: tuple[str, ...] = ()
+    """Names of all knees that share the viewer, with this one's; empty: this knee has the viewer for itself"""
+
+
+def sink_for(knee: Knee) -> Sink | None:
+    """Describe the process that writes a Rerun file or serves a scene; None if drawing is off.
+
+    Raises:
+        UsageError: Rerun is not installed, or the knee's name is not among those that share the viewer.
+    """
+    rerun, name = knee.parameters.rerun, knee_name(knee.names[KNEE_CONTACT])
+    models = tuple(knee.models.values())
+    if rerun.mode == "off":
+        return None
+    executable(f"parameter rerun.mode: {rerun.mode}: ")
+    knees = tuple(one.strip() for one in rerun.knees.split(",")) if rerun.knees else ()
+    if knees and (name not in knees or "" in knees):
+        raise UsageError(
+            f"parameter rerun.knees: {rerun.knees!r} is not allowed; this knee, {name}, must be one of them"
+        )
+    path = Path(rerun.path) if rerun.mode == "file" else None
+    if len(models) > 1:  # each is a knee of its own to a viewer
+        knees = tuple(compartment_name(one, of) for one in knees or (name,) for of in (MEDIAL, LATERAL))
+    serving = Serving(rerun.port, rerun.mode == "spawn", knees)
+    job = Job(__name__, (path, serving, drawings_of(models, name, knee.parameters.body_weight)))
+    kind = "Rerun recording" if path else f"Rerun scene on port {serving.port}"
+    gather = FILE_GATHER if path else LIVE_GATHER
+    return Sink("viewer", kind, str(path or ""), job, "row", gaps_allowed=True, niceness=NICENESS, gather=gather)
+
+
+def open_output(path: Path | None, serving: Serving, own: Sequence[KneeOutlines]) -> Viewer:
+    """Open the output for a knee of one or two compartments: a file, or a server if there is no `path`.
+
+    Raises:
+        UsageError: the output cannot be opened; see `RerunFile`, `Served` and `Window`.
+    """
+    from knee_contact_ros.view.scene import Scene
+
+    remarks: list[str] = []
+    if path:
+        refuse_impossible(path)
+        name = next(all_names(path))
+        if name != path:
+            remarks.append(f"{path} is there already: this Rerun recording is {name}")
+        remarks += map(cut_off, leftovers(path.parent, ".rrd"))
+        target: RerunFile | Served = RerunFile(name, own, latency=True)
+    else:
+        # The others' surfaces are not known here; where they are looked at is much the same.
+        known = {drawing.knee: drawing for drawing in own}
+        drawings = [known.get(name, own[0]._replace(knee=name)) for name in serving.knees or known]
+        target = Served(serving.port, drawings, "+".join(serving.knees) or None)
+    window = Window(address(serving.port)) if serving.window and not path else None
+    names = [drawing.knee for drawing in own] if path else serving.knees
+    scenes = [
+        Scene(
+            target.recording, drawing, latency=True, pause=PAUSE, forgetful=not path,
+            number=names.index(drawing.knee) if len(names) > 1 else None,
+        )
+        for drawing in own
+    ]  # fmt: skip
+    return Viewer(target, scenes, FILE_PERIOD if path else LIVE_PERIOD, remarks, window)
 
 
 class Viewer:
-    """An output that shows answers in batches."""
+    """An output (`sinks.protocol.Output`) that shows answers in batches."""
 
     def __init__(
-        self,
-        outlet: Outlet,
-        scenes: Sequence[Scene],
-        period: float,
-        remarks: Sequence[str] = (),
+        self, target: RerunFile | Served, scenes: Sequence[Scene], period: float, remarks: Sequence[str] = (),
         window: Window | None = None,
-    ) -> None:
-        """Show each compartment in one of the `scenes`, which write to `outlet`.
+    ) -> None:  # fmt: skip
+        """Show each compartment in one of the `scenes`, which write to `target`.
 
         A batch waits for `period` [s] to be full. `remarks` are messages to the user about the opening, and `window` is
         the viewer on this machine, if one was opened.
         """
-        self.period, self.name = period, outlet.name
-        self._outlet, self._scenes, self._window = outlet, scenes, window
+        self.period, self.name = period, target.name
+        self._target, self._scenes, self._window = target, scenes, window
         self._remarks = tuple(remarks)
         self._batch: list[bytes] = []
 
@@ -59,7 +154,7 @@ class Viewer:
     def flush(self) -> None:
         """Show the waiting answers, and hand them over."""
         self._show()
-        self._outlet.flush()
+        self._target.flush()
 
     def must_end(self) -> str:
         """Return an empty text: only a full disk ends this output, which `flush` reports."""
@@ -75,12 +170,12 @@ class Viewer:
         self._show()
         for scene in self._scenes:
             scene.finish()
-        self._outlet.close()
-        self.name = self._outlet.name
+        self._target.close()
+        self.name = self._target.name
 
     def discard(self) -> None:
         """Give up: leave no file, and close the window."""
-        self._outlet.discard()
+        self._target.discard()
         if self._window:
             self._window.close()
 
@@ -92,32 +187,111 @@ class Viewer:
             self._batch = []
 
 
-def open_output(path: Path | None, serving: Serving, own: Sequence[KneeOutlines]) -> Viewer:
-    """Open the output for a knee of one or two compartments: a file, or a server if there is no `path`.
+class RerunFile:
+    """An `.rrd` file with its blueprint; it appears under its final name when it is complete.
 
-    Raises:
-        UsageError: the output cannot be opened; see `RerunFile`, `Served` and `open_window`.
+    Rerun's thread for files ends at an error, such as a full disk, and waiting for it may then last for ever. So it
+    writes into a pipe, which gives it no errors, and a thread of ours writes the file.
     """
-    remarks = []
-    if path:
-        refuse_impossible(path)
-        name = next(all_names(path))
-        if name != path:
-            remarks.append(f"{path} is there already: this Rerun recording is {name}")
-        remarks += map(cut_off, leftovers(path.parent, ".rrd"))
-        outlet: Outlet = RerunFile(name, own, latency=True)
-    else:
-        # The others' surfaces are not known here; where they are looked at is much the same.
-        known = {drawing.knee: drawing for drawing in own}
-        drawings = [known.get(name, own[0]._replace(knee=name)) for name in serving.knees or known]
-        outlet = Served(serving.port, drawings, "+".join(serving.knees) or None)
-    window = open_window(address(serving.port)) if serving.window and not path else None
-    names = [drawing.knee for drawing in own] if path else serving.knees
-    scenes = [
-        Scene(
-            outlet.recording, drawing, latency=True, pause=PAUSE, forgetful=not path,
-            number=names.index(drawing.knee) if len(names) > 1 else None,
-        )
-        for drawing in own
-    ]  # fmt: skip
-    return Viewer(outlet, scenes, FILE_PERIOD if path else LIVE_PERIOD, remarks, window)
+
+    def __init__(
+        self, path: Path, drawings: Sequence[KneeOutlines], latency: bool = False, overwrite: bool = False
+    ) -> None:
+        """Open a file for these knees; `latency` says whether their answers have latencies.
+
+        Raises:
+            UsageError: the file cannot be written; see `claim` and `open_claimed`.
+        """
+        import rerun as rr
+
+        from knee_contact_ros.view.layout import blueprint
+
+        self.path, self._overwrite = path, overwrite
+        self._partial = claim(path, overwrite)
+        self._file = open_claimed(self._partial)
+        self._error: OSError | None = None
+        self._source, sink = os.pipe()
+        self._thread = Thread(target=self._copy, name="Rerun file", daemon=True)
+        self._thread.start()
+        self.recording = rr.RecordingStream(APPLICATION)
+        self.recording.save(f"/dev/fd/{sink}", default_blueprint=blueprint(drawings, latency))
+        os.close(sink)  # Rerun has opened it: the copy is complete when Rerun closes it
+
+    @property
+    def name(self) -> str:
+        """Name of the file."""
+        return str(self.path)
+
+    def flush(self) -> None:
+        """Hand over all data that waits.
+
+        Raises:
+            OSError: earlier data could not be written.
+        """
+        self.recording.flush()
+        if self._error:
+            raise self._error
+
+    def close(self) -> None:
+        """Complete the file and give it its name.
+
+        Raises:
+            OSError: the file is not complete.
+        """
+        self.recording.flush()
+        self.recording.disconnect()
+        self._thread.join()
+        if self._error:
+            raise self._error
+        self.path = take_name(self._partial, self.path, self._overwrite)
+
+    def discard(self) -> None:
+        """Give up, and remove the file."""
+        self.recording.disconnect()
+        self._partial.unlink(missing_ok=True)
+
+    def _copy(self) -> None:
+        """Write all that comes until the pipe is closed; after an error, which is kept, drop it."""
+        with os.fdopen(self._source, "rb", buffering=0) as source:
+            try:
+                with self._file as file:  # a network disk may report an error when it is closed
+                    while data := source.read(BLOCK):
+                        file.write(data)
+                        file.flush()
+            except OSError as error:
+                error.filename = str(self._partial)
+                self._error = error
+                while source.read(BLOCK):
+                    pass
+
+
+class Served:
+    """A server of Rerun's on 127.0.0.1, to which viewers connect; it never waits for a viewer."""
+
+    name = ""
+
+    def __init__(self, port: int, drawings: Sequence[KneeOutlines], recording_id: str | None = None) -> None:
+        """Listen on a port; recordings of one `recording_id` are one in a viewer that is connected to several servers.
+
+        Raises:
+            UsageError: the port is taken.
+        """
+        import rerun as rr
+
+        from knee_contact_ros.view.layout import blueprint
+
+        refuse_taken(port, "parameter rerun.port")
+        self.recording = rr.RecordingStream(APPLICATION, recording_id=recording_id)
+        server = rr.GrpcServerSink(bind_ip=LOCALHOST, port=port, server_memory_limit=SERVED_MEMORY)
+        self.recording.set_sinks(server, default_blueprint=blueprint(drawings, latency=True, follow=True))
+
+    def flush(self) -> None:
+        """Hand over all data that waits to the server."""
+        self.recording.flush()
+
+    def close(self) -> None:
+        """End the server; viewers keep the data that they have."""
+        self.recording.flush()
+        self.recording.disconnect()
+
+    discard = close

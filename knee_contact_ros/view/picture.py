@@ -19,7 +19,7 @@ from knee_contact_ros.messages.topics import MEDIAL
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.lateral import has_both
-from knee_contact_ros.results.columns import begin_of, stamp_text
+from knee_contact_ros.results import begin_of, stamp_text
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.extras import require
 from knee_contact_ros.view.anatomy import Floats, Picture, picture_of

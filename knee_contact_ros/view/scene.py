@@ -1,28 +1,72 @@
-"""The scene of one knee in a Rerun recording, written batch by batch."""
+"""The scene of one knee in a Rerun recording, written batch by batch: sagittal plane, curves, states and events.
+
+Rerun fills no polygons in a plane, but triangles in space. So the knee stands in space, upright before a camera whose
+distance and focal length are such that a millimetre of the knee is one on the screen; a plane's view through that
+camera can be moved and magnified, not turned. Layers in front stand a little nearer to the camera. On the screen y
+points down, so y is negated here.
+"""
 
 from __future__ import annotations
 
+import json
 import math
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from typing import Any
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 import rerun as rr
+from numpy.typing import NDArray
 
 from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.model.readouts import SPREAD, Readings
-from knee_contact_ros.model.types import Rows, blank
-from knee_contact_ros.results.columns import DATES_FROM
-from knee_contact_ros.view import sagittal
-from knee_contact_ros.view.colours import APART, BONE, CARTILAGE, KNEE_COLOURS, NAME_OF_STATE, Colour
-from knee_contact_ros.view.frame import frame_of
-from knee_contact_ros.view.outlines import KneeOutlines
-from knee_contact_ros.view.plots import LAYER, LAYER_COLOUR, LAYER_NAME, MM, plots_of
-from knee_contact_ros.view.remarks import Remark, Remarks, remark_of_note
+from knee_contact_ros.model.types import ContactState, Rows, Status, blank
+from knee_contact_ros.pipeline.gait.events import GAP, HEEL_STRIKE, LOAD_PEAK, TOE_OFF, GaitEvent, GaitEvents
+from knee_contact_ros.pipeline.gait.strides import CERTAIN, KEPT, impulse_of, spans
+from knee_contact_ros.results import DATES_FROM
+from knee_contact_ros.view import colours
+from knee_contact_ros.view.anatomy import NEWTONS_PER_MM, POINTS, Floats, KneeOutlines, overlaps, placed
+from knee_contact_ros.view.colours import KNEE_COLOURS, NAME_OF_STATE, Colour
+from knee_contact_ros.view.layout import (
+    BODY,
+    CAMERA,
+    CURVES,
+    EVENTS,
+    LAYER,
+    LAYER_COLOUR,
+    LAYER_NAME,
+    MM,
+    PATH,
+    SCALE_BAR,
+    STATES,
+    TIMELINE,
+    frame_of,
+    plots_of,
+)  # fmt: skip
 
-TIMELINE = "stamp"
-CURVES, EVENTS, STATES = "curves", "events", "states"
+ON_SCREEN = np.array([MM, -MM])
+"""Factors from m in the tibia frame to mm on the screen"""
+PICTURE_PERIOD = 5_000_000
+"""Time [ns] between two pictures: they are more than a screen can show"""
+DISTANCE, LAYER_DISTANCE = 1000.0, 0.2
+"""Distance of the camera from the knee [mm], and distance between two layers [mm]"""
+LAYERS = ("tibia", "tibial cartilage", "femur", "femoral cartilage", "edge", "overlap")
+"""Names of the layers, from back to front"""
+THIN, LINE, WIDE, POINT_SIZE, PATH_SIZE = -0.6, -1.0, -2.2, -4.5, -1.4
+"""Half-widths on the screen, whatever the magnification; Rerun takes them as negative numbers"""
+ON_TOP, ABOVE = 40.0, 35.0
+"""Draw orders of marks; that of other points is 30"""
+UNSEEN = -0.01
+"""Half-width of a point of which only the label is visible"""
+ABOVE_AXIS, ABOVE_FORCE = 9.0, 13.0
+"""Distances [mm] from the tip of an arrow to its word above, of one line and of two"""
+MAGNIFICATION = 10.0
+"""Factor by which the depth of the drawn overlap is magnified along the normal"""
+FORCE_WITHIN = 0.8
+"""Largest distance from the contact to the force's word, in extents of the femur: there is bone behind it"""
+FEMUR, POINT, OVERLAP, ARROW, FORCE_NAME, DEPTH = (
+    "femur", "contact_point", "overlap", "contact_force_on_femur", "contact_force", "depth"
+)  # fmt: skip
 CONTACT, LEVEL = "contact", "level"
 LEVEL_NAMES = ("quasi-static", "first-order", "dynamic")
 """Names of the levels, by `Fidelity`"""
@@ -34,6 +78,34 @@ SINGLE = 5.0
 LAYER_DEPTH = "contact.layer_depth"
 LAW = ("contact.", "lateral.contact.")
 """Beginnings of the names of parameters on which patch, pressure and strain depend"""
+WARNING = "WARN"
+CHANGES: dict[tuple[int, int], str] = {
+    (ContactState.SEPARATED, ContactState.CARTILAGE): "touch-down",
+    (ContactState.SEPARATED, ContactState.BONE): "touch-down, down to the bone",
+    (ContactState.CARTILAGE, ContactState.BONE): "bone contact begins",
+    (ContactState.BONE, ContactState.CARTILAGE): "bone contact ends",
+    (ContactState.CARTILAGE, ContactState.SEPARATED): "lift-off",
+    (ContactState.BONE, ContactState.SEPARATED): "lift-off from the bone",
+}
+STATUS = {
+    Status.STALE_INPUT: "stale input: a long gap between stamps",
+    Status.TIME_RESET: "time reset: started anew",
+    Status.INPUT_HELD: "input held: no angle came in time",
+    Status.NOT_CONVERGED: "not converged: a tolerance is not met",
+    Status.INPUT_REJECTED: "a sample was refused",
+    Status.IMPLAUSIBLE: "implausible: deeper than any knee",
+}
+Triangles = NDArray[np.uint32]
+"""Triangles as indices of their corners, shape (m, 3)"""
+
+
+class Remark(NamedTuple):
+    """A line of the events."""
+
+    stamp: int
+    """Stamp [ns]"""
+    text: str
+    level: str = "INFO"
 
 
 class Scene:
@@ -61,9 +133,9 @@ class Scene:
         self._recording, self._drawing, self._pause = recording, drawing, pause
         self._plots, self._number = plots_of(drawing, latency), number
         self._layer = drawing.second_layer
-        self._pictures = sagittal.Pictures()
+        self._pictures = Pictures()
         self._remarks = Remarks(drawing.body_weight)
-        self._time = _durations
+        self._dated = False
         self._last_stamp = 0
         self._begun, self._alone, self._has_events = False, True, False
         self._before, self._law_known = blank(0), True
@@ -77,32 +149,23 @@ class Scene:
 
     def show(self, answers: Rows) -> None:
         """Write answers, at least one."""
+        stamps = answers["stamp"]
         self._alone = not self._begun and len(answers) == 1
-        if not self._begun:
-            self._begin(int(answers["stamp"][0]))
-        self._last_stamp = int(answers["stamp"][-1])
-        read = self._read_off(answers)
-        for plot in self._plots:
-            source: Any = read if plot.read_off else answers
-            values = np.stack([series.values(source, self._drawing.body_weight) for series in plot.series], axis=1)
-            known = np.isfinite(values[:, 0]) if plot.read_off else np.ones(len(values), dtype=bool)
-            if not known.any():
-                continue
-            values = values[known]
-            columns = rr.Scalars.columns(scalars=values.ravel())
-            if values.shape[1] > 1:
-                columns = columns.partition(np.full(len(values), values.shape[1]))
-            self._send(f"{CURVES}/{plot.path}", answers["stamp"][known], columns)
-        if math.isfinite(self._layer):
-            ends = answers["stamp"][[0, -1]]
-            self._send(f"{CURVES}/{LAYER}", ends, rr.Scalars.columns(scalars=[MM * self._layer] * 2))
-        pictures = self._pictures.choose(answers["stamp"])
-        if len(pictures):
-            drawn = answers[pictures]
-            sagittal.send_moving_plane(self._drawing, drawn, self._layer, self._to(sagittal.BODY, drawn["stamp"]))
-            sagittal.send_moving_marks(self._drawing, drawn, self._to(sagittal.CAMERA, drawn["stamp"]))
-        self._write_changes(CONTACT, answers["stamp"], answers["contact_state"], list(NAME_OF_STATE.values()))
-        self._write_changes(LEVEL, answers["stamp"], answers["fidelity"], LEVEL_NAMES)
+        if not self._begun:  # the first stamp decides whether the timeline shows dates or durations
+            self._begun, self._dated = True, bool(stamps[0] >= DATES_FROM)
+            self._write_events([remark_of_note(int(stamps[0]), name, values) for name, values in self._early])
+        self._last_stamp = int(stamps[-1])
+        self._write_curves(answers, self._read_off(answers))
+        chosen = self._pictures.choose(stamps)
+        if len(chosen):
+            drawn = answers[chosen]
+            for root, moving in (
+                (BODY, moving_plane(self._drawing, drawn, self._layer)), (CAMERA, moving_marks(self._drawing, drawn)),
+            ):  # fmt: skip
+                for path, columns in moving:
+                    self._send(f"{root}/{path}", drawn["stamp"], columns)
+        self._write_changes(CONTACT, stamps, answers["contact_state"], list(NAME_OF_STATE.values()))
+        self._write_changes(LEVEL, stamps, answers["fidelity"], LEVEL_NAMES)
         self._write_events(self._remarks.take(answers))
 
     def note(self, name: str, values: Mapping[str, str]) -> None:
@@ -114,6 +177,16 @@ class Scene:
             self._early.append((name, values))
             return
         self._write_events([remark_of_note(self._last_stamp, name, values)])
+
+    def finish(self) -> None:
+        """Write the last events; curves of a single answer become points."""
+        if self._begun and self._alone:
+            for path, names, tints, _ in self._styles():
+                points = rr.SeriesPoints(names=names, colors=tints, marker_sizes=[SINGLE])
+                self._recording.log(f"{self._drawing.knee}/{CURVES}/{path}", points, static=True)
+        self._write_events(self._remarks.finish())
+        if self._begun and not self._has_events:
+            self._write_events([Remark(self._last_stamp, "no events")])
 
     def _read_off(self, answers: Rows) -> Readings | None:
         """Return the readouts of answers; those that depend on the contact law are NaN once the law has changed.
@@ -129,49 +202,54 @@ class Scene:
             read[name] = np.nan
         return read
 
-    def finish(self) -> None:
-        """Write the last events; curves of a single answer become points."""
-        if self._begun and self._alone:
-            for path, names, colours, _ in self._styles():
-                points = rr.SeriesPoints(names=names, colors=colours, marker_sizes=[SINGLE])
-                self._recording.log(f"{self._drawing.knee}/{CURVES}/{path}", points, static=True)
-        self._write_events(self._remarks.finish())
-        if self._begun and not self._has_events:
-            self._write_events([Remark(self._last_stamp, "no events")])
-
-    def _begin(self, stamp: int) -> None:
-        """Choose by the first stamp [ns] whether the timeline shows dates or durations; write earlier notes."""
-        self._begun = True
-        self._time = _dates if stamp >= DATES_FROM else _durations
-        self._write_events([remark_of_note(stamp, name, values) for name, values in self._early])
-
     def _write_still(self) -> None:
         """Write the parts of the scene that do not change."""
-
-        def at(root: str) -> Callable[[str, Any], None]:
-            place = f"{self._drawing.knee}/{root}"
-            return lambda path, what: self._recording.log(f"{place}/{path}" if path else place, what, static=True)
-
-        at(sagittal.CAMERA)("", sagittal.camera())
-        sagittal.send_still_plane(self._drawing, at(sagittal.BODY))
-        sagittal.send_still_marks(frame_of(self._drawing), at(sagittal.CAMERA))
         steps = {plot.path for plot in self._plots if plot.steps}
-        for path, names, colours, widths in self._styles():
-            mode = rr.components.InterpolationMode.StepAfter if path in steps else None
-            at(CURVES)(path, rr.SeriesLines(names=names, colors=colours, widths=widths, interpolation_mode=mode))
+        curves = [
+            (path, rr.SeriesLines(
+                names=names, colors=tints, widths=widths,
+                interpolation_mode=rr.components.InterpolationMode.StepAfter if path in steps else None,
+            ))
+            for path, names, tints, widths in self._styles()
+        ]  # fmt: skip
         names = list(NAME_OF_STATE.values())
-        at(STATES)(CONTACT, rr.StateConfiguration(values=names, colors=[APART, CARTILAGE, BONE]))
-        at(STATES)(LEVEL, rr.StateConfiguration(values=LEVEL_NAMES, colors=LEVEL_COLOURS))
+        states = [
+            (CONTACT, rr.StateConfiguration(values=names, colors=colours.OF_STATE.tolist())),
+            (LEVEL, rr.StateConfiguration(values=LEVEL_NAMES, colors=LEVEL_COLOURS)),
+        ]
+        # A millimetre at the camera's distance is one on the screen.
+        camera = rr.Pinhole(focal_length=DISTANCE, principal_point=(0.0, 0.0), resolution=(1.0, 1.0))
+        self._recording.log(f"{self._drawing.knee}/{CAMERA}", camera, static=True)
+        for root, parts in (
+            (BODY, still_plane(self._drawing)), (CAMERA, still_marks(self._drawing)), (CURVES, curves), (STATES, states)
+        ):  # fmt: skip
+            for path, what in parts:
+                self._recording.log(f"{self._drawing.knee}/{root}/{path}", what, static=True)
 
     def _styles(self) -> Iterator[tuple[str, Sequence[str], Sequence[Colour], Sequence[float]]]:
         """Yield path, names, colours and widths of the curves of each entity."""
         for plot in self._plots:
-            names, colours, widths = zip(*(series[:3] for series in plot.series), strict=True)
+            names, tints, widths = zip(*(series[:3] for series in plot.series), strict=True)
             if self._number is not None:
-                colours = (KNEE_COLOURS[self._number % len(KNEE_COLOURS)].colour,) * len(names)
-            yield plot.path, names, colours, widths
+                tints = (KNEE_COLOURS[self._number % len(KNEE_COLOURS)].colour,) * len(names)
+            yield plot.path, names, tints, widths
         if self._drawing.has_bone:
             yield LAYER, [LAYER_NAME], [LAYER_COLOUR], [1.5]
+
+    def _write_curves(self, answers: Rows, read: Readings | None) -> None:
+        """Write all curves; of readouts, those that are known."""
+        stamps = answers["stamp"]
+        for plot in self._plots:
+            source: Any = read if plot.read_off else answers
+            values = np.stack([series.values(source, self._drawing.body_weight) for series in plot.series], axis=1)
+            known = np.isfinite(values[:, 0]) if plot.read_off else np.ones(len(values), dtype=bool)
+            if known.any():
+                columns = rr.Scalars.columns(scalars=values[known].ravel())
+                if values.shape[1] > 1:
+                    columns = columns.partition(np.full(np.count_nonzero(known), values.shape[1]))
+                self._send(f"{CURVES}/{plot.path}", stamps[known], columns)
+        if math.isfinite(self._layer):
+            self._send(f"{CURVES}/{LAYER}", stamps[[0, -1]], rr.Scalars.columns(scalars=[MM * self._layer] * 2))
 
     def _write_changes(self, path: str, stamps: Any, values: Any, names: Sequence[str]) -> None:
         """Write a state where it changes, and again after `REPEAT` where old data is dropped."""
@@ -196,26 +274,254 @@ class Scene:
 
     def _clock(self, stamp: int) -> str:
         """Return a stamp [ns] as text, as the timeline shows it."""
-        if self._time is _dates:
+        if self._dated:
             return str(np.datetime64(stamp, "ns").astype("datetime64[ms]")).replace("T", " ")
         return f"{stamp / NANOSECONDS:.3f} s"
 
-    def _to(self, root: str, stamps: Any) -> Callable[[str, Any], None]:
-        """Return a function that sends columns with these stamps to entities under `root`."""
-        return lambda path, columns: self._send(f"{root}/{path}", stamps, columns)
-
     def _send(self, path: str, stamps: Any, columns: Any) -> None:
         """Send columns with their stamps [ns] to an entity of the knee."""
-        self._recording.send_columns(f"{self._drawing.knee}/{path}", indexes=[self._time(stamps)], columns=columns)
+        if self._dated:
+            times = rr.TimeColumn(TIMELINE, timestamp=stamps.astype("datetime64[ns]"))
+        else:
+            times = rr.TimeColumn(TIMELINE, duration=stamps.astype("timedelta64[ns]"))
+        self._recording.send_columns(f"{self._drawing.knee}/{path}", indexes=[times], columns=columns)
         if self._pause:
             time.sleep(self._pause)
 
 
-def _durations(stamps: Any) -> rr.TimeColumn:
-    """Return stamps [ns] as durations."""
-    return rr.TimeColumn(TIMELINE, duration=stamps.astype("timedelta64[ns]"))
+class Pictures:
+    """Selects the answers that are drawn: the first of every `PICTURE_PERIOD`."""
+
+    def __init__(self) -> None:
+        self._period = -1  # of the last picture
+
+    def choose(self, stamps: NDArray[np.int64]) -> NDArray[np.intp]:
+        """Return the indices of the answers that are drawn; `stamps` [ns] continue those of the previous call."""
+        periods = stamps // PICTURE_PERIOD
+        new = np.flatnonzero(np.diff(periods, prepend=self._period))
+        self._period = int(periods[-1])
+        return new
 
 
-def _dates(stamps: Any) -> rr.TimeColumn:
-    """Return stamps [ns] as dates."""
-    return rr.TimeColumn(TIMELINE, timestamp=stamps.astype("datetime64[ns]"))
+def still_plane(drawing: KneeOutlines) -> Iterator[tuple[str, Any]]:
+    """Yield paths and data of the polygons, and of the parts of the overlap that do not change."""
+    knee = drawing.anatomy
+    for name, cartilage, bone, cover, colour in (
+        ("tibia", "tibial cartilage", knee.tibia_bone, knee.tibia_cartilage, colours.TIBIA),
+        (FEMUR, "femoral cartilage", knee.femur_bone, knee.femur_cartilage, colours.FEMUR),
+    ):
+        for path, polygon, layer, paint in (
+            ("bone", bone, name, colour),
+            ("cartilage", cover, cartilage, colours.COVER),
+        ):
+            vertices = _in_space(polygon * ON_SCREEN, layer)
+            mesh = rr.Mesh3D(vertex_positions=vertices, triangle_indices=triangles_of(polygon), albedo_factor=paint)
+            yield f"{name}/{path}", mesh
+        edges = [_in_space(ON_SCREEN * np.concatenate([shape, shape[:1]]), "edge") for shape in (bone, cover)]
+        yield f"{name}/edges", rr.LineStrips3D(edges, colors=[colours.EDGE, colours.COVER], radii=[THIN])
+    paints = [colours.CARTILAGE, colours.CARTILAGE, *([colours.BONE] if drawing.has_bone else [])]
+    near = np.arange(POINTS - 1)[:, None]  # a band between two rows of points, which follow each other
+    band = np.concatenate([near + np.array([0, 1, POINTS]), near + np.array([POINTS, 1, POINTS + 1])])
+    indices = np.concatenate([band + 2 * POINTS * number for number in range(len(paints))]).astype(np.uint32)
+    tints = np.array(paints, dtype=np.uint8).repeat(2 * POINTS, axis=0)
+    yield OVERLAP, rr.Mesh3D.from_fields(triangle_indices=indices, vertex_colors=tints)
+
+
+def still_marks(drawing: KneeOutlines) -> Iterator[tuple[str, Any]]:
+    """Yield paths and data of the marks in front of the knee, as far as they do not change."""
+
+    def word(place: Any, text: str, colour: Colour = colours.TEXT) -> rr.Points2D:  # below a place on the screen [mm]
+        return rr.Points2D([place], labels=[text], colors=[colour], radii=[UNSEEN], show_labels=True)
+
+    frame = frame_of(drawing)
+    corner, length = np.array(frame.axes), frame.axis_length
+    ends = np.array([[length, 0.0], [0.0, -length]])
+    yield "axes", rr.Arrows2D(origins=[corner, corner], vectors=ends, colors=[colours.TEXT], radii=[LINE])
+    yield "axes/anterior", word(corner + 1.1 * ends[0], "anterior")
+    yield "axes/superior", word(corner + ends[1] - [0.0, ABOVE_AXIS], "superior")
+    bar = np.array([frame.scale, frame.scale]) + np.array([[0.0, 0.0], [SCALE_BAR, 0.0]])
+    yield "scale", rr.LineStrips2D([bar], colors=[colours.TEXT], radii=[WIDE])
+    yield "scale/name", word(bar.mean(axis=0), f"{SCALE_BAR:g} mm")
+    yield "tibia/name", word(frame.tibia_name, "tibia", colours.INK)
+    yield f"{FEMUR}/name", word(frame.femur_name, "femur", colours.INK)
+    yield POINT, rr.Points2D.from_fields(radii=[POINT_SIZE], draw_order=ON_TOP)
+    yield PATH, rr.Points2D.from_fields(colors=[colours.WAY], radii=[PATH_SIZE], draw_order=ABOVE)
+    yield ARROW, rr.Arrows2D.from_fields(colors=[colours.FORCE], radii=[WIDE])
+    yield FORCE_NAME, rr.Points2D.from_fields(colors=[colours.INK], radii=[UNSEEN], show_labels=True)
+    yield (
+        DEPTH,
+        rr.Points2D.from_fields(positions=[frame.depth_name], colors=[colours.TEXT], radii=[UNSEEN], show_labels=True),
+    )
+
+
+def moving_plane(drawing: KneeOutlines, answers: Rows, layer: float) -> Iterator[tuple[str, Any]]:
+    """Yield paths and columns of poses and overlaps, at least one; the second layer begins at the depth `layer` [m]."""
+    yield FEMUR, _pose(answers)
+    radius = 0.5 * float(np.ptp(drawing.femur[:, 0]))
+    femur = placed(drawing.femur, answers["flexion_angle"], answers["femoral_x"], answers["femoral_height"])
+    region = overlaps(femur, drawing.tibia, answers["contact_point"]["x"], answers["penetration_depth"], radius)
+    normal = np.stack([answers["normal_x"], answers["normal_y"]], axis=1)
+    depth = (region.upper - region.lower) * normal[:, None, 1]
+    # As it is, and its layers with their depth magnified; each along the tibia and along the femur.
+    rows = [np.stack([region.x, y], axis=2) for y in (region.upper, region.lower)]
+    ends = [0.0 * depth, *([np.minimum(depth, layer)] * 2 if drawing.has_bone else []), depth]
+    rows += [rows[0] - MAGNIFICATION * end[..., None] * normal[:, None] for end in ends]
+    vertices = _in_space((np.stack(rows, axis=1) * ON_SCREEN).reshape(-1, 2), "overlap")
+    yield OVERLAP, rr.Mesh3D.columns(vertex_positions=vertices).partition(np.full(len(answers), len(rows) * POINTS))
+
+
+def moving_marks(drawing: KneeOutlines, answers: Rows) -> Iterator[tuple[str, Any]]:
+    """Yield paths and columns of the marks in front of the knee, of at least one picture."""
+    yield FEMUR, _pose(answers)
+    point = np.stack([answers["contact_point"]["x"], answers["contact_point"]["y"]], axis=1) * ON_SCREEN
+    tints = colours.OF_STATE[answers["contact_state"].astype(int)]
+    yield POINT, rr.Points2D.columns(positions=point, colors=tints)
+    yield PATH, rr.Points2D.columns(positions=point)
+    force = answers["contact_force"]
+    arrow = force[:, None] / NEWTONS_PER_MM * np.stack([answers["normal_x"], -answers["normal_y"]], axis=1)
+    yield ARROW, rr.Arrows2D.columns(origins=point, vectors=arrow)
+    weight = drawing.body_weight
+    labels = [f"{newtons:.0f} N\n{newtons / weight:.2f} BW" if newtons else "0 N" for newtons in force.tolist()]
+    farthest = FORCE_WITHIN * MM * float(np.ptp(drawing.femur[:, 0]))
+    place = point + np.minimum(1.0, farthest / np.maximum(np.hypot(*arrow.T), 1e-9))[:, None] * arrow
+    # Apart, the word stands on the tibia: there may be no bone above it.
+    place[~(answers["gap"] > 0.0), 1] -= ABOVE_FORCE
+    yield FORCE_NAME, rr.Points2D.columns(positions=place, labels=labels)
+    depths, gaps = (MM * answers[name] for name in ("penetration_depth", "gap"))
+    labels = [
+        f"{gap:.2f} mm apart" if depth <= 0.0 else f"{depth:.2f} mm deep\ndrawn × {MAGNIFICATION:g}"
+        for depth, gap in zip(depths.tolist(), gaps.tolist(), strict=True)
+    ]
+    yield DEPTH, rr.Points2D.columns(labels=labels)
+
+
+def _pose(answers: Rows) -> Any:
+    """Return the poses of the femur as a column of transforms."""
+    zero = np.zeros(len(answers))
+    half = -0.5 * answers["flexion_angle"]  # the screen's y points down, so a turn changes its sign
+    turn = np.stack([zero, zero, np.sin(half), np.cos(half)], axis=1)
+    place = np.stack([MM * answers["femoral_x"], -MM * answers["femoral_height"], zero], axis=1)
+    return rr.Transform3D.columns(translation=place, quaternion=turn)
+
+
+def _in_space(points: Floats, layer: str) -> NDArray[np.float32]:
+    """Return points of the screen, shape (n, 2) [mm], in space before the camera, shape (n, 3) [mm]."""
+    distance = np.full((len(points), 1), DISTANCE - LAYER_DISTANCE * LAYERS.index(layer))
+    return np.concatenate([points, distance], axis=1).astype(np.float32)
+
+
+def triangles_of(polygon: Floats) -> Triangles:
+    """Triangulate a simple polygon, shape (n, 2), of either orientation, by cutting off ears: n - 2 triangles."""
+    left = np.arange(len(polygon))
+    if _turn(polygon, np.roll(polygon, -1, axis=0), np.zeros(2)).sum() < 0.0:
+        left = left[::-1]
+    triangles = []
+    while len(left) > 3:
+        corners = np.stack([np.roll(left, 1), left, np.roll(left, -1)])
+        a, b, c = polygon[corners][:, :, None]
+        others = polygon[left]
+        inside = (_turn(a, b, others) >= 0.0) & (_turn(b, c, others) >= 0.0) & (_turn(c, a, others) >= 0.0)
+        ears = (_turn(a, b, c)[:, 0] > 0.0) & (inside.sum(axis=1) == 3)  # no other corner than its own is inside
+        ear = int(ears.argmax())  # the first one; where there is none, by rounding alone, any
+        triangles.append(corners[:, ear])
+        left = np.delete(left, ear)
+    return np.array([*triangles, left], dtype=np.uint32)
+
+
+def _turn(a: Floats, b: Floats, c: Floats) -> Floats:
+    """Return twice the area of triangles, positive if their corners go counterclockwise."""
+    return np.asarray(
+        (b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (c[..., 0] - a[..., 0])
+    )
+
+
+class Remarks:
+    """Finds the events in answers: contact and bone, gait with the impulse of strides, status bits.
+
+    Answers come batch by batch; the result does not depend on the batches.
+    """
+
+    def __init__(self, body_weight: float) -> None:
+        """Look for events relative to `body_weight` [N]."""
+        self._state, self._status = -1, 0
+        self._events = GaitEvents(body_weight)
+        self._known: list[GaitEvent] = []
+        """Events with which a stride may still begin or continue"""
+        self._stamps, self._force = np.empty(0, dtype=np.int64), np.empty(0)
+
+    def take(self, answers: Rows) -> list[Remark]:
+        """Return the remarks that become certain with these answers, at least one, by their stamps."""
+        stamps, remarks = answers["stamp"], self._contact(answers) + self._flags(answers)
+        steps = np.diff(stamps, prepend=self._stamps[-1] if len(self._stamps) else stamps[0] - 1)
+        cuts = np.flatnonzero((steps <= 0) | (steps > GAP)).tolist()
+        for begin, end in zip([0, *cuts], [*cuts, len(answers)], strict=True):
+            if begin in cuts:
+                remarks += self.finish()
+            if end > begin:
+                remarks += self._gait(answers[begin:end])
+        return sorted(remarks)
+
+    def finish(self) -> list[Remark]:
+        """Return the remarks that the end makes certain; later answers start anew."""
+        remarks = self._of_events(self._events.finish(), math.inf)
+        self._known, self._stamps, self._force = [], self._stamps[:0], self._force[:0]
+        return remarks
+
+    def _gait(self, part: Rows) -> list[Remark]:
+        """Take answers without a gap; return the remarks that become certain."""
+        self._stamps = np.append(self._stamps, part["stamp"])
+        self._force = np.append(self._force, part["contact_force"])
+        last = int(self._stamps[-1])
+        remarks = self._of_events(self._events.add(part["stamp"], part["flexion_angle"], part["load"]), last - CERTAIN)
+        kept = np.searchsorted(self._stamps, last - KEPT)
+        self._stamps, self._force = self._stamps[kept:], self._force[kept:]
+        return remarks
+
+    def _of_events(self, events: Sequence[GaitEvent], certain: float) -> list[Remark]:
+        """Return remarks on events, and on the strides that end up to the stamp `certain` [ns]."""
+        remarks = [Remark(event.stamp, event.text) for event in events]
+        self._known += [event for event in events if event.kind != LOAD_PEAK]
+        strikes, toe_offs = (
+            sorted(event.stamp for event in self._known if event.kind == kind and event.stamp <= certain)
+            for kind in (HEEL_STRIKE, TOE_OFF)
+        )
+        for span in spans(strikes, toe_offs):
+            _, whole, stance = impulse_of(span, self._stamps, self._force)
+            text = f"stride of {span.duration:.2f} s: impulse {whole:.1f} N s, stance {stance:.1f} N s"
+            remarks.append(Remark(span.end, text))
+        if strikes:
+            self._known = [event for event in self._known if event.stamp >= strikes[-1]]
+        return remarks
+
+    def _contact(self, answers: Rows) -> list[Remark]:
+        """Return remarks on changes of the contact state."""
+        states = np.concatenate([[self._state], answers["contact_state"].astype(int)])
+        self._state = int(states[-1])
+        changes = np.flatnonzero(np.diff(states)).tolist()
+        pairs = [(int(answers["stamp"][i]), (int(states[i]), int(states[i + 1]))) for i in changes]
+        return [Remark(stamp, CHANGES[pair]) for stamp, pair in pairs if pair in CHANGES]
+
+    def _flags(self, answers: Rows) -> list[Remark]:
+        """Return remarks on status bits that are set anew."""
+        status = np.concatenate([[self._status], answers["status"].astype(int)])
+        self._status = int(status[-1])
+        begun = status[1:] & ~status[:-1]
+        return [
+            Remark(int(answers["stamp"][i]), text, WARNING)
+            for i in np.flatnonzero(begun).tolist()
+            for bit, text in STATUS.items()
+            if begun[i] & bit
+        ]
+
+
+def remark_of_note(stamp: int, name: str, values: Mapping[str, str]) -> Remark:
+    """Return the remark on a note of something that happened to the node, as a reset or changed parameters."""
+
+    def plain(value: str) -> str:  # a value in JSON without quotes; other text as it is
+        try:
+            return str(json.loads(value))
+        except ValueError:
+            return value
+
+    text = ", ".join(f"{key} = {plain(value)}" for key, value in values.items() if key != "tick")
+    return Remark(stamp, name.replace("_", " ") + (f": {text}" if text else ""))

@@ -31,7 +31,8 @@ from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.sinks.process import Listeners, Queue, SinkProcess
 from knee_contact_ros.sinks.protocol import Job, Sink
-from knee_contact_ros.view.outlines import NICENESS, VIEWER, Serving, drawing_of
+from knee_contact_ros.view.anatomy import drawing_of
+from knee_contact_ros.view.output import NICENESS, Serving, open_output
 from tests.helpers.answers import contact
 
 TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in RECORDED}
@@ -112,7 +113,7 @@ class Started:
 
     def viewer(self, path: Path, wait: bool = True, queue: Queue = QUEUE) -> SinkProcess:
         """A viewer."""
-        job = Job(VIEWER, (path, SERVING, [drawing_of(MODEL, "knee", 737.0)]))
+        job = Job(open_output.__module__, (path, SERVING, [drawing_of(MODEL, "knee", 737.0)]))
         sink = Sink("viewer", "Rerun recording", str(path), job, "row", gaps_allowed=True, niceness=NICENESS)
         return self.begun(sink, wait, queue._replace(section="rerun"))
 

@@ -15,7 +15,7 @@ import pytest
 import knee_contact_ros
 from knee_contact_ros import Results, UsageError
 from knee_contact_ros.model.types import FLAT
-from knee_contact_ros.results.columns import UNITS, columns, unit_of
+from knee_contact_ros.results import UNITS, columns, unit_of
 from tests import ROOT
 
 TIME = np.arange(0.0, 0.5, 0.005)

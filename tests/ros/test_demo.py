@@ -24,7 +24,7 @@ from knee_contact_ros.parameters.load_schema import LoadParameters
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.system.resources import share_folder
 from knee_contact_ros.system.work_folder import replace
-from knee_contact_ros.view.window import SCREENS
+from knee_contact_ros.view.viewer import SCREENS
 from tests.helpers.needs import HAS_PICTURE, HAS_VIEWER, needs_viewer
 from tests.helpers.processes import NO_BYTECODE
 from tests.helpers.sockets import internet_sockets

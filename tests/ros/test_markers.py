@@ -14,9 +14,9 @@ from knee_contact_ros.messages.topics import KNEE_CONTACT_MARKERS
 from knee_contact_ros.node.markers import MARKER_DEPTH, MarkerTopic
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.view.anatomy import drawing_of
 from knee_contact_ros.view.colours import APART, BONE, CARTILAGE, SURFACE
 from knee_contact_ros.view.markers import LENGTH, KneeMarkers
-from knee_contact_ros.view.outlines import drawing_of
 from tests.helpers.markers import drawn, place_of, sagitta
 from tests.helpers.messages import raw_inputs
 from tests.ros.conftest import NodeProcess, Peer, change_state

@@ -14,7 +14,7 @@ from tests.helpers.answers import rows_of
 
 if TYPE_CHECKING:
     from knee_contact_ros.messages.answer import Answer
-    from knee_contact_ros.view.outlines import KneeOutlines
+    from knee_contact_ros.view.anatomy import KneeOutlines
 
 
 @pytest.fixture(scope="session")
@@ -29,7 +29,7 @@ def osteoarthritic(config: Path, right_bag: Path, tmp_path_factory: pytest.TempP
 @pytest.fixture(scope="package")
 def knee(config: Path, right_bag: Path) -> tuple[KneeOutlines, list[Answer]]:
     """The osteoarthritic knee with its MRI profile, and its gait."""
-    from knee_contact_ros.view.outlines import drawing_of
+    from knee_contact_ros.view.anatomy import drawing_of
     from tests.view.scenes import WEIGHT, answered
 
     pipeline = Pipeline(load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"]), compiled=False)

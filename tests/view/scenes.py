@@ -12,8 +12,8 @@ pytest.importorskip("rerun", reason="needs the extra viewer")
 from knee_contact_ros.messages.answer import Answer
 from knee_contact_ros.model.types import Rows
 from knee_contact_ros.pipeline.pipeline import Pipeline
-from knee_contact_ros.view.outlets import RerunFile
-from knee_contact_ros.view.outlines import KneeOutlines
+from knee_contact_ros.view.anatomy import KneeOutlines
+from knee_contact_ros.view.output import RerunFile
 from knee_contact_ros.view.scene import Scene
 from tests.helpers.messages import raw_inputs
 

@@ -16,10 +16,8 @@ from knee_contact_ros.messages.answer import Answer
 from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
-from knee_contact_ros.view.anatomy import placed
-from knee_contact_ros.view.frame import common, frame_of
-from knee_contact_ros.view.layout import blueprint
-from knee_contact_ros.view.outlines import KneeOutlines, drawing_of
+from knee_contact_ros.view.anatomy import KneeOutlines, drawing_of, placed
+from knee_contact_ros.view.layout import blueprint, common, frame_of
 from tests.view.scenes import SHIPPED, WEIGHT
 
 pytestmark = pytest.mark.xdist_group("the scene")  # what is drawn once is read by several

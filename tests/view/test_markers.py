@@ -13,9 +13,9 @@ from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.mechanisms import MECHANISMS
 from knee_contact_ros.model.surfaces import GEOMETRIES, TIBIAL_GEOMETRIES
 from knee_contact_ros.model.types import Contact, ContactState
+from knee_contact_ros.view.anatomy import PLATEAU_REACH, drawing_of
 from knee_contact_ros.view.colours import OF_STATE
 from knee_contact_ros.view.markers import LENGTH, KneeMarkers
-from knee_contact_ros.view.outlines import PLATEAU_REACH, drawing_of
 from tests.helpers.answers import contact
 from tests.helpers.markers import distance, drawn, place_of, sagitta
 

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from knee_contact_ros.view.overlap import MARGIN, POINTS, SAMPLES, lowest_at, overlaps
+from knee_contact_ros.view.anatomy import MARGIN, POINTS, SAMPLES, lowest_at, overlaps
 
 RADIUS = 0.034
 CORNERS = 181

@@ -14,11 +14,20 @@ from knee_contact_ros.messages.answer import Answer
 from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.view.anatomy import KneeOutlines, drawing_of
 from knee_contact_ros.view.colours import KNEE_COLOURS
-from knee_contact_ros.view.cursor import peak_of
-from knee_contact_ros.view.layout import LONGEST_TITLE, plane_title, title_of
-from knee_contact_ros.view.outlines import KneeOutlines, drawing_of
-from knee_contact_ros.view.plots import DETAILS, FORCES, KNEE, LAYER_COLOUR, READ_OFF, plots_of
+from knee_contact_ros.view.layout import (
+    DETAILS,
+    FORCES,
+    KNEE,
+    LAYER_COLOUR,
+    LONGEST_TITLE,
+    READ_OFF,
+    plane_title,
+    plots_of,
+    title_of,
+)
+from knee_contact_ros.view.viewer import peak_of
 from tests.helpers.answers import rows_of
 from tests.view.rrd import column, entities, lists, still
 from tests.view.scenes import SHIPPED, WEIGHT, answered, written

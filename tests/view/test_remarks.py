@@ -12,8 +12,8 @@ pytest.importorskip("rerun", reason="needs the extra viewer")
 from knee_contact_ros.messages.answer import Answer
 from knee_contact_ros.offline.in_memory import solve
 from knee_contact_ros.pipeline.gait.strides import impulse_per_stride
-from knee_contact_ros.view.outlines import KneeOutlines
-from knee_contact_ros.view.remarks import Remarks
+from knee_contact_ros.view.anatomy import KneeOutlines
+from knee_contact_ros.view.scene import Remarks
 from tests.helpers.answers import rows_of
 from tests.view.rrd import lists
 from tests.view.scenes import WEIGHT, at

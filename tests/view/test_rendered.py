@@ -10,7 +10,7 @@ pytest.importorskip("rerun", reason="needs the extra viewer: pip install 'knee-c
 
 from knee_contact_ros.cli.main import main
 from knee_contact_ros.view.colours import BONE, CARTILAGE, COVER, DEPTH, FEMUR, FORCE, TIBIA
-from knee_contact_ros.view.plots import DETAILS, KNEE, READ_OFF
+from knee_contact_ros.view.layout import DETAILS, KNEE, READ_OFF
 from tests.helpers.viewer import pixels_of, rendered
 from tests.view.rrd import entities, lists
 

@@ -29,9 +29,9 @@ from knee_contact_ros.messages.topics import MESSAGE_TYPES
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.system.ports import free_port
-from knee_contact_ros.view.outlines import Serving, drawing_of
-from knee_contact_ros.view.output import open_output
-from knee_contact_ros.view.plots import CONTACT_POINT, DETAILS, KNEE
+from knee_contact_ros.view.anatomy import drawing_of
+from knee_contact_ros.view.layout import CONTACT_POINT, DETAILS, KNEE
+from knee_contact_ros.view.output import Serving, open_output
 from tests.helpers.messages import raw_inputs
 from tests.helpers.processes import has_ended
 from tests.helpers.viewer import rendered, wait_for
@@ -225,12 +225,12 @@ def test_browsers_are_served_until_ctrl_c(osteoarthritic: Path) -> None:
         assert {one.laddr for one in sockets if one.status == psutil.CONN_LISTEN} == {
             ("127.0.0.1", port), ("127.0.0.1", port + 1)
         }  # fmt: skip
-        with rendered(f"http://127.0.0.1:{port}/knee_contact.rrd") as screen:
+        with rendered(f"rerun+http://127.0.0.1:{port}/proxy") as screen:
             assert "knee: events" in screen.views()
         os.kill(process.pid, signal.SIGINT)
         said, errors = process.communicate(timeout=30.0)
         assert (process.returncode, errors) == (0, "")
-    assert f"http://127.0.0.1:{port + 1}?url=http%3A%2F%2F127.0.0.1%3A{port}%2Fknee_contact.rrd" in said
+    assert f"http://127.0.0.1:{port + 1}?url=rerun%2Bhttp%3A%2F%2F127.0.0.1%3A{port}%2Fproxy" in said
     with socket.socket() as probe:
         assert probe.connect_ex(("127.0.0.1", port + 1)) != 0
 

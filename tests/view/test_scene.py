@@ -16,12 +16,10 @@ from knee_contact_ros.messages.answer import Answer
 from knee_contact_ros.model.types import ROW
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.pipeline.pipeline import Pipeline
-from knee_contact_ros.results.columns import DATES_FROM
-from knee_contact_ros.view.outlets import RerunFile
-from knee_contact_ros.view.outlines import KneeOutlines, drawing_of
-from knee_contact_ros.view.overlap import POINTS
-from knee_contact_ros.view.sagittal import PICTURE_PERIOD
-from knee_contact_ros.view.scene import Scene
+from knee_contact_ros.results import DATES_FROM
+from knee_contact_ros.view.anatomy import POINTS, KneeOutlines, drawing_of
+from knee_contact_ros.view.output import RerunFile
+from knee_contact_ros.view.scene import PICTURE_PERIOD, Scene
 from tests.helpers.answers import contact, rows_of
 from tests.view.rrd import column, entities, lists
 from tests.view.scenes import WEIGHT, answered, at, written

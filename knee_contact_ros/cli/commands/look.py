@@ -43,7 +43,7 @@ def view(
     side by side. FILE can also be a Rerun file, or the address that a node (rerun.mode serve) or
     --serve tells.
     """
-    from knee_contact_ros.view.window import executable
+    from knee_contact_ros.view.viewer import executable
 
     executable()  # before what imports its library
     from knee_contact_ros.bags.bag_files import others_beside

@@ -15,7 +15,7 @@ from knee_contact_ros.system.processes import PATIENCE, Child, child_process
 from knee_contact_ros.system.resources import share_folder
 from knee_contact_ros.tools.latency import bare
 from knee_contact_ros.tools.latency.driver import Driver
-from knee_contact_ros.view.window import viewer
+from knee_contact_ros.view.viewer import viewer
 
 PARAMETERS = share_folder() / "config" / "healthy.yaml"
 INCOMPLETE = 1

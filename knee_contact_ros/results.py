@@ -1,0 +1,285 @@
+"""The answers of a run for notebooks: a record array that is also a table, a figure, and other libraries' data."""
+
+from __future__ import annotations
+
+from html import escape
+from importlib import import_module
+from io import StringIO
+from os import PathLike, fspath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from knee_contact_ros.model.knee import KneeModel
+from knee_contact_ros.model.readouts import Readings
+from knee_contact_ros.model.types import FLAT, NANOSECOND, ROW, Rows, Status
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.extras import not_installed
+
+DATES_FROM = 10 * 365 * 86_400 * 1_000_000_000
+"""The least stamp [ns] that is a date; those of simulations and of trials begin near 0"""
+TIME = "time"
+"""Name of the column with the time"""
+UNITS = {
+    TIME: "s", "flexion_angle": "rad", "load": "N", "contact_force": "N", "penetration_depth": "m", "gap": "m",
+    "penetration_rate": "m/s", "sliding_velocity": "m/s", "contact_point": "m", "femoral_height": "m",
+    "cartilage_depth": "m", "bone_depth": "m", "error_estimate": "m", "force_error_estimate": "N",
+    "contact_wrench_force": "N", "contact_wrench_torque": "N m", "stamp": "ns", "femoral_x": "m", "latency": "s",
+}  # fmt: skip
+"""SI units of the fields; components of a vector have that of the vector, and fields that are missing have none"""
+PARQUET = ".parquet"
+ENDS = 4
+"""Number of rows that the table shows of the beginning, and of the end"""
+WIDTH = 78
+"""Width of the table in a terminal [characters]"""
+HEADINGS = ("time [s]", "flexion [°]", "load [N]", "contact force [N]", "depth [mm]", "point x [mm]", "status")
+SIZE = (8.0, 8.0)
+"""Width and height of the figure [inch]"""
+LEAST = 1.0
+"""The least distance [mm] from the mean to the ends of the contact point's axis, as the point may hardly move"""
+LOAD, CONTACT, DEPTH, POINT = "#b8bec6", "#c1272d", "#1b5e9e", "#4b7f52"
+
+
+class Results(np.recarray[Any, Any]):
+    """The answers of a run: a record array of shape (n,) whose records have the fields of `Contact`.
+
+    Fields are attributes, arrays of shape (n,) with the names of the message's fields: `results.contact_force` [N]. A
+    slice, a mask, some of the fields (`results[["stamp", "load"]]`) and what NumPy joins (`np.concatenate`) are
+    `Results` again. The methods `to_...` and `plot` need the extra `notebook`, and raise `UsageError` without it.
+    """
+
+    model: KneeModel | None = None
+    """The model that computed the answers; parts of the answers keep it, joined or stored answers do not"""
+    lateral: Results | None = None
+    """Answers of the lateral compartment, from `solve` where both are modelled; a slice does not keep them"""
+
+    @property
+    def time(self) -> NDArray[np.float64]:
+        """Time of the answers [s], shape (n,); `stamp` has it in integer nanoseconds."""
+        return _time_of(self)
+
+    @property
+    def readouts(self) -> Readings:
+        """Patch, pressure, strain and loading rate of the answers, shape (n,), see `KneeModel.readouts`.
+
+        Raises:
+            UsageError: the model is not known, or has no patch.
+        """
+        if self.model is None:
+            raise UsageError("readouts: what computed these answers is not known; see the method of the model")
+        try:
+            return self.model.readouts(self)
+        except ValueError as error:
+            raise UsageError(str(error)) from None
+
+    def to_pandas(self) -> Any:
+        """Give a `pandas.DataFrame` in SI units with a column for every number, indexed by time [s].
+
+        Vectors are columns of their components: `contact_point_x`. All methods `to_...` use the same names.
+        """
+        pandas, numbers = _library("pandas"), columns(self)
+        return pandas.DataFrame(numbers, index=pandas.Index(numbers.pop(TIME), name=TIME))
+
+    def to_polars(self) -> Any:
+        """Give a `polars.DataFrame` in SI units with a column for every number; the first one is the time [s]."""
+        return _library("polars").DataFrame(columns(self))
+
+    def to_xarray(self) -> Any:
+        """Give an `xarray.Dataset` along `time` [s], with the SI unit of every variable in `attrs["units"]`."""
+        variables = {
+            name: (TIME, values, {"units": unit} if (unit := unit_of(name)) else {})
+            for name, values in columns(self).items()
+        }
+        return _library("xarray").Dataset(variables, coords={TIME: variables.pop(TIME)})
+
+    def to_parquet(self, path: str | PathLike[str]) -> None:
+        """Write the columns of `to_polars` to a Parquet file; a file of the same name is replaced.
+
+        Raises:
+            UsageError: the name of `path` does not end in .parquet.
+        """
+        if not fspath(path).endswith(PARQUET):
+            raise UsageError(f"{fspath(path)}: to_parquet writes Parquet files, whose names end in {PARQUET}")
+        self.to_polars().write_parquet(path)
+
+    def plot(self) -> Any:
+        """Draw flexion, load and contact force, depth, and the contact point over time.
+
+        Returns the `matplotlib.figure.Figure`: a notebook shows it, `savefig` writes it.
+        """
+        return _figure_of(self)
+
+    def __array_finalize__(self, whole: Any) -> None:
+        """Keep the model of the array that this one is a part of."""
+        super().__array_finalize__(whole)
+        self.model = getattr(whole, "model", None)
+
+    def __getitem__(self, index: Any) -> Any:
+        return self.time if isinstance(index, str) and index == TIME else super().__getitem__(index)
+
+    def __array_function__(self, function: Any, kinds: Any, arguments: Any, options: Any) -> Any:
+        """Make results with the same fields `Results` again: NumPy drops the class of arrays that it joins."""
+        result = super().__array_function__(function, kinds, arguments, options)
+        whole = type(result) is np.ndarray and result.dtype.names == ROW.names
+        return result.astype(self.dtype, copy=False).view(type(self)) if whole else result
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *(self.dtype.names or ())})
+
+    def __repr__(self) -> str:
+        return f"<Results: {_in_a_line(self)}>" if self._is_whole else super().__repr__()
+
+    def __str__(self) -> str:
+        return _as_text(self) if self._is_whole else super().__str__()
+
+    def _repr_html_(self) -> str | None:
+        return _as_html(self) if self._is_whole else None
+
+    @property
+    def _is_whole(self) -> bool:
+        """Whether all fields are there; NumPy also gives some fields, or one with parts, as arrays of this class."""
+        return self.dtype.names == ROW.names and self.ndim == 1
+
+
+def columns(rows: Rows) -> dict[str, NDArray[Any]]:
+    """Give all numbers of answers as columns by name, shape (n,) each: first the time [s], then those of all fields.
+
+    Vectors are columns of their components, as `contact_point_x`. Rows that have only some of the fields give the
+    numbers of these.
+
+    Raises:
+        UsageError: the stamp is not among the fields.
+    """
+    if "stamp" not in (rows.dtype.names or ()):
+        raise UsageError(f"fields {', '.join(rows.dtype.names or ())}: stamp must be one of them, which gives the time")
+    flat = np.asarray(rows).view(FLAT)
+    parts = [(offset, offset + kind.itemsize) for kind, offset, *_ in (rows.dtype.fields or {}).values()]
+    there = [
+        name for name, (_, at, *_) in (FLAT.fields or {}).items() if any(begin <= at < end for begin, end in parts)
+    ]
+    return {TIME: _time_of(rows)} | {name: np.ascontiguousarray(flat[name]) for name in there}
+
+
+def unit_of(name: str) -> str:
+    """Give the SI unit of a column; empty if it has none."""
+    return UNITS.get(name, UNITS.get(name.rsplit("_", 1)[0] if name[-2:] in ("_x", "_y", "_z") else "", ""))
+
+
+def begin_of(first: int) -> int:
+    """Give the stamp [ns] from which times are shown to people: the first stamp if it is a date, else 0."""
+    return first if first >= DATES_FROM else 0
+
+
+def stamp_text(stamp: int, begin: int) -> str:
+    """Write a stamp [ns] in seconds from a stamp `begin`, which is that of `begin_of`."""
+    return f"{NANOSECOND * (stamp - begin):{'+' if begin else ''}.3f}"
+
+
+def _time_of(rows: Rows) -> NDArray[np.float64]:
+    """Give the stamps in seconds, shape (n,)."""
+    return np.asarray(np.asarray(rows["stamp"]) * NANOSECOND)
+
+
+def _begin_in(rows: Rows) -> int:
+    """Give the stamp [ns] from which times of answers are shown to people, see `begin_of`; 0 without answers."""
+    return begin_of(int(rows["stamp"][0])) if len(rows) else 0
+
+
+def _library(name: str) -> Any:
+    """Import a library of the extra `notebook`.
+
+    Raises:
+        UsageError: it is not installed.
+    """
+    try:
+        return import_module(name)
+    except ImportError:
+        raise UsageError(not_installed(name.partition(".")[0], "notebook")) from None
+
+
+def _in_a_line(rows: Rows) -> str:
+    """Summarise answers in a line: number, duration and peaks."""
+    if not len(rows):
+        return "no ticks"
+    time = _time_of(rows)
+    force, depth = float(np.max(rows["contact_force"])), 1e3 * float(np.max(rows["penetration_depth"]))
+    ticks = f"{len(rows)} tick{'s' * (len(rows) != 1)}"
+    return f"{ticks} over {time[-1] - time[0]:.3f} s, at most {force:.1f} N and {depth:.3f} mm"
+
+
+def _as_text(rows: Rows) -> str:
+    """Write the table as text for a terminal."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for heading in HEADINGS:
+        table.add_column(heading.replace("[", r"\["), justify="right")
+    for cells in _cells(rows):
+        table.add_row(*cells)
+    text = StringIO()
+    Console(file=text, width=WIDTH).print(table)
+    lines = [_in_a_line(rows), _origin(rows), *(line.rstrip() for line in text.getvalue().splitlines())]
+    return "\n".join(filter(None, lines))
+
+
+def _as_html(rows: Rows) -> str:
+    """Write the table as HTML for a notebook."""
+    head = "".join(f"<th>{escape(heading)}</th>" for heading in HEADINGS)
+    body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in cells)}</tr>" for cells in _cells(rows))
+    whole = f'<table style="text-align: right"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
+    return f"<p>{escape(f'{_in_a_line(rows)} {_origin(rows)}'.strip())}</p>{whole}"
+
+
+def _origin(rows: Rows) -> str:
+    begin = _begin_in(rows)
+    return f"time from {NANOSECOND * begin:.3f} s on" if begin else ""
+
+
+def _cells(rows: Rows) -> list[tuple[str, ...]]:
+    """Give the cells of the table: of all rows, or of those at both ends."""
+    begin, whole = _begin_in(rows), np.asarray(rows)
+    cells: list[tuple[str, ...]] = [
+        (
+            stamp_text(int(row["stamp"]), begin), f"{np.degrees(row['flexion_angle']):.1f}",
+            f"{row['load']:.1f}", f"{row['contact_force']:.1f}", f"{1e3 * row['penetration_depth']:.3f}",
+            f"{1e3 * row['contact_point']['x']:.2f}", Status(int(row["status"])).name or str(row["status"]),
+        )
+        for row in (whole if len(rows) <= 2 * ENDS + 1 else np.concatenate((whole[:ENDS], whole[-ENDS:])))
+    ]  # fmt: skip
+    return cells if len(cells) == len(rows) else [*cells[:ENDS], ("…",) * len(HEADINGS), *cells[ENDS:]]
+
+
+def _figure_of(rows: Rows) -> Any:
+    """Draw flexion, load and contact force, depth, and the contact point on the plateau, as a matplotlib `Figure`."""
+    matplotlib, pyplot = _library("matplotlib"), _library("matplotlib.pyplot")
+    figure, axes = pyplot.subplots(4, 1, sharex=True, figsize=SIZE, layout="constrained")
+    flexion, force, depth, point = axes
+    begin = _begin_in(rows)
+    time = NANOSECOND * (np.asarray(rows["stamp"]) - begin)
+    flexion.plot(time, np.degrees(rows["flexion_angle"]), color="black")
+    flexion.set_ylabel("flexion [°]")
+    force.plot(time, rows["load"], color=LOAD, linewidth=5.0, label="load")
+    force.plot(time, rows["contact_force"], color=CONTACT, label="contact force")
+    force.set_ylabel("force [N]")
+    force.set_ylim(bottom=min(0.0, force.get_ylim()[0]))
+    force.legend(loc="best", frameon=False)
+    depth.plot(time, 1e3 * np.asarray(rows["penetration_depth"]), color=DEPTH)
+    depth.set_ylim(bottom=0.0)
+    depth.set_ylabel("depth [mm]")
+    along = 1e3 * np.asarray(rows["contact_point"]["x"])
+    point.plot(time, along, color=POINT)
+    if len(along) and np.ptp(along) < LEAST:
+        point.set_ylim(along.mean() - LEAST, along.mean() + LEAST)
+    point.set_ylabel("contact point,\nanterior [mm]")
+    point.set_xlabel(f"time [s] from {NANOSECOND * begin:.3f} s on" if begin else "time [s]")
+    for one in axes:
+        if len(time) == 1:  # a single point makes no line
+            pyplot.setp(one.lines, marker="o")
+        one.grid(visible=True, alpha=0.3)
+        one.margins(x=0.0)
+    figure.align_ylabels(axes)
+    if "inline" in matplotlib.get_backend():
+        pyplot.close(figure)  # a notebook shows the result of a cell anyway, and would show the figure twice
+    return figure

@@ -1,0 +1,106 @@
+"""Rerun's viewer: found wherever it is installed, its cursor put on the largest load; and files on a full disk."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import resource
+import subprocess
+import sys
+from importlib import invalidate_caches
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from knee_contact_ros.cli.main import main
+from knee_contact_ros.messages.answer import Answer
+from knee_contact_ros.results import DATES_FROM
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.view.anatomy import KneeOutlines
+from knee_contact_ros.view.output import RerunFile
+from knee_contact_ros.view.viewer import NOT_INSTALLED, executable, peak_of, viewer
+from tests.helpers.answers import rows_of
+from tests.helpers.needs import needs_viewer
+from tests.helpers.processes import NO_BYTECODE
+
+pytestmark = pytest.mark.xdist_group("the scene")  # what is drawn once is read by several
+
+
+def test_the_viewer_is_found_among_the_packages_of_a_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "rerun_cli").mkdir()
+    for name in ("__init__.py", "rerun"):
+        (tmp_path / "rerun_cli" / name).touch()
+    monkeypatch.delitem(sys.modules, "rerun_cli", raising=False)
+    monkeypatch.syspath_prepend(tmp_path)
+    invalidate_caches()
+    assert executable() == tmp_path / "rerun_cli" / "rerun"
+
+
+def test_a_viewer_that_is_not_there_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delitem(sys.modules, "rerun_cli", raising=False)
+    monkeypatch.setattr(sys, "path", [str(tmp_path)])
+    assert viewer() is None
+    with pytest.raises(UsageError, match=f"^{re.escape(NOT_INSTALLED)}$"):
+        executable()
+
+
+@pytest.mark.parametrize("arguments", [["nowhere.mcap"], ["{bag}", "--save", "out.rrd"], ["rerun+http://127.0.0.1/"]])
+def test_the_command_tells_what_to_install(
+    arguments: list[str], right_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, "rerun_cli", None)
+    assert main(["view", *(each.format(bag=right_bag) for each in arguments)]) == 2
+    assert capsys.readouterr().err == f"knee-contact: {NOT_INSTALLED}\n"
+    assert not list(tmp_path.iterdir())
+
+
+@needs_viewer
+def test_the_cursor_goes_to_the_largest_load(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
+    from tests.view.scenes import at, written
+
+    drawing, answers = knee
+    whole = rows_of(answers)
+    level, missing = whole.copy(), whole.copy()
+    level["load"] = 350.0  # as where the height drives: then the largest force counts
+    missing["load"][:100] = np.nan
+    cases = {
+        "parts": ([whole[:200], whole[200:]], (2_430_000_000, False)),
+        "today": ([at(whole, DATES_FROM * 5 + whole["stamp"])], (DATES_FROM * 5 + 2_430_000_000, True)),
+        "level": ([level], (int(level["stamp"][level["contact_force"].argmax()]), False)),
+        "missing": ([missing], (2_430_000_000, False)),
+    }
+    for name, (batches, expected) in cases.items():
+        assert peak_of(written(tmp_path / f"{name}.rrd", drawing, batches)) == expected, name
+
+
+@needs_viewer
+def test_a_full_disk_is_told_and_holds_nobody(
+    knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    full = Path("/dev/full")
+    monkeypatch.setattr("knee_contact_ros.view.output.open_claimed", lambda _: full.open("wb"))
+    file = RerunFile(tmp_path / "knee.rrd", [knee[0]])
+    with pytest.raises(OSError, match="No space left") as told:
+        file.close()
+    assert (told.value.errno, told.value.filename) == (errno.ENOSPC, str(tmp_path / "knee.rrd.partial"))
+    file.discard()
+    assert not list(tmp_path.iterdir())
+
+
+@needs_viewer
+@pytest.mark.parametrize("size", [1000, 300_000])  # in the blueprint, in the scene
+def test_view_ends_with_one_line_when_the_disk_is_full(osteoarthritic: Path, tmp_path: Path, size: int) -> None:
+    path = tmp_path / "pictures" / "knee.rrd"
+    path.parent.mkdir()
+    done = subprocess.run(
+        [sys.executable, "-m", "knee_contact_ros.cli.main", "view", str(osteoarthritic), "--save", str(path)],
+        capture_output=True, text=True, timeout=180, check=False, env=os.environ | NO_BYTECODE,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size)),
+    )  # fmt: skip
+    assert done.stderr.splitlines()[-1] == f"knee-contact: {path}.partial: File too large"
+    assert done.returncode == 1
+    assert not list(path.parent.iterdir())
