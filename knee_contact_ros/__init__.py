@@ -19,6 +19,7 @@ __all__ = [
 ]  # fmt: skip
 
 if TYPE_CHECKING:
+    from knee_contact_ros.lab.calibrate import calibrate
     from knee_contact_ros.lab.sensitivity import sensitivity
     from knee_contact_ros.lab.sweep import sweep
     from knee_contact_ros.lab.uncertainty import uncertainty
@@ -27,12 +28,11 @@ if TYPE_CHECKING:
     from knee_contact_ros.parameters.build import load_model
     from knee_contact_ros.results import Results
     from knee_contact_ros.system.errors import UsageError
-    from knee_contact_ros.tools.calibration.in_memory import calibrate
 
 _PLACES = {
     "Results": "results",
     "UsageError": "system.errors",
-    "calibrate": "tools.calibration.in_memory",
+    "calibrate": "lab.calibrate",
     "estimate_load": "offline.load_in_memory",
     "load_model": "parameters.build",
     "sensitivity": "lab.sensitivity",

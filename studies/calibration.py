@@ -21,12 +21,10 @@ from scipy.stats import beta
 from scipy.stats import t as student
 
 from knee_contact_ros import calibrate
+from knee_contact_ros.lab.calibrate import Calibration
+from knee_contact_ros.lab.calibrate.contact import fittable_of, measured_from, problem_of
+from knee_contact_ros.lab.calibrate.fit import unknowns_of
 from knee_contact_ros.parameters.reading import load_parameters
-from knee_contact_ros.tools.calibration.contact_problem import problem_of
-from knee_contact_ros.tools.calibration.contact_unknowns import fittable_of
-from knee_contact_ros.tools.calibration.in_memory import Calibration
-from knee_contact_ros.tools.calibration.measured import measured_from
-from knee_contact_ros.tools.calibration.unknowns import unknowns_of
 from studies.calibration_cases import CASES, DEPTH, DOUBTFUL, FORCE, GAP, Case
 from studies.reference import LAWS, Knee, Solution, solve
 from studies.report import Section, machine, save

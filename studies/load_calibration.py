@@ -20,15 +20,10 @@ from scipy.signal import lfilter
 from scipy.stats import t as student
 
 from knee_contact_ros.joint_reaction.leg import STILL, UNKNOWN, Ground, Joints
+from knee_contact_ros.lab.calibrate.fit import LINEAR, correlations, fitted, intervals, samples_per_value, unknowns_of
+from knee_contact_ros.lab.calibrate.load import AXIAL_FORCE, LoadProblem, Referenced, fittable_in, load_problem_of
 from knee_contact_ros.offline.sensed import Sensed
 from knee_contact_ros.parameters.load_schema import LOAD_READING
-from knee_contact_ros.tools.calibration.fit import fitted
-from knee_contact_ros.tools.calibration.independence import correlations, samples_per_value
-from knee_contact_ros.tools.calibration.load_problem import LoadProblem, fittable_in, load_problem_of
-from knee_contact_ros.tools.calibration.losses import LINEAR
-from knee_contact_ros.tools.calibration.profile import intervals
-from knee_contact_ros.tools.calibration.reference import AXIAL_FORCE, Referenced
-from knee_contact_ros.tools.calibration.unknowns import unknowns_of
 from studies.report import Section, machine, save
 
 Floats = NDArray[np.float64]

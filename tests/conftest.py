@@ -21,7 +21,7 @@ from tests.helpers.sinks import Started
 settings.register_profile("no timed tests", deadline=None)
 settings.load_profile("no timed tests")
 
-LONG = {"packaging", "studies", "calibration"}
+LONG = {"packaging", "studies", "calibrate"}
 """Folders with tests of half a minute"""
 LONGEST_NAME = 60
 """Largest length of a text, or of bytes, by which a case is named"""

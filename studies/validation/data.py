@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.tools.shares.trials import Trial
+from knee_contact_ros.lab.shares import Trial
 
 Floats = NDArray[np.float64]
 BODY_WEIGHT = 654.3

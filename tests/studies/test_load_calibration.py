@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from knee_contact_ros.tools.calibration.independence import samples_per_value
+from knee_contact_ros.lab.calibrate.fit import samples_per_value
 from studies.load_calibration import NOISE, NOISES, TRUE, drawn, held_along_lines, held_by_a_fit, true_problem
 
 

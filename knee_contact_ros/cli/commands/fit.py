@@ -80,8 +80,8 @@ def fit_profile(mesh: Path, side: str, compartment: str, tolerance: float, slab:
     writes it as femur.profile and tibia.profile take it, with a picture and a parameter file beside it. Needs
     the extra mesh.
     """
+    from knee_contact_ros.lab.profiles import LABEL, FitOptions, run_fit_profile
     from knee_contact_ros.system.terminal import say
-    from knee_contact_ros.tools.profiles.run import LABEL, FitOptions, run_fit_profile
 
     options = FitOptions(
         mesh,
@@ -135,13 +135,11 @@ def fit_share(
     Fits the medial share of the axial load over flexion and load to trials of walking, prints its RMS errors in
     every trial when fitted to all, and when fitted to the others, and writes it as load.share_file takes it.
     """
-    from knee_contact_ros.cli.share_table import show_errors
-    from knee_contact_ros.tools.shares.run import FitOptions, run_fit_share
-    from knee_contact_ros.tools.shares.trials import Wanted
+    from knee_contact_ros.lab.shares import ShareOptions, Wanted, run_fit_share, show_errors
 
     wanted = Wanted(time, axial, medial, flexion, degrees=angle_unit == "deg")
     files = [[Path(name.strip()) for name in trial.split(",")] for trial in trials]
-    show_errors(run_fit_share(FitOptions(files, wanted, **rest)), rest["output"])
+    show_errors(run_fit_share(ShareOptions(files, wanted, **rest)), rest["output"])
 
 
 @click.command()
@@ -201,10 +199,8 @@ def calibrate(
     Prints each value with its interval by profile likelihood, says where parameters trade off, and writes them as a
     parameter file for --params, to be given after the others.
     """
-    from knee_contact_ros.cli.calibration_table import show_calibration
+    from knee_contact_ros.lab.calibrate import CalibrateOptions, is_bag, run_calibrate, show_calibration
     from knee_contact_ros.system.ros_arguments import parameters_of
-    from knee_contact_ros.tools.calibration.in_memory import is_bag
-    from knee_contact_ros.tools.calibration.run import CalibrateOptions, run_calibrate
 
     files = find_parameters(parameter_files, None if is_bag(data) else DEFAULT_PARAMETERS)
     options = CalibrateOptions(data, files, parameters_of(parameter_values), with_intervals=not without, **rest)

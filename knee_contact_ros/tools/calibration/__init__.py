@@ -1,1 +1,0 @@
-"""Calibration: fit parameters of the model to a measured depth, force or gap, with intervals."""

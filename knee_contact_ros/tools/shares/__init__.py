@@ -1,1 +1,0 @@
-"""From what an implant measured to the table of `load.share_file`."""
