@@ -22,8 +22,8 @@ from pathlib import Path
 from mcap.writer import CompressionType
 
 from knee_contact_ros.bags.writer import BagWriter
-from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
-from knee_contact_ros.messages.topics import INPUTS, LOAD_INPUTS, MESSAGE_TYPES
+from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.streams.topics import INPUTS, LOAD_INPUTS, MESSAGE_TYPES
 
 ORIGIN = {
     "source": "OpenSim 4.6, scale, IK, RRA, CMC and JointReaction on gait2354, subject01 walking",

@@ -20,7 +20,7 @@ import numpy as np
 from mcap.reader import make_reader
 from ruamel.yaml import YAML
 
-from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from studies.honesty.scenes import Scene, draw
 from tests.helpers.bags import Mcap, RawMessage
 

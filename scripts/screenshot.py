@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from PIL import Image
 
-from knee_contact_ros.messages.stamps import NANOSECONDS
+from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.view.layout import TIMELINE
 from tests.helpers.viewer import rendered
 

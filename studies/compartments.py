@@ -14,12 +14,12 @@ from time import perf_counter
 
 import click
 
-from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
-from knee_contact_ros.messages.column import Column
 from knee_contact_ros.offline.bundled_gait import gait
 from knee_contact_ros.offline.solve_blocks import take
 from knee_contact_ros.parameters.reading import load_parameters
-from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.streams.columns import Column
+from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.system.machine import describe
 
 KNEES = {"circle on plane": ["healthy"], "MRI femur": ["healthy", "mri_femur"]}
@@ -43,7 +43,7 @@ def messages() -> tuple[list[bytes], list[bytes]]:
     return states, forces
 
 
-def live(pipeline: Pipeline, states: list[bytes], forces: list[bytes]) -> int:
+def live(pipeline: ContactStream, states: list[bytes], forces: list[bytes]) -> int:
     """Feed the messages to a pipeline as a node does, one by one."""
     ticks = 0
     for state, force in zip(states, forces, strict=True):
@@ -54,7 +54,7 @@ def live(pipeline: Pipeline, states: list[bytes], forces: list[bytes]) -> int:
     return ticks
 
 
-def offline(pipeline: Pipeline, states: list[bytes], forces: list[bytes]) -> int:
+def offline(pipeline: ContactStream, states: list[bytes], forces: list[bytes]) -> int:
     """Feed the messages to a pipeline as `solve` does, in blocks."""
     first = live(pipeline, states[:2], forces[:2])
     taken = take(pipeline, Column.of(states[2:]), Column.of(forces[2:]))
@@ -64,7 +64,9 @@ def offline(pipeline: Pipeline, states: list[bytes], forces: list[bytes]) -> int
 
 
 def cost(
-    way: Callable[[Pipeline, list[bytes], list[bytes]], int], pipelines: list[Callable[[], Pipeline]], rounds: int
+    way: Callable[[ContactStream, list[bytes], list[bytes]], int],
+    pipelines: list[Callable[[], ContactStream]],
+    rounds: int,
 ) -> list[float]:
     """Median time [s] of a tick of each pipeline, measured in turns."""
     states, forces = messages()
@@ -89,11 +91,11 @@ def main() -> None:
     click.echo(f"{describe(['numba', 'numpy'])}; medians of {rounds} rounds in turns")
     click.echo(f"{'':32}{'one [us]':>10}{'both [us]':>10}{'ratio':>8}")
     for name, files in KNEES.items():
-        makers: list[Callable[[], Pipeline]] = []
+        makers: list[Callable[[], ContactStream]] = []
         for more in ({}, {"load.compartment": "both"}):
             parameters = load_parameters([*files, more])
-            Pipeline(parameters, compiled=True)
-            makers.append(lambda parameters=parameters: Pipeline(parameters, compiled=True))  # type: ignore[misc]
+            ContactStream(parameters, compiled=True)
+            makers.append(lambda parameters=parameters: ContactStream(parameters, compiled=True))  # type: ignore[misc]
         for way in (live, offline):
             one, both = cost(way, makers, rounds)
             title = f"{name}, {way.__name__}"

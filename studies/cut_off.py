@@ -29,9 +29,9 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
-from knee_contact_ros.messages.cdr import stamp_in
-from knee_contact_ros.messages.topics import KNEE_CONTACT
 from knee_contact_ros.parameters.sections import Record
+from knee_contact_ros.streams.messages import stamp_in
+from knee_contact_ros.streams.topics import KNEE_CONTACT
 from knee_contact_ros.system.output_files import partial_name
 from knee_contact_ros.system.processes import Child, child_process
 from knee_contact_ros.system.ros_graph import private_graph

@@ -26,14 +26,19 @@ from std_srvs.srv import Trigger
 
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.bags.reader import BagReader, RawMessage
-from knee_contact_ros.messages.cdr import decode_joint_state
-from knee_contact_ros.messages.ros_types import deserialize
-from knee_contact_ros.messages.stamps import NANOSECONDS
-from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.stage import RECORDING, node_process
 from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.streams.messages import decode_joint_state
+from knee_contact_ros.streams.topics import (
+    JOINT_REACTION_FORCE,
+    JOINT_STATES,
+    KNEE_CONTACT,
+    MESSAGE_TYPES,
+    NANOSECONDS,
+    deserialize,
+)
 from knee_contact_ros.system.ros_graph import private_graph
 from knee_contact_ros.tools.latency.candidates import PARAMETERS
 from knee_contact_ros.tools.latency.driver import QOS, Driver, joined

@@ -22,13 +22,13 @@ from rclpy.node import Node
 
 from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader, RawMessage
 from knee_contact_ros.bags.writer import BagWriter
-from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
-from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.offline.replay.keyboard import Keyboard
 from knee_contact_ros.offline.replay.lateness import LATE, Lateness
 from knee_contact_ros.offline.replay.player import Player
 from knee_contact_ros.offline.replay.read_ahead import ReadAhead
 from knee_contact_ros.offline.replay.replay import Replayer, undisturbed
+from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.ros_graph import private_graph
 from knee_contact_ros.system.terminal import progress
 from knee_contact_ros.tools.latency.usage import read

@@ -21,9 +21,8 @@ from typing import NamedTuple
 import click
 from tabulate import tabulate
 
-from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
-from knee_contact_ros.messages.stamps import NANOSECONDS
-from knee_contact_ros.messages.topics import GROUND_REACTION_FORCE, JOINT_REACTION_FORCE
+from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.streams.topics import GROUND_REACTION_FORCE, JOINT_REACTION_FORCE, NANOSECONDS
 from knee_contact_ros.system import machine
 from knee_contact_ros.system.processes import Child, child_process
 from knee_contact_ros.system.resources import share_folder

@@ -22,15 +22,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES
-from knee_contact_ros.messages.answer import Ending
-from knee_contact_ros.messages.stamps import NANOSECONDS
-from knee_contact_ros.messages.topics import KNEE_CONTACT
 from knee_contact_ros.model.types import ROW
 from knee_contact_ros.node.outputs import Outputs
 from knee_contact_ros.parameters.reading import load_parameters
-from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.sinks.process import Listeners
 from knee_contact_ros.sinks.protocol import Knee
+from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.topics import KNEE_CONTACT, NANOSECONDS, Ending
 from knee_contact_ros.system.ports import free_port
 from knee_contact_ros.system.resources import share_folder
 from knee_contact_ros.tools.latency.samples import samples
@@ -85,10 +83,10 @@ class Run(NamedTuple):
     """Processor time per tick [s] of the processes beside it"""
 
 
-def pipeline_of(files: list[str]) -> tuple[Pipeline, float]:
+def pipeline_of(files: list[str]) -> tuple[ContactStream, float]:
     """Compiled pipeline of parameter files, and the body weight [N]."""
     parameters = load_parameters([share_folder() / "config" / name for name in files])
-    return Pipeline(parameters, compiled=True), parameters.body_weight
+    return ContactStream(parameters, compiled=True), parameters.body_weight
 
 
 def run(mode: Mapping[str, Any], looked_at: bool, seconds: float) -> Run:
@@ -121,7 +119,7 @@ def taken_beside(before: Snapshot, after: Snapshot) -> float:
     return sum(usage.cpu - begun.get(usage.process, 0.0) for usage in after.family[1:])
 
 
-def paced(pipeline: Pipeline, outputs: Outputs, ticks: int, first: int) -> NDArray[np.float64]:
+def paced(pipeline: ContactStream, outputs: Outputs, ticks: int, first: int) -> NDArray[np.float64]:
     """Times [s] of ticks, one a millisecond, stamped from `first` [ns] on."""
     clock, times = time.perf_counter, np.zeros(ticks)
     gc.collect()

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.messages.column import Column
+from knee_contact_ros.streams.columns import Column
 
 
 @dataclass(frozen=True)

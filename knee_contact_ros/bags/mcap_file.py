@@ -17,7 +17,7 @@ from knee_contact_ros.bags.mcap_chunks import Contents, beginning_of, contents_o
 from knee_contact_ros.bags.mcap_inspection import CHUNK, LOOSE, Advance, Inspection, Segment
 from knee_contact_ros.bags.mcap_layout import HEAD
 from knee_contact_ros.bags.mcap_records import parsed, read_at, record_at
-from knee_contact_ros.messages.column import Column
+from knee_contact_ros.streams.columns import Column
 from knee_contact_ros.system.regular_file import open_regular
 
 CHANNELS = 2**16

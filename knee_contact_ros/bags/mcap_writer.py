@@ -22,8 +22,7 @@ from mcap.writer import CompressionType
 from knee_contact_ros.bags.chunked_mcap import ChunkedMcap
 from knee_contact_ros.bags.mcap_layout import MESSAGE, MESSAGE_HEAD
 from knee_contact_ros.bags.metadata import OFFERED_QOS, FileFacts, information, to_yaml
-from knee_contact_ros.messages.answer import Record
-from knee_contact_ros.messages.ros_types import definition, typestore
+from knee_contact_ros.streams.topics import Record, definition, typestore
 from knee_contact_ros.system.output_files import open_claimed, sync_folder, take_name
 
 LIBRARY = "knee_contact_ros"

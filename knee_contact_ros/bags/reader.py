@@ -19,8 +19,7 @@ from knee_contact_ros.bags.batch import Batch, blocks
 from knee_contact_ros.bags.stored_bag import Connection, StoredBag
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names, absolute
 from knee_contact_ros.bags.topics_in_bag import find_topic
-from knee_contact_ros.messages.ros_types import deserialize
-from knee_contact_ros.messages.topics import INPUTS, MESSAGE_TYPES
+from knee_contact_ros.streams.topics import INPUTS, MESSAGE_TYPES, deserialize
 from knee_contact_ros.system.errors import UsageError
 
 INPUT_TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in INPUTS}

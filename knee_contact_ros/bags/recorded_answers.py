@@ -15,9 +15,9 @@ from knee_contact_ros.bags.bag_files import in_a_line
 from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.bags.stored_bag import StoredBag
 from knee_contact_ros.bags.topic_names import absolute
-from knee_contact_ros.messages.answer_layout import decode_answers
-from knee_contact_ros.messages.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.model.types import Rows
+from knee_contact_ros.streams.columns import decode_answers
+from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
 
 BLOCK = 8192

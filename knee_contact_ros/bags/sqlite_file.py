@@ -13,7 +13,7 @@ from urllib.parse import quote
 import numpy as np
 
 from knee_contact_ros.bags.batch import Batch
-from knee_contact_ros.messages.column import Column
+from knee_contact_ros.streams.columns import Column
 from knee_contact_ros.system.errors import UsageError
 
 TABLES = ("topics", "messages", "message_definitions")

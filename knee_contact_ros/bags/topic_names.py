@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 
-from knee_contact_ros.messages.topics import DYNAMIC_JOINT_STATES, INPUTS
+from knee_contact_ros.streams.topics import DYNAMIC_JOINT_STATES, INPUTS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.ros_arguments import split
 

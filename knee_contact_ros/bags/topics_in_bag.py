@@ -7,7 +7,7 @@ from pathlib import Path
 
 from knee_contact_ros.bags.stored_bag import Connection
 from knee_contact_ros.bags.topic_names import absolute
-from knee_contact_ros.messages.topics import (
+from knee_contact_ros.streams.topics import (
     GROUND_REACTION_FORCE,
     INPUTS,
     JOINT_REACTION_FORCE,

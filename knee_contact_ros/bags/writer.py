@@ -14,7 +14,7 @@ from mcap.writer import CompressionType
 
 from knee_contact_ros.bags.mcap_writer import BagFile
 from knee_contact_ros.bags.metadata import FileFacts, Identity, information, prepare_metadata
-from knee_contact_ros.messages.answer import Record
+from knee_contact_ros.streams.topics import Record
 from knee_contact_ros.system.output_files import all_names, claim, claim_first, later_names
 
 REFUSED_SAMPLES = "refused_samples"

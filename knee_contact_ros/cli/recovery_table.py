@@ -7,7 +7,7 @@ from rich.console import Console
 from rich.table import Table
 
 from knee_contact_ros.bags.recover import Recovery
-from knee_contact_ros.messages.stamps import NANOSECONDS
+from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.terminal import WIDTH, say, shown
 
 MOST_FAULTS = 20

@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.bags.writer import BagWriter
 from knee_contact_ros.lab.tables import Floats, Stamps
-from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
-from knee_contact_ros.messages.stamps import NANOSECONDS
-from knee_contact_ros.messages.topics import (
+from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.streams.topics import (
     GROUND_REACTION_FORCE,
     INPUTS,
     JOINT_REACTION_FORCE,
     JOINT_STATES,
     MESSAGE_TYPES,
+    NANOSECONDS,
 )
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.regular_file import sha256_of

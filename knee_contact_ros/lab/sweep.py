@@ -37,7 +37,7 @@ from knee_contact_ros.parameters.reading import (
     variations_of,
 )
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.pipeline.compartment import half_spacing, move_along_z
+from knee_contact_ros.streams.contact_stream import half_spacing, move_along_z
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.resources import DEFAULT_PARAMETERS, expanded
 

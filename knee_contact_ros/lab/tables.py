@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.parameters.limits import OneOf
 from knee_contact_ros.parameters.sections import Section
+from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.regular_file import open_regular
 

@@ -32,8 +32,7 @@ from knee_contact_ros.parameters.reading import (
     load_parameters,
 )
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.pipeline.compartment import Compartment, compartments_of, half_spacing
-from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.streams.contact_stream import Compartment, ContactStream, compartments_of, half_spacing
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.resources import expanded
 from knee_contact_ros.system.terminal import progress
@@ -271,7 +270,7 @@ def given_in(
     inputs: list[tuple[Any, Any, Any]] = []
     blocks: list[Sequence[Rows]] = []
 
-    def listen(pipeline: Pipeline) -> None:
+    def listen(pipeline: ContactStream) -> None:
         rule = pipeline.rule
 
         def noting(axial: Any, moment: Any, flexion: Any) -> Any:

@@ -21,18 +21,6 @@ from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from knee_contact_ros.bags.provenance import provenance_record
-from knee_contact_ros.messages.dynamic_joint_states import as_joint_state
-from knee_contact_ros.messages.topics import (
-    DYNAMIC_JOINT_STATES,
-    INPUTS,
-    JOINT_STATES,
-    KNEE_CONTACT,
-    KNEE_CONTACT_LATERAL,
-    KNEE_CONTACT_MARKERS,
-    KNEE_CONTACT_WRENCH,
-    knee_name,
-    recorded_topics,
-)
 from knee_contact_ros.model.compiler import COMPILING, kept_files
 from knee_contact_ros.model.types import ROW, reader
 from knee_contact_ros.msg import KneeContact
@@ -45,9 +33,21 @@ from knee_contact_ros.parameters.curves import curve_texts
 from knee_contact_ros.parameters.lateral import LATERAL, has_both
 from knee_contact_ros.parameters.reading import READING
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.pipeline.pipeline import Pipeline
-from knee_contact_ros.pipeline.synchronise import PairedSample
 from knee_contact_ros.sinks.protocol import Knee
+from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.messages import as_joint_state
+from knee_contact_ros.streams.pairing import PairedSample
+from knee_contact_ros.streams.topics import (
+    DYNAMIC_JOINT_STATES,
+    INPUTS,
+    JOINT_STATES,
+    KNEE_CONTACT,
+    KNEE_CONTACT_LATERAL,
+    KNEE_CONTACT_MARKERS,
+    KNEE_CONTACT_WRENCH,
+    knee_name,
+    recorded_topics,
+)
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.processes import OWN_GROUP, python_module, start
 from knee_contact_ros.view.anatomy import drawings_of
@@ -87,7 +87,7 @@ def type_of_angles(source: str) -> Any:
 class ContactSession(Session):
     """Configured life of a contact node."""
 
-    pipeline: Pipeline
+    pipeline: ContactStream
     parameters: Parameters
 
     def __init__(
@@ -109,7 +109,7 @@ class ContactSession(Session):
             UsageError: a profile cannot be used or an output file cannot be written.
         """
         self._curves = curve_texts(parameters, {})
-        pipeline = Pipeline(parameters, deserialize, compiled=False, curves=self._curves)
+        pipeline = ContactStream(parameters, deserialize, compiled=False, curves=self._curves)
         super().__init__(node, parameters, pipeline, ContactHealth(node, parameters, pipeline))
         source = parameters.knee.source
         on_angle = self._on_dynamic_joint_state if source == DYNAMIC_JOINT_STATES else self._on_joint_state

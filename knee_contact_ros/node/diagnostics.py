@@ -13,10 +13,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticStatus, KeyValue
 
-from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES
 from knee_contact_ros.model.types import UNUSABLE, Fidelity, Status
-from knee_contact_ros.pipeline.synchronise import Synchroniser
 from knee_contact_ros.sinks.process import WORTH_A_WARNING
+from knee_contact_ros.streams.pairing import Synchroniser
+from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, JOINT_STATES
 
 REFUSED_STAMPS = tuple(f"{stream}_{why}" for stream in ("angle", "load") for why in ("off_time", "not_in_order"))
 """Names of the counters of samples that are refused because of their stamps"""

@@ -13,12 +13,12 @@ from std_msgs.msg import Header
 from knee_contact_ros.node.diagnostics import LagMeter, PairingMeter, TickMeter, diagnostic_entry, diagnostic_status
 from knee_contact_ros.node.outputs import Outputs
 from knee_contact_ros.node.subscription import HandedStream, Inputs, InputStream
-from knee_contact_ros.pipeline.intake import Intake
+from knee_contact_ros.streams.intake import Intake
 
 if TYPE_CHECKING:
     from knee_contact_ros.parameters.load_schema import LoadParameters
     from knee_contact_ros.parameters.schema import Parameters
-    from knee_contact_ros.pipeline.pipeline import Pipeline
+    from knee_contact_ros.streams.contact_stream import ContactStream
 
 REFUSAL_LOG_PERIOD = 5.0
 """Shortest time [s] between two warnings of refused samples, or of other faults of the inputs, in the log"""
@@ -128,7 +128,7 @@ class Health:
 class ContactHealth(Health):
     """Health of a contact node: also watches the load, its split and the depth."""
 
-    def __init__(self, node: LifecycleNode, parameters: Parameters, pipeline: Pipeline) -> None:
+    def __init__(self, node: LifecycleNode, parameters: Parameters, pipeline: ContactStream) -> None:
         """Begin to count."""
         super().__init__(node, parameters, pipeline, TickMeter())
         self._contacts = pipeline

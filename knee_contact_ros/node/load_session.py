@@ -18,13 +18,6 @@ from sensor_msgs.msg import JointState
 
 from knee_contact_ros.bags.load_provenance import LOAD_PROVENANCE, load_provenance_record
 from knee_contact_ros.joint_reaction.estimator import Level
-from knee_contact_ros.messages.topics import (
-    JOINT_REACTION_FORCE,
-    JOINT_STATES,
-    LOAD_ESTIMATE,
-    LOAD_INPUTS,
-    LOAD_RECORDED,
-)
 from knee_contact_ros.msg import LoadEstimate
 from knee_contact_ros.node.diagnostics import TickMeter
 from knee_contact_ros.node.health import Health
@@ -32,9 +25,16 @@ from knee_contact_ros.node.kind import NodeKind, Topics
 from knee_contact_ros.node.session import DIAGNOSTICS, OUTPUT_DEPTH, Session, deserialize
 from knee_contact_ros.node.subscription import HandedInputs, HandOver
 from knee_contact_ros.parameters.load_schema import LOAD_READING, LoadParameters
-from knee_contact_ros.pipeline.load_pipeline import LoadPipeline
-from knee_contact_ros.pipeline.synchronise import PairedSample
 from knee_contact_ros.sinks.protocol import Knee
+from knee_contact_ros.streams.load_stream import LoadStream
+from knee_contact_ros.streams.pairing import PairedSample
+from knee_contact_ros.streams.topics import (
+    JOINT_REACTION_FORCE,
+    JOINT_STATES,
+    LOAD_ESTIMATE,
+    LOAD_INPUTS,
+    LOAD_RECORDED,
+)
 
 LIVE = frozenset({
     "person.mass", "person.height", "person.moment_arm_scale", "person.co_contraction", "person.tone", "calibrated",
@@ -46,7 +46,7 @@ LIVE = frozenset({
 class LoadSession(Session):
     """Configured life of a load node."""
 
-    pipeline: LoadPipeline
+    pipeline: LoadStream
     parameters: LoadParameters
 
     def __init__(
@@ -67,7 +67,7 @@ class LoadSession(Session):
         Raises:
             UsageError: an output file cannot be written.
         """
-        pipeline = LoadPipeline(parameters, deserialize)
+        pipeline = LoadStream(parameters, deserialize)
         health = Health(node, parameters, pipeline, TickMeter(Level, "level"))
         super().__init__(node, parameters, pipeline, health)
         self.inputs = self._input_streams(JOINT_STATES, JointState, self._on_joint_state, qos_given)

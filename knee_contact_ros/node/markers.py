@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from knee_contact_ros.pipeline.samples import LoadSample
+from knee_contact_ros.streams.pairing import LoadSample
 from knee_contact_ros.view.markers import KneeMarkers
 
 MARKER_PERIOD = 1.0 / 30.0

@@ -19,18 +19,17 @@ from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, TICK, change_record
-from knee_contact_ros.messages.answer import Ending
-from knee_contact_ros.messages.topics import GROUND_REACTION_FORCE, JOINT_REACTION_FORCE, JOINT_STATES
 from knee_contact_ros.node.diagnostics import InputMeter, LagMeter
 from knee_contact_ros.node.health import REFUSAL_LOG_PERIOD, STEADY, Health, at_most_every
 from knee_contact_ros.node.outputs import Outputs
 from knee_contact_ros.node.subscription import HandedInputs, HandedStream, Inputs, InputStream
 from knee_contact_ros.node.transforms import StaticTransformTopic
-from knee_contact_ros.pipeline.frames import FORCE_TURNED
-from knee_contact_ros.pipeline.intake import Intake
-from knee_contact_ros.pipeline.synchronise import PairedSample
 from knee_contact_ros.sinks.process import Listeners
 from knee_contact_ros.sinks.protocol import Knee
+from knee_contact_ros.streams.frames import FORCE_TURNED
+from knee_contact_ros.streams.intake import Intake
+from knee_contact_ros.streams.pairing import PairedSample
+from knee_contact_ros.streams.topics import GROUND_REACTION_FORCE, JOINT_REACTION_FORCE, JOINT_STATES, Ending
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import stamped
 

@@ -10,8 +10,8 @@ from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
-from knee_contact_ros.messages.cdr import stamp_in
 from knee_contact_ros.node.diagnostics import InputMeter
+from knee_contact_ros.streams.messages import stamp_in
 
 DEPTH = 1000
 """Number of messages that may wait: one second at 1 kHz"""

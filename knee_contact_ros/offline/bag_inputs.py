@@ -9,19 +9,24 @@ from pathlib import Path
 from knee_contact_ros.bags.batch import Batch
 from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.bags.topic_names import Names
-from knee_contact_ros.messages.dynamic_joint_states import as_joint_state
-from knee_contact_ros.messages.ros_types import deserialize
-from knee_contact_ros.messages.topics import (
+from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.streams.frames import ForceFrame
+from knee_contact_ros.streams.messages import (
+    TF_MESSAGE,
+    TF_STATIC,
+    Decoder,
+    RefusedSampleError,
+    as_joint_state,
+    decode_transforms,
+)
+from knee_contact_ros.streams.topics import (
     DYNAMIC_JOINT_STATE,
     DYNAMIC_JOINT_STATES,
     JOINT_REACTION_FORCE,
     JOINT_STATES,
     MESSAGE_TYPES,
+    deserialize,
 )
-from knee_contact_ros.messages.transforms import TF_MESSAGE, TF_STATIC, decode_transforms
-from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.pipeline.frames import ForceFrame
-from knee_contact_ros.pipeline.samples import Decoder, RefusedSampleError
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.printable import listed
 from knee_contact_ros.system.terminal import warn

@@ -8,9 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.bags.reader import BagReader
-from knee_contact_ros.messages.topics import JOINT_STATES
 from knee_contact_ros.parameters.schema import Knee
-from knee_contact_ros.pipeline.samples import angle_sample, joint_state_of, load_sample, wrench_of
+from knee_contact_ros.streams.contact_stream import angle_sample, load_sample
+from knee_contact_ros.streams.messages import joint_state_of, wrench_of
+from knee_contact_ros.streams.topics import JOINT_STATES
 from knee_contact_ros.system.resources import share_folder
 
 

@@ -18,15 +18,15 @@ import click
 import numpy as np
 
 from knee_contact_ros.bags.reader import BagReader, RawMessage
-from knee_contact_ros.messages.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, MESSAGE_TYPES
 from knee_contact_ros.offline import stage
 from knee_contact_ros.offline.summary import Summary, read_summary
 from knee_contact_ros.offline.summary_table import counts, show_summary
 from knee_contact_ros.parameters.plausibility import Doubts
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.pipeline.pipeline import Pipeline
-from knee_contact_ros.pipeline.samples import RefusedSampleError, angle_sample
+from knee_contact_ros.streams.contact_stream import ContactStream, angle_sample
+from knee_contact_ros.streams.messages import RefusedSampleError
+from knee_contact_ros.streams.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.processes import Child
 from knee_contact_ros.system.ros_graph import private_graph
@@ -100,7 +100,7 @@ class Recorded(Source):
 
     def check(self) -> Doubts:
         """See `Source.check`; the first angle of the bag is tried."""
-        pipeline = Pipeline(self.parameters, compiled=False)
+        pipeline = ContactStream(self.parameters, compiled=False)
         with BagReader(self.bag) as reader:
             angle = next(message.data for message in reader.raw_messages() if message.topic == f"/{JOINT_STATES}")
         try:

@@ -18,16 +18,6 @@ from numpy.typing import NDArray
 from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.bags.recorded_answers import answer_blocks
 from knee_contact_ros.bags.topic_names import OWN_NAMES
-from knee_contact_ros.messages.cdr import decode_joint_state, encode_joint_state
-from knee_contact_ros.messages.topics import (
-    GROUND_REACTION_FORCE,
-    INPUTS,
-    JOINT_REACTION_FORCE,
-    JOINT_STATES,
-    LOAD_ESTIMATE,
-    LOAD_INPUTS,
-    MESSAGE_TYPES,
-)
 from knee_contact_ros.model.types import Rows
 from knee_contact_ros.offline import stage
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, wanted_joints
@@ -38,7 +28,17 @@ from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.load_schema import LOAD_READING, ActuatedJoint, LoadParameters
 from knee_contact_ros.parameters.plausibility import Doubts
 from knee_contact_ros.parameters.reading import load_parameters
-from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.messages import decode_joint_state, encode_joint_state
+from knee_contact_ros.streams.topics import (
+    GROUND_REACTION_FORCE,
+    INPUTS,
+    JOINT_REACTION_FORCE,
+    JOINT_STATES,
+    LOAD_ESTIMATE,
+    LOAD_INPUTS,
+    MESSAGE_TYPES,
+)
 from knee_contact_ros.system.processes import Child
 from knee_contact_ros.system.resources import share_folder
 
@@ -99,7 +99,7 @@ class Sensors(Source):
 
     def check(self) -> Doubts:
         """See `Source.check`; all joints that the nodes need are looked for."""
-        pipeline = Pipeline(self.parameters, compiled=False)
+        pipeline = ContactStream(self.parameters, compiled=False)
         with BagInputs(self.bag, JOINT_STATES, OWN_NAMES, GROUND_REACTION_FORCE) as inputs:
             check_joints(inputs, named_joints(self.load_parameters))
             check_joints(inputs, wanted_joints(self.parameters))

@@ -18,15 +18,13 @@ from knee_contact_ros.bags.load_provenance import LOAD_PROVENANCE, load_provenan
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
 from knee_contact_ros.bags.writer import BagWriter
 from knee_contact_ros.joint_reaction.estimator import Estimate
-from knee_contact_ros.messages.answer import Answer
-from knee_contact_ros.messages.stamps import NANOSECONDS
-from knee_contact_ros.messages.topics import GROUND_REACTION_FORCE, JOINT_STATES, LOAD_RECORDED
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms
 from knee_contact_ros.offline.solve import SOURCE_DAMAGE
 from knee_contact_ros.parameters.load_schema import LoadParameters
-from knee_contact_ros.pipeline.frames import FORCE_TURNED
-from knee_contact_ros.pipeline.load_pipeline import LoadPipeline
+from knee_contact_ros.streams.frames import FORCE_TURNED
+from knee_contact_ros.streams.load_stream import LoadStream
+from knee_contact_ros.streams.topics import GROUND_REACTION_FORCE, JOINT_STATES, LOAD_RECORDED, NANOSECONDS, Answer
 from knee_contact_ros.system.errors import UsageError
 
 MESSAGES_PER_ADVANCE = 1000
@@ -130,7 +128,7 @@ def estimate_load(
 
 
 @contextmanager
-def leg_pipeline(bag: Path, parameters: LoadParameters, names: Names) -> Iterator[tuple[BagInputs, LoadPipeline]]:
+def leg_pipeline(bag: Path, parameters: LoadParameters, names: Names) -> Iterator[tuple[BagInputs, LoadStream]]:
     """Open a bag of a leg's sensors, and make the pipeline that takes its messages.
 
     Raises:
@@ -138,7 +136,7 @@ def leg_pipeline(bag: Path, parameters: LoadParameters, names: Names) -> Iterato
     """
     with BagInputs(bag, JOINT_STATES, names, GROUND_REACTION_FORCE) as inputs:
         check_joints(inputs, named_joints(parameters))
-        pipeline = LoadPipeline(parameters)
+        pipeline = LoadStream(parameters)
         if parameters.frame.ground:
             learn_transforms(bag, pipeline.frame)
         yield inputs, pipeline
@@ -151,7 +149,7 @@ def named_joints(parameters: LoadParameters) -> dict[str, str]:
 
 
 def _keep(
-    answers: Iterable[Answer], pipeline: LoadPipeline, recorder: AnswerWriter | None,
+    answers: Iterable[Answer], pipeline: LoadStream, recorder: AnswerWriter | None,
     takers: Sequence[Callable[[int, Estimate], object]],
 ) -> None:  # fmt: skip
     for answer in answers:

@@ -22,8 +22,8 @@ from knee_contact_ros.offline.solve import solve as solve_bag
 from knee_contact_ros.parameters.reading import Source, dotted, load_parameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.parameters.subject import Subject
-from knee_contact_ros.pipeline.compartment import compartments_of
 from knee_contact_ros.results import Results
+from knee_contact_ros.streams.contact_stream import compartments_of
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import checked_output
 from knee_contact_ros.system.resources import DEFAULT_PARAMETERS, expanded

@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from knee_contact_ros.bags.bag_files import in_a_line, others_beside
 from knee_contact_ros.bags.topic_names import names_in_bag
 from knee_contact_ros.joint_reaction.estimator import Estimate
-from knee_contact_ros.messages.topics import LOAD_INPUTS
 from knee_contact_ros.offline.estimate_load import estimate_load as estimate
 from knee_contact_ros.offline.in_memory import check_mappings, in_python, in_python_words
 from knee_contact_ros.parameters.declared import dotted
 from knee_contact_ros.parameters.load_schema import LOAD_READING
+from knee_contact_ros.streams.topics import LOAD_INPUTS
 from knee_contact_ros.system.output_files import checked_output
 from knee_contact_ros.system.resources import expanded
 from knee_contact_ros.system.terminal import progress

@@ -26,8 +26,6 @@ from knee_contact_ros.bags.provenance import (
 )  # fmt: skip
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
 from knee_contact_ros.bags.writer import BagWriter
-from knee_contact_ros.messages.answer import Answer
-from knee_contact_ros.messages.topics import JOINT_STATES, recorded_topics
 from knee_contact_ros.model.compiler import worth_compiling
 from knee_contact_ros.model.types import ROW, Rows
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms, wanted_joints
@@ -37,8 +35,9 @@ from knee_contact_ros.parameters.curves import curve_texts
 from knee_contact_ros.parameters.lateral import has_both
 from knee_contact_ros.parameters.reading import all_values, load_parameters
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.pipeline.frames import FORCE_TURNED
-from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.frames import FORCE_TURNED
+from knee_contact_ros.streams.topics import JOINT_STATES, Answer, recorded_topics
 from knee_contact_ros.system.behind import Behind
 from knee_contact_ros.system.errors import UsageError
 
@@ -60,7 +59,7 @@ def solve(
     *,
     compiled: bool | None = None,
     keep: Callable[[Sequence[Rows]], object] = len,
-    prepare: Callable[[Pipeline], object] = id,
+    prepare: Callable[[ContactStream], object] = id,
     curves: Mapping[str, str] | None = None,
 ) -> Summary:
     """Compute every tick of `bag` and write inputs and outputs to `output`, if one is given.
@@ -93,7 +92,7 @@ def solve(
         if output:
             refuse_input(bag, output)
         check_joints(inputs, wanted_joints(parameters))
-        pipeline = Pipeline(parameters, compiled=False, curves=curves)
+        pipeline = ContactStream(parameters, compiled=False, curves=curves)
         ticks = reader.count // MESSAGES_OF_A_TICK
         pipeline.frame.is_known = recording is not None
         if parameters.frame.tibia and not recording:
@@ -146,7 +145,7 @@ def texts_of(basis: Parameters | Provenance) -> Mapping[str, str]:
     return basis.texts() if isinstance(basis, Provenance) else curve_texts(basis, {})
 
 
-def _order(pipeline: Pipeline) -> list[str]:
+def _order(pipeline: ContactStream) -> list[str]:
     """Report samples of a recording that are refused for their order: the node had accepted all that it recorded."""
     refused = pipeline.synchroniser.refused
     out_of_order = sum(count for reason, count in refused.items() if reason.endswith(("_not_in_order", "_off_time")))
@@ -158,7 +157,7 @@ def _order(pipeline: Pipeline) -> list[str]:
 class Run:
     """A pipeline that is fed with blocks of messages, and whose answers are recorded and passed on."""
 
-    pipeline: Pipeline
+    pipeline: ContactStream
     recorder: AnswerWriter | None
     """Writer of the recording; None: nothing is recorded"""
     takers: Sequence[Callable[[Sequence[Rows]], object]]
@@ -226,7 +225,7 @@ class Changes:
         """Whether changes are left that have not been made yet."""
         return bool(self._waiting)
 
-    def make(self, pipeline: Pipeline) -> Iterator[tuple[str, dict[str, str]]]:
+    def make(self, pipeline: ContactStream) -> Iterator[tuple[str, dict[str, str]]]:
         """Make the changes whose tick has come; yield the name and the values of the metadata record of each.
 
         Raises:
@@ -242,7 +241,7 @@ class Changes:
                 yield PARAMETERS_CHANGED, change_record(tick, values)
 
 
-def _changed(pipeline: Pipeline, tick: int, values: Mapping[str, Any]) -> Parameters:
+def _changed(pipeline: ContactStream, tick: int, values: Mapping[str, Any]) -> Parameters:
     try:
         return load_parameters(all_values(pipeline.parameters) | dict(values))
     except UsageError as error:

@@ -13,19 +13,23 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.bags.block_recorder import Messages
-from knee_contact_ros.messages.answer_out import encode_answer_wrenches, encode_answers
-from knee_contact_ros.messages.cdr import JOINT_STATE, WRENCH, Block
-from knee_contact_ros.messages.column import Column
-from knee_contact_ros.messages.stamps import NANOSECONDS
-from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT_WRENCH
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD
 from knee_contact_ros.model.types import Rows
-from knee_contact_ros.pipeline.compartment import summed_wrenches
-from knee_contact_ros.pipeline.pair_blocks import PairedSamples, Stamps, all_go_on, pair, steps_of
-from knee_contact_ros.pipeline.pipeline import Pipeline
-from knee_contact_ros.pipeline.samples import LAST_STAMP, AngleSample, LoadSample, angle_sample, load_sample
-from knee_contact_ros.pipeline.synchronise import Steady
-from knee_contact_ros.pipeline.timeline import STEPS
+from knee_contact_ros.streams.columns import (
+    Block,
+    Column,
+    PairedSamples,
+    all_go_on,
+    decode_all,
+    encode_answer_wrenches,
+    encode_answers,
+    pair,
+    steps_of,
+)
+from knee_contact_ros.streams.contact_stream import ContactStream, angle_sample, load_sample, summed_wrenches
+from knee_contact_ros.streams.messages import JOINT_STATE, LAST_STAMP, WRENCH, Stamps
+from knee_contact_ros.streams.pairing import STEPS, AngleSample, LoadSample, Steady
+from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT_WRENCH, NANOSECONDS
 
 Floats = NDArray[np.float64]
 Fresh = NDArray[np.bool_]
@@ -61,7 +65,7 @@ class _Samples(NamedTuple):
     moment: Floats
 
 
-def take(pipeline: Pipeline, states: Column, forces: Column) -> Answers | None:
+def take(pipeline: ContactStream, states: Column, forces: Column) -> Answers | None:
     """Compute the ticks of a block at once, from the messages of both topics in the order in which they came.
 
     Afterwards `pipeline` is in the state that it would have after the same messages one by one. Returns None if the
@@ -111,9 +115,9 @@ def _steps(steady: Steady, samples: _Samples) -> tuple[Stamps, Stamps]:
     )
 
 
-def _samples(block: _Received, pipeline: Pipeline) -> _Samples | None:
+def _samples(block: _Received, pipeline: ContactStream) -> _Samples | None:
     """Decode a block into columns of samples; None if a sample would be refused, or has to be treated alone."""
-    decoded, wrenches = JOINT_STATE.decode_all(block.states), WRENCH.decode_all(block.forces)
+    decoded, wrenches = decode_all(JOINT_STATE, block.states), decode_all(WRENCH, block.forces)
     if decoded is None or wrenches is None or not pipeline.frame.goes_on(wrenches.shape[0]):
         return None
     knee = pipeline.parameters.knee
@@ -144,7 +148,7 @@ def _position(states: Block, joint: str) -> Floats | None:
     return np.ascontiguousarray(states.numbers["position"][:, names.index(joint)])
 
 
-def _computed(pipeline: Pipeline, samples: _Samples, paired: PairedSamples, fresh: Fresh) -> Answers:
+def _computed(pipeline: ContactStream, samples: _Samples, paired: PairedSamples, fresh: Fresh) -> Answers:
     """Compute the loads that are paired with angles; return the answers, and the inputs and outputs to record."""
     number = len(paired.angle)
     stamps, frame_id = samples.wrenches.stamps[:number], samples.wrenches.shape[0]
@@ -175,7 +179,7 @@ def _computed(pipeline: Pipeline, samples: _Samples, paired: PairedSamples, fres
 
 
 def _hand_over(
-    pipeline: Pipeline,
+    pipeline: ContactStream,
     block: _Received,
     samples: _Samples,
     paired: PairedSamples,

@@ -21,13 +21,12 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64MultiArray
 
 from knee_contact_ros.bags.reader import BagReader, RawMessage
-from knee_contact_ros.messages.cdr import stamp_in
-from knee_contact_ros.messages.stamps import stamp_to_ns
-from knee_contact_ros.messages.topics import KNEE_CONTACT
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.offline.replay.keyboard import Command
 from knee_contact_ros.offline.replay.player import Player
 from knee_contact_ros.offline.replay.replay import Replayer
+from knee_contact_ros.streams.messages import stamp_in
+from knee_contact_ros.streams.topics import KNEE_CONTACT, stamp_to_ns
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.executor import executor_of
 from knee_contact_ros.system.output_files import partial_name

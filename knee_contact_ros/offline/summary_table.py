@@ -11,10 +11,9 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Column, Table
 
-from knee_contact_ros.messages.stamps import NANOSECONDS
-from knee_contact_ros.messages.topics import LATERAL, MEDIAL
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.results import begin_of, stamp_text
+from knee_contact_ros.streams.topics import LATERAL, MEDIAL, NANOSECONDS
 from knee_contact_ros.system.terminal import UNBOUNDED, WIDTH, say, shown
 
 MOST_PEAKS = 12

@@ -15,14 +15,14 @@ import click
 from knee_contact_ros.bags.bag_files import refuse_input
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, Change, read_provenance
 from knee_contact_ros.bags.recorded_answers import answer_blocks, answer_topics
-from knee_contact_ros.messages.topics import KNEE, LATERAL, MEDIAL, compartment_name, is_lateral, knee_name
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import Rows
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.curves import curve_texts
-from knee_contact_ros.parameters.lateral import answering
 from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.streams.contact_stream import answering
+from knee_contact_ros.streams.topics import KNEE, LATERAL, MEDIAL, compartment_name, is_lateral, knee_name
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import refuse_existing
 from knee_contact_ros.system.ports import LOCALHOST, refuse_taken

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from knee_contact_ros.messages.topics import is_lateral
 from knee_contact_ros.parameters.compartments import BOTH
 from knee_contact_ros.parameters.schema import Parameters
 
@@ -32,13 +31,6 @@ def lateral_texts(texts: Mapping[str, str]) -> dict[str, str]:
     own = {name.removeprefix(LATERAL): text for name, text in texts.items() if name.startswith(LATERAL)}
     shared = {name: text for name, text in texts.items() if name.startswith("translation.")}
     return shared | own
-
-
-def answering(topic: str, parameters: Parameters, texts: Mapping[str, str]) -> tuple[Parameters, Mapping[str, str]]:
-    """Parameters, and contents of files by parameter, of the compartment that answers on a topic."""
-    if is_lateral(topic):
-        return lateral_knee(parameters), lateral_texts(texts)
-    return parameters, texts
 
 
 def own_and_rest(known: Iterable[str]) -> list[str]:

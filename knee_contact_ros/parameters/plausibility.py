@@ -12,11 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.joint_reaction.leg import GRAVITY
-from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import ContactLaw
 from knee_contact_ros.model.statics import plain_static_depth
-from knee_contact_ros.model.types import Status
+from knee_contact_ros.model.types import NANOSECOND, Status
 from knee_contact_ros.parameters.schema import ContactParameters, Parameters
 from knee_contact_ros.parameters.sections import Pairing
 
@@ -199,7 +198,7 @@ class Doubts:
     @property
     def about_load(self) -> str:
         """Sentence about a load that was never positive; empty if it is plausible."""
-        long = self.ticks >= ONE_SIDED_TICKS and self._last - self._first >= ONE_SIDED_TIME * NANOSECONDS
+        long = self.ticks >= ONE_SIDED_TICKS and self._last - self._first >= ONE_SIDED_TIME / NANOSECOND
         if not long or self.highest > 0.0 or self._sum > PULLING * self.ticks:
             return ""
         return (

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_type_hints
 
 from pydantic import AfterValidator, BeforeValidator, Field, create_model
 
-from knee_contact_ros.messages.topics import DYNAMIC_JOINT_STATES, JOINT_STATES
 from knee_contact_ros.model.knee import BUDGET
 from knee_contact_ros.model.laws import CONTACT_LAWS
 from knee_contact_ros.model.mechanisms import MECHANISMS
@@ -57,8 +56,8 @@ class Knee(Section):
     height_joint_name: str = Field(
         "knee_height", min_length=1, description="drive displacement: joint whose position is the femoral height [m]"
     )
-    source: Annotated[str, OneOf(JOINT_STATES, DYNAMIC_JOINT_STATES)] = Field(
-        JOINT_STATES, description="topic of the angles: sensor_msgs/JointState or control_msgs/DynamicJointState"
+    source: Annotated[str, OneOf("joint_states", "dynamic_joint_states")] = Field(
+        "joint_states", description="topic of the angles: sensor_msgs/JointState or control_msgs/DynamicJointState"
     )
 
 

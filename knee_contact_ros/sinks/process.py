@@ -20,8 +20,8 @@ from multiprocessing.connection import Connection
 from operator import attrgetter
 from typing import Any, NamedTuple
 
-from knee_contact_ros.messages.answer import Answer, Ending
 from knee_contact_ros.sinks.protocol import DONE, ENDED, OPEN, REFUSED, Discard, Note, Report, Sink
+from knee_contact_ros.streams.topics import Answer, Ending
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.processes import Process, connected, is_stopped, reap
 

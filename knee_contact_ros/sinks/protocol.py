@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
-from knee_contact_ros.messages.answer import Ending
+from knee_contact_ros.streams.topics import Ending
 
 if TYPE_CHECKING:
     from knee_contact_ros.model.knee import KneeModel

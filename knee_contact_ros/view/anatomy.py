@@ -17,10 +17,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.messages.topics import LATERAL, MEDIAL, compartment_name
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import ContactLaw
 from knee_contact_ros.model.readouts import ContactPatch
+from knee_contact_ros.streams.topics import LATERAL, MEDIAL, compartment_name
 
 Floats = NDArray[np.float64]
 DRAWN_THICKNESS = 2.2e-3

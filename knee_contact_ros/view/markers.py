@@ -10,10 +10,10 @@ from typing import Any
 
 import numpy as np
 
-from knee_contact_ros.messages.marker_out import Colour, Marker, MarkerMessage, Shape
 from knee_contact_ros.model.types import ROW, ContactState, reader
 from knee_contact_ros.view import colours
 from knee_contact_ros.view.anatomy import NEWTONS_PER_MM, KneeOutlines
+from knee_contact_ros.view.marker_message import Colour, Marker, MarkerMessage, Shape
 
 LENGTH = 1e-3 / NEWTONS_PER_MM
 """Length of the arrow by its force [m/N]"""

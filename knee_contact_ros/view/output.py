@@ -14,10 +14,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.messages.answer import Ending
-from knee_contact_ros.messages.topics import KNEE_CONTACT, LATERAL, MEDIAL, compartment_name, knee_name
 from knee_contact_ros.model.types import ROW
 from knee_contact_ros.sinks.protocol import Job, Knee, Sink
+from knee_contact_ros.streams.topics import KNEE_CONTACT, LATERAL, MEDIAL, Ending, compartment_name, knee_name
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import (
     all_names,

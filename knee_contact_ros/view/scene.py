@@ -18,12 +18,12 @@ import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
 
-from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.model.readouts import SPREAD, Readings
 from knee_contact_ros.model.types import ContactState, Rows, Status, blank
-from knee_contact_ros.pipeline.gait.events import GAP, HEEL_STRIKE, LOAD_PEAK, TOE_OFF, GaitEvent, GaitEvents
-from knee_contact_ros.pipeline.gait.strides import CERTAIN, KEPT, impulse_of, spans
 from knee_contact_ros.results import DATES_FROM
+from knee_contact_ros.streams.gait_events import GAP, HEEL_STRIKE, LOAD_PEAK, TOE_OFF, GaitEvent, GaitEvents
+from knee_contact_ros.streams.strides import CERTAIN, KEPT, impulse_of, spans
+from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.view import colours
 from knee_contact_ros.view.anatomy import NEWTONS_PER_MM, POINTS, Floats, KneeOutlines, overlaps, placed
 from knee_contact_ros.view.colours import KNEE_COLOURS, NAME_OF_STATE, Colour

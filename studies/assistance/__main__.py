@@ -11,9 +11,9 @@ import numpy as np
 
 from knee_contact_ros import load_model
 from knee_contact_ros.joint_reaction.estimator import LEVELS
-from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE
 from knee_contact_ros.offline.demo_sensors import FORCE_LIMIT, LOAD_FILE, RECORDED, largest
 from knee_contact_ros.parameters.load_schema import LOAD_READING
+from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE
 from knee_contact_ros.system.resources import share_folder
 from studies.assistance.figure import MM, draw
 from studies.assistance.walks import LAWS, Walk, constant_in_stance, person, sensors, walk, walks

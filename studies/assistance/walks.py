@@ -14,11 +14,10 @@ from examples.assist_as_needed import AssistLaw, Settings
 from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.joint_reaction.estimator import Estimator
 from knee_contact_ros.joint_reaction.leg import STILL, UNKNOWN, Ground, Joints
-from knee_contact_ros.messages.stamps import stamp_to_ns
-from knee_contact_ros.messages.topics import GROUND_REACTION_FORCE, JOINT_STATES, LOAD_INPUTS, MESSAGE_TYPES
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.offline.demo_sensors import BAG, FORCE_LIMIT, LOAD_FILE
 from knee_contact_ros.parameters.load_schema import LOAD_READING, LoadParameters
+from knee_contact_ros.streams.topics import GROUND_REACTION_FORCE, JOINT_STATES, LOAD_INPUTS, MESSAGE_TYPES, stamp_to_ns
 from knee_contact_ros.system.resources import share_folder
 
 Floats = NDArray[np.float64]

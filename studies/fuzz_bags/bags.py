@@ -14,8 +14,8 @@ from ruamel.yaml import YAML
 
 from knee_contact_ros.bags.reader import INPUT_TYPES
 from knee_contact_ros.bags.writer import BagWriter
-from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
-from knee_contact_ros.messages.ros_types import typestore
+from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.streams.topics import typestore
 
 TICKS = 100
 PERIOD = 5_000_000

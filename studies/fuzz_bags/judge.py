@@ -19,7 +19,7 @@ from knee_contact_ros.bags.recover import recover
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.system.errors import UsageError
 from studies.fuzz_bags.bags import MAKERS, UNPROTECTED, Message, copy, messages
 from studies.fuzz_bags.mutations import mutate
@@ -137,7 +137,7 @@ def expected() -> list[tuple[str, bytes]]:
 
 def answers_to(inputs: Iterable[Message]) -> list[tuple[str, bytes]]:
     """Answers of the pipeline to messages."""
-    pipeline, answers = Pipeline(parameters(), compiled=False), []
+    pipeline, answers = ContactStream(parameters(), compiled=False), []
     for topic, _, data in inputs:
         feed = pipeline.joint_state if topic == "/joint_states" else pipeline.force
         answers += list(feed(data))

@@ -11,8 +11,7 @@ from typing import NamedTuple
 
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.parameters.sections import Pairing
-from knee_contact_ros.pipeline.samples import AngleSample, LoadSample
-from knee_contact_ros.pipeline.synchronise import PairedSample, Synchroniser
+from knee_contact_ros.streams.pairing import AngleSample, LoadSample, PairedSample, Synchroniser
 from studies.pairing.world import (
     ANGLE,
     LOAD,

@@ -20,20 +20,21 @@ from knee_contact_ros.bags.batch import Batch
 from knee_contact_ros.bags.chunked_mcap import CHUNK_SIZE
 from knee_contact_ros.bags.reader import INPUT_TYPES
 from knee_contact_ros.bags.writer import BagWriter
-from knee_contact_ros.messages.answer_out import encode_answer, encode_answer_wrench
-from knee_contact_ros.messages.ros_types import definition, typestore
-from knee_contact_ros.messages.stamps import NANOSECONDS
-from knee_contact_ros.messages.topics import (
+from knee_contact_ros.model.types import blank
+from knee_contact_ros.offline.solve import Run, solve
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.streams.messages import encode_answer, encode_answer_wrench
+from knee_contact_ros.streams.topics import (
     JOINT_REACTION_FORCE,
     JOINT_STATES,
     KNEE_CONTACT,
     KNEE_CONTACT_WRENCH,
     MESSAGE_TYPES,
+    NANOSECONDS,
     RECORDED,
+    definition,
+    typestore,
 )
-from knee_contact_ros.model.types import blank
-from knee_contact_ros.offline.solve import Run, solve
-from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.system.resources import share_folder
 from knee_contact_ros.tools.latency.samples import samples
 

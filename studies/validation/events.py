@@ -6,7 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from knee_contact_ros.pipeline.gait.events import HEEL_STRIKE, TOE_OFF, GaitEvents
+from knee_contact_ros.streams.gait_events import HEEL_STRIKE, TOE_OFF, GaitEvents
 from studies.report import Section
 from studies.validation.data import BODY_WEIGHT, ON_PLATE, Measured
 

@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
-from knee_contact_ros.messages.stamps import stamp_to_ns
-from knee_contact_ros.messages.topics import LOAD_INPUTS, MESSAGE_TYPES
+from knee_contact_ros.streams.topics import LOAD_INPUTS, MESSAGE_TYPES, stamp_to_ns
 from knee_contact_ros.system.resources import share_folder
 from tests import ROOT
 

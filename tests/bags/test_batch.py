@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.bags.batch import Batch, blocks
-from knee_contact_ros.messages.column import Column
+from knee_contact_ros.streams.columns import Column
 
 ROWS = [(number % 3, 7 * number % 40, b"%d" % number) for number in range(40)]
 

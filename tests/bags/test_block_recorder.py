@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from knee_contact_ros.bags.block_recorder import Messages, write_messages
 from knee_contact_ros.bags.writer import BagWriter
-from knee_contact_ros.messages.topics import MESSAGE_TYPES, RECORDED
+from knee_contact_ros.streams.topics import MESSAGE_TYPES, RECORDED
 
 NAMES = [f"/{topic}" for topic in RECORDED]
 

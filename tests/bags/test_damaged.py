@@ -11,11 +11,10 @@ from mcap.writer import CompressionType
 from knee_contact_ros.bags.bag_files import MOST_SHOWN, in_a_line
 from knee_contact_ros.bags.reader import BagReader, read_bag
 from knee_contact_ros.cli.main import main
-from knee_contact_ros.messages.stamps import stamp_to_ns
-from knee_contact_ros.messages.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import SOURCE_DAMAGE, solve
 from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES, stamp_to_ns
 from knee_contact_ros.system.errors import UsageError
 from studies.fuzz_bags.bags import PERIOD, TICKS, mcap, messages, split, sqlite
 from tests.bags.test_mcap_file import chunks

@@ -13,7 +13,7 @@ from rosbags.highlevel import AnyReader
 
 from knee_contact_ros.bags.mcap_file import McapFile
 from knee_contact_ros.bags.mcap_layout import CHUNK_HEAD, HEAD, MAGIC
-from knee_contact_ros.messages.ros_types import typestore
+from knee_contact_ros.streams.topics import typestore
 from studies.fuzz_bags.bags import TICKS, Message, mcap, messages
 from tests.hostile.bags import channel, chunk, message, record, schema, whole
 

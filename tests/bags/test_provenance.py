@@ -25,11 +25,11 @@ from knee_contact_ros.bags.provenance import (
 )
 from knee_contact_ros.bags.writer import BagWriter, Limits
 from knee_contact_ros.cli.main import knee_contact, main
-from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.reading import load_parameters
-from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.answers import rows_of
 from tests.helpers.recordings_of import recording_with
@@ -142,7 +142,7 @@ def test_what_happened_to_the_node_happens_again(right_bag: Path, tmp_path: Path
 
 def test_a_reset_between_two_answers_that_one_message_brings_about_is_in_its_place() -> None:
     """Forces that wait for the same angle: live, the one before the reset had been answered with the last angle."""
-    pipeline, ms = Pipeline(load_parameters({}), compiled=False), 1_000_000
+    pipeline, ms = ContactStream(load_parameters({}), compiled=False), 1_000_000
     forces = [encode_wrench_stamped(WrenchStamped(i * ms, "", (0.0, -900.0, 0.0), (0.0,) * 3)) for i in range(6)]
     first, second = (encode_joint_state(JointState(i * ms, "", ("knee",), (0.1,), (), ())) for i in (0, 4))
     assert not [*pipeline.joint_state(first)]
@@ -156,7 +156,7 @@ def test_a_reset_between_two_answers_that_one_message_brings_about_is_in_its_pla
 def test_a_recording_of_stamps_that_go_back_is_not_computed_again_without_a_word(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    pipeline, parameters = Pipeline(load_parameters({}), compiled=False), load_parameters({})
+    pipeline, parameters = ContactStream(load_parameters({}), compiled=False), load_parameters({})
     recording, ms = tmp_path / "looped.mcap", 1_000_000
     with BagWriter(recording) as bag:
         writer = AnswerWriter(bag, provenance_record(parameters, {}))

@@ -14,14 +14,12 @@ from rosbags import rosbag2
 from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.bags.recorded_answers import answer_blocks, answer_topics, read_answers
 from knee_contact_ros.bags.writer import BagWriter
-from knee_contact_ros.messages.answer_layout import ADDED
-from knee_contact_ros.messages.answer_out import encode_answer
-from knee_contact_ros.messages.ros_types import definition
-from knee_contact_ros.messages.stamps import stamp_to_ns
-from knee_contact_ros.messages.topics import MESSAGE_TYPES
 from knee_contact_ros.model.types import FLAT, TOLD, blank
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.streams.columns import ADDED
+from knee_contact_ros.streams.messages import encode_answer
+from knee_contact_ros.streams.topics import MESSAGE_TYPES, definition, stamp_to_ns
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.answers import FIELDS, same
 

@@ -24,8 +24,8 @@ from knee_contact_ros.bags.writer import Limits, Settings
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import read_refused
 from knee_contact_ros.parameters.reading import load_parameters
-from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.sinks.process import MB, Listeners, Queue, SinkProcess
+from knee_contact_ros.streams.contact_stream import ContactStream
 from tests.helpers.needs import needs_viewer
 from tests.helpers.processes import has_ended
 from tests.helpers.sinks import (
@@ -49,7 +49,7 @@ QUEUES = [QUEUE._replace(answers=1000), Queue(10**6, 2_200_000.0, "record")]
 
 def test_a_recording_holds_what_solve_writes(started: Started, right_bag: Path, config: Path, tmp_path: Path) -> None:
     parameters = load_parameters(config / "healthy.yaml")
-    pipeline = Pipeline(parameters, compiled=False)
+    pipeline = ContactStream(parameters, compiled=False)
     sink = started.recorder(tmp_path / "live.mcap", wait=False)  # it takes answers before it is open
     with BagReader(right_bag) as bag:
         for topic, _, data in bag.raw_messages():

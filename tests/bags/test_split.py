@@ -20,9 +20,8 @@ from knee_contact_ros.bags.mcap_writer import BagFile
 from knee_contact_ros.bags.metadata import prepare_metadata
 from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.bags.writer import CONTINUED, REFUSED_SAMPLES, BagWriter, Limits
-from knee_contact_ros.messages.answer import Ending
-from knee_contact_ros.messages.topics import MESSAGE_TYPES, RECORDED
 from knee_contact_ros.offline.summary import read_summary
+from knee_contact_ros.streams.topics import MESSAGE_TYPES, RECORDED, Ending
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.sinks import answer, recorded_ticks, wait_until
 

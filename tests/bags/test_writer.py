@@ -23,12 +23,16 @@ from knee_contact_ros.bags.mcap_writer import LIBRARY, offered_qos
 from knee_contact_ros.bags.metadata import FileFacts, information, prepare_metadata
 from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.bags.writer import BagWriter
-from knee_contact_ros.messages.answer import Record
-from knee_contact_ros.messages.answer_out import encode_answer, encode_answer_wrench
-from knee_contact_ros.messages.cdr import decode_wrench_stamped
-from knee_contact_ros.messages.ros_types import definition, typestore
-from knee_contact_ros.messages.topics import KNEE_CONTACT, KNEE_CONTACT_WRENCH, MESSAGE_TYPES
 from knee_contact_ros.model.types import Contact
+from knee_contact_ros.streams.messages import decode_wrench_stamped, encode_answer, encode_answer_wrench
+from knee_contact_ros.streams.topics import (
+    KNEE_CONTACT,
+    KNEE_CONTACT_WRENCH,
+    MESSAGE_TYPES,
+    Record,
+    definition,
+    typestore,
+)
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.answers import FIELDS, contact, contacts_of
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 from hypothesis import strategies as st
 
-from knee_contact_ros.messages.answer import Answer
 from knee_contact_ros.model.types import FLAT, MESSAGE, ROW, Contact, Rows, blank
+from knee_contact_ros.streams.topics import Answer
 
 FIELDS = tuple(name for name, (_, begin, *_) in (ROW.fields or {}).items() if begin < MESSAGE.stop)
 """Those of the message behind its header"""

@@ -12,7 +12,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from ruamel.yaml import YAML
 
 from knee_contact_ros.bags.reader import INPUT_TYPES, RawMessage
-from knee_contact_ros.messages.ros_types import typestore
+from knee_contact_ros.streams.topics import typestore
 
 OTHER = {"/other/force": "geometry_msgs/msg/WrenchStamped", "/imu": "sensor_msgs/msg/Imu"}
 """Topics that no bag of a robot lacks, and that we do not read"""

@@ -13,10 +13,8 @@ from rosbags.interfaces import Nodetype
 from std_msgs.msg import Header
 
 from knee_contact_ros.bags.reader import BagReader, RawMessage
-from knee_contact_ros.messages.ros_types import typestore
-from knee_contact_ros.messages.stamps import NANOSECONDS
-from knee_contact_ros.messages.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.model.types import Contact
+from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES, NANOSECONDS, typestore
 from tests.helpers.answers import FIELDS
 
 

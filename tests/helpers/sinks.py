@@ -16,27 +16,34 @@ from knee_contact_ros.bags import answer_recorder
 from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES
 from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.bags.writer import Settings
-from knee_contact_ros.messages.answer import Answer, Ending
-from knee_contact_ros.messages.answer_out import encode_answer, encode_answer_wrench
-from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
-from knee_contact_ros.messages.topics import (
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.sinks.process import Listeners, Queue, SinkProcess
+from knee_contact_ros.sinks.protocol import Job, Sink
+from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.messages import (
+    JointState,
+    WrenchStamped,
+    encode_answer,
+    encode_answer_wrench,
+    encode_joint_state,
+    encode_wrench_stamped,
+)
+from knee_contact_ros.streams.topics import (
     JOINT_REACTION_FORCE,
     JOINT_STATES,
     KNEE_CONTACT,
     KNEE_CONTACT_WRENCH,
     MESSAGE_TYPES,
     RECORDED,
+    Answer,
+    Ending,
 )
-from knee_contact_ros.parameters.reading import load_parameters
-from knee_contact_ros.pipeline.pipeline import Pipeline
-from knee_contact_ros.sinks.process import Listeners, Queue, SinkProcess
-from knee_contact_ros.sinks.protocol import Job, Sink
 from knee_contact_ros.view.anatomy import drawing_of
 from knee_contact_ros.view.output import NICENESS, Serving, open_output
 from tests.helpers.answers import contact
 
 TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in RECORDED}
-MODEL = Pipeline(load_parameters({}), compiled=False).model
+MODEL = ContactStream(load_parameters({}), compiled=False).model
 NOTHING_LEFT = Ending((), {})
 SETTINGS = Settings(0.02)
 SERVING = Serving(port=0, window=False)

@@ -8,8 +8,8 @@ from pathlib import Path
 
 from knee_contact_ros.bags.reader import RawMessage
 from knee_contact_ros.bags.writer import BagWriter
-from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
-from knee_contact_ros.messages.topics import LOAD_INPUTS, MESSAGE_TYPES
+from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.streams.topics import LOAD_INPUTS, MESSAGE_TYPES
 
 MS = 1_000_000
 STRIDE = 1.1

@@ -8,8 +8,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.node.diagnostics import InputMeter, LagMeter, PairingMeter, TickMeter, diagnostic_status
 from knee_contact_ros.parameters.sections import Pairing
-from knee_contact_ros.pipeline.samples import AngleSample, LoadSample
-from knee_contact_ros.pipeline.synchronise import Synchroniser
+from knee_contact_ros.streams.pairing import AngleSample, LoadSample, Synchroniser
 
 MS = 1_000_000
 

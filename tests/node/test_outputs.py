@@ -10,13 +10,13 @@ import pytest
 
 from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES
 from knee_contact_ros.bags.writer import Limits, Settings
-from knee_contact_ros.messages.topics import KNEE_CONTACT
 from knee_contact_ros.node.outputs import queue_of, sections_of_outputs, sink_of
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.sinks.process import Queue
 from knee_contact_ros.sinks.protocol import Knee
+from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.topics import KNEE_CONTACT
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.needs import needs_viewer
 
@@ -24,7 +24,7 @@ from tests.helpers.needs import needs_viewer
 def described(**parameters: Any) -> Knee:
     """A knee that outputs are described from."""
     read = load_parameters({name.replace("__", "."): value for name, value in parameters.items()})
-    return Knee(read, {KNEE_CONTACT: Pipeline(read, compiled=False).model}, ABSOLUTE_NAMES, {"version": "1"})
+    return Knee(read, {KNEE_CONTACT: ContactStream(read, compiled=False).model}, ABSOLUTE_NAMES, {"version": "1"})
 
 
 def settings(path: Path, **record: float) -> Settings:

@@ -12,19 +12,24 @@ from knee_contact_ros.bags.mcap_metadata import metadata_records
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.bags.topic_names import names_in_bag
-from knee_contact_ros.messages.cdr import (
-    JointState,
-    WrenchStamped,
-    decode_joint_state,
-    encode_joint_state,
-    encode_wrench_stamped,
-)
-from knee_contact_ros.messages.dynamic_joint_states import _types, as_joint_state
-from knee_contact_ros.messages.topics import DYNAMIC_JOINT_STATE, MESSAGE_TYPES
-from knee_contact_ros.messages.transforms import TF_MESSAGE, TF_STATIC, Transform, decode_transforms, encode_transforms
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.reading import load_parameters
-from knee_contact_ros.pipeline.frames import FORCE_TURNED
+from knee_contact_ros.streams.frames import FORCE_TURNED
+from knee_contact_ros.streams.messages import (
+    TF_MESSAGE,
+    TF_STATIC,
+    JointState,
+    Transform,
+    WrenchStamped,
+    _types,
+    as_joint_state,
+    decode_joint_state,
+    decode_transforms,
+    encode_joint_state,
+    encode_transforms,
+    encode_wrench_stamped,
+)
+from knee_contact_ros.streams.topics import DYNAMIC_JOINT_STATE, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.bags import Mcap
 

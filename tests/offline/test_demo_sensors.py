@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from knee_contact_ros.messages.cdr import JointState, decode_joint_state, encode_joint_state
 from knee_contact_ros.model.types import blank
 from knee_contact_ros.parameters.load_schema import LOAD_READING, ActuatedJoint
-from knee_contact_ros.pipeline.leg_samples import joints_of, leg_sample
+from knee_contact_ros.streams.load_stream import joints_of, leg_sample
+from knee_contact_ros.streams.messages import JointState, decode_joint_state, encode_joint_state
 
 pytest.importorskip("rclpy", reason="the demo needs ROS")
 

@@ -20,16 +20,23 @@ from knee_contact_ros.bags.topic_names import names_in_bag
 from knee_contact_ros.bags.writer import REFUSED_SAMPLES, BagWriter, Limits
 from knee_contact_ros.cli.main import INTERRUPTED, main
 from knee_contact_ros.joint_reaction.estimator import Estimate
-from knee_contact_ros.messages.cdr import JointState, encode_joint_state, encode_wrench_stamped
-from knee_contact_ros.messages.topics import LOAD_INPUTS, LOAD_RECORDED, MESSAGE_TYPES
-from knee_contact_ros.messages.transforms import TF_MESSAGE, TF_STATIC, Transform, encode_transforms
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.estimate_load import LoadSummary, estimate_load
 from knee_contact_ros.offline.solve import SOURCE_DAMAGE, solve
 from knee_contact_ros.parameters.load_schema import LOAD_READING
 from knee_contact_ros.parameters.reading import load_parameters
-from knee_contact_ros.pipeline.frames import FORCE_TURNED, FROM_REP_103
-from knee_contact_ros.pipeline.load_pipeline import LoadPipeline
+from knee_contact_ros.streams.frames import FORCE_TURNED, FROM_REP_103
+from knee_contact_ros.streams.load_stream import LoadStream
+from knee_contact_ros.streams.messages import (
+    TF_MESSAGE,
+    TF_STATIC,
+    JointState,
+    Transform,
+    encode_joint_state,
+    encode_transforms,
+    encode_wrench_stamped,
+)
+from knee_contact_ros.streams.topics import LOAD_INPUTS, LOAD_RECORDED, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.bags import write_rosbag2
 from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, ground, walk, walking_bag
@@ -75,7 +82,7 @@ def test_the_recording_holds_inputs_and_estimates(walking: Path, estimated: Path
     messages = raw(estimated)
     assert [sum(m.topic == topic for m in messages) for topic in TYPES] == [240] * 4
     assert [m for m in messages if m.topic in INPUTS] == raw(walking, INPUTS) == WALK
-    pipeline, expected = LoadPipeline(LOAD_READING.load(WHOLE_LEG)), []
+    pipeline, expected = LoadStream(LOAD_READING.load(WHOLE_LEG)), []
     for message in WALK:
         for answer in (pipeline.joint_state if message.topic == ANGLES else pipeline.force)(message.data):
             expected += [RawMessage(f"/{topic}", stamp, data) for topic, stamp, data in answer.records[-2:]]
@@ -104,7 +111,7 @@ def test_the_recording_says_how_it_came_about(walking: Path, estimated: Path) ->
 
 
 def test_the_summary_tells_the_largest_one_and_all_forces(walking: Path) -> None:
-    pipeline, expected = LoadPipeline(LOAD_READING.load(WHOLE_LEG)), list[Estimate]()
+    pipeline, expected = LoadStream(LOAD_READING.load(WHOLE_LEG)), list[Estimate]()
     for message in WALK:
         for _ in (pipeline.joint_state if message.topic == ANGLES else pipeline.force)(message.data):
             assert pipeline.estimate
@@ -126,7 +133,7 @@ def test_solve_goes_on_from_there(estimated: Path, tmp_path: Path) -> None:
 
 def test_solve_goes_on_from_a_recording_in_several_files(tmp_path: Path) -> None:
     """As the node writes it with `record.max_duration`; its later files go on with no contact's."""
-    pipeline, folder = LoadPipeline(LOAD_READING.load({})), tmp_path / "parts"
+    pipeline, folder = LoadStream(LOAD_READING.load({})), tmp_path / "parts"
     record = load_provenance_record(LOAD_READING.load({}))
     with BagWriter(folder / "load.mcap", limits=Limits(duration=400 * MS)) as bag:
         writer = AnswerWriter(bag, record, {topic: f"/{topic}" for topic in LOAD_RECORDED}, LOAD_PROVENANCE)
@@ -334,7 +341,7 @@ def test_ctrl_c_leaves_nothing_behind(tmp_path: Path, capsys: pytest.CaptureFixt
     with pytest.raises(KeyboardInterrupt):
         estimate_load(bag, LOAD_READING.load({}), output, interrupt)
     assert not output.parent.exists() or list(output.parent.iterdir()) == []
-    monkeypatch.setattr(LoadPipeline, "finish", lambda *_: interrupt(1000, 0))
+    monkeypatch.setattr(LoadStream, "finish", lambda *_: interrupt(1000, 0))
     assert main(["estimate-load", str(bag), "--output", str(output)]) == INTERRUPTED
     assert capsys.readouterr().err.strip().endswith("knee-contact: interrupted")
     assert not output.parent.exists() or list(output.parent.iterdir()) == []

@@ -12,13 +12,13 @@ import pytest
 import knee_contact_ros
 from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
 from knee_contact_ros.bags.writer import BagWriter
-from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
-from knee_contact_ros.messages.topics import MESSAGE_TYPES, RECORDED
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import read_summary
 from knee_contact_ros.parameters.reading import load_parameters
-from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.streams.topics import MESSAGE_TYPES, RECORDED
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.answers import FIELDS, rows_of, same
 from tests.helpers.messages import raw_inputs
@@ -178,7 +178,7 @@ def test_on_a_sloped_plane_the_wrench_leans_away_from_the_higher_edge(tmp_path: 
 def test_a_looped_bag_starts_again_from_rest(tmp_path: Path) -> None:
     rows = [(i * 5_000_000, 0.1 + 0.02 * i, 800.0 + 200.0 * i) for i in range(40)]  # 0.2 s, longer than max_gap
     messages = raw_inputs(make_bag(tmp_path / "in.mcap", rows))
-    pipeline = Pipeline(load_parameters({"contact.law": "kelvin_voigt"}), compiled=False)
+    pipeline = ContactStream(load_parameters({"contact.law": "kelvin_voigt"}), compiled=False)
     answers = []
     for topic, _, message in [*messages, *messages]:
         answers += (pipeline.joint_state if topic == "/joint_states" else pipeline.force)(message)

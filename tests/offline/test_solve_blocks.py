@@ -12,19 +12,19 @@ from hypothesis import strategies as st
 
 from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader
 from knee_contact_ros.bags.writer import BagWriter
-from knee_contact_ros.messages.cdr import (
-    JOINT_STATE,
-    JointState,
-    WrenchStamped,
-    encode_joint_state,
-    encode_wrench_stamped,
-)
 from knee_contact_ros.model.types import Rows
 from knee_contact_ros.offline import solve as solve_module
 from knee_contact_ros.offline.solve import Run, solve
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.streams.messages import (
+    JOINT_STATE,
+    JointState,
+    WrenchStamped,
+    encode_joint_state,
+    encode_wrench_stamped,
+)
 from knee_contact_ros.system.errors import UsageError
 
 MILLISECOND = 1_000_000

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 
 from knee_contact_ros.cli.main import main
-from knee_contact_ros.messages.cdr import WrenchStamped
 from knee_contact_ros.parameters.compartments import BY_MOMENT, COMPARTMENTS, Split
 from knee_contact_ros.parameters.curves import curve_texts
 from knee_contact_ros.parameters.reading import load_parameters
-from knee_contact_ros.pipeline.samples import RefusedSampleError, load_sample
+from knee_contact_ros.streams.contact_stream import load_sample
+from knee_contact_ros.streams.messages import RefusedSampleError, WrenchStamped
 
 WEIGHT = 737.068
 

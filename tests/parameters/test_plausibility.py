@@ -19,7 +19,7 @@ from knee_contact_ros.parameters.build import build_model, load_model
 from knee_contact_ros.parameters.plausibility import Doubts, doubts_about
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.streams.contact_stream import ContactStream
 from tests.helpers.scenes import RADIUS, law, model
 from tests.offline.test_solve import make_bag, silent
 
@@ -121,7 +121,7 @@ def test_a_tick_that_is_too_deep_says_so_and_nothing_else(compiled: bool) -> Non
 
 
 def test_the_limit_follows_parameters_that_change() -> None:
-    pipeline = Pipeline(load_parameters({}), compiled=False)
+    pipeline = ContactStream(load_parameters({}), compiled=False)
     assert pipeline.doubts.about_parameters == []
     pipeline.retune(load_parameters(TYPED))
     assert len(pipeline.doubts.about_parameters) == 1

@@ -21,10 +21,10 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState as RosJointState
 from std_srvs.srv import Trigger
 
-from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
-from knee_contact_ros.messages.ros_types import typestore
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.node.stop import MEANINGLESS
+from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.streams.topics import typestore
 from tests.helpers.messages import PlainMessages, RosMessages, header
 from tests.ros.conftest import Peer, call
 

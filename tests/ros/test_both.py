@@ -12,8 +12,8 @@ from rclpy.qos import QoSProfile
 
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.bags.reader import BagReader, RawMessage
-from knee_contact_ros.messages.topics import MESSAGE_TYPES, recorded_topics
 from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.streams.topics import MESSAGE_TYPES, recorded_topics
 from tests.helpers.needs import HAS_VIEWER
 from tests.ros.conftest import NodeProcess, Peer
 from tests.ros.test_streams import set_parameters

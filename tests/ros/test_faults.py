@@ -16,8 +16,8 @@ from std_srvs.srv import Trigger
 
 from examples.assist_as_needed import AssistLaw, Settings
 from knee_contact_ros import load_model
-from knee_contact_ros.messages.stamps import stamp_to_ns
 from knee_contact_ros.model.types import Status
+from knee_contact_ros.streams.topics import stamp_to_ns
 from tests import ROOT
 from tests.ros.conftest import PATIENCE, NodeProcess, Peer, call
 from tests.ros.faults import FAULTS, HALF, OK, SECOND, STEP, Fault, Sample, angle_at

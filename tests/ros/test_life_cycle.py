@@ -18,9 +18,9 @@ from std_srvs.srv import Trigger
 
 import knee_contact_ros
 from knee_contact_ros.bags.reader import BagReader
-from knee_contact_ros.messages.topics import MESSAGE_TYPES
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.node.health import SILENCE
+from knee_contact_ros.streams.topics import MESSAGE_TYPES
 from tests.ros.conftest import NodeProcess, Peer, call, change_state, state_of
 from tests.ros.series import ANGLES, AXIAL, STAMPS, send_all
 

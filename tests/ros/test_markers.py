@@ -10,10 +10,10 @@ import pytest
 from lifecycle_msgs.msg import Transition
 from visualization_msgs.msg import Marker, MarkerArray
 
-from knee_contact_ros.messages.topics import KNEE_CONTACT_MARKERS
 from knee_contact_ros.node.markers import MARKER_DEPTH, MarkerTopic
 from knee_contact_ros.parameters.reading import load_parameters
-from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.topics import KNEE_CONTACT_MARKERS
 from knee_contact_ros.view.anatomy import drawing_of
 from knee_contact_ros.view.colours import APART, BONE, CARTILAGE, SURFACE
 from knee_contact_ros.view.markers import LENGTH, KneeMarkers
@@ -120,7 +120,7 @@ def test_nothing_is_made_unless_somebody_looks_and_then_once(
     peer: Peer, right_bag: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The topic in this process, so that calls of its publisher can be counted."""
-    pipeline = Pipeline(load_parameters({}), compiled=False)
+    pipeline = ContactStream(load_parameters({}), compiled=False)
     publisher = peer.node.create_publisher(MarkerArray, KNEE_CONTACT_MARKERS, MARKER_DEPTH)
     published, publish = [], publisher.publish
     monkeypatch.setattr(publisher, "publish", lambda data: (published.append(data), publish(data)))

@@ -14,8 +14,8 @@ from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
 from knee_contact_ros.bags.reader import read_bag
-from knee_contact_ros.messages.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.node.outputs import MOST_ENDING
+from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES
 from tests.helpers.needs import needs_viewer
 from tests.helpers.processes import has_ended
 from tests.helpers.sinks import wait_until

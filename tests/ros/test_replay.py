@@ -20,7 +20,7 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from knee_contact_ros.bags.reader import INPUT_TYPES, RawMessage
-from knee_contact_ros.messages.stamps import NANOSECONDS, stamp_to_ns
+from knee_contact_ros.streams.topics import NANOSECONDS, stamp_to_ns
 from tests.helpers.bags import write_rosbag2
 from tests.helpers.messages import raw_inputs
 from tests.helpers.terminals import Terminal

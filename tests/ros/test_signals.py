@@ -13,8 +13,8 @@ import psutil
 import pytest
 
 from knee_contact_ros.bags.reader import read_bag
-from knee_contact_ros.messages.topics import MESSAGE_TYPES, RECORDED
 from knee_contact_ros.model.compiler import kept_files, stamp
+from knee_contact_ros.streams.topics import MESSAGE_TYPES, RECORDED
 from tests.helpers.needs import needs_viewer
 from tests.helpers.processes import has_ended
 from tests.ros.conftest import NodeProcess, Peer

@@ -19,11 +19,11 @@ from std_srvs.srv import Trigger
 from knee_contact_ros import load_model
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.bags.reader import BagReader, RawMessage
-from knee_contact_ros.messages.topics import MESSAGE_TYPES
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.build import retuned
 from knee_contact_ros.parameters.reading import known_parameters, load_parameters
+from knee_contact_ros.streams.topics import MESSAGE_TYPES
 from tests import ROOT
 from tests.helpers.messages import RosMessages, header
 from tests.ros.conftest import NodeProcess, Peer, call, change_state

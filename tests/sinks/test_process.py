@@ -14,12 +14,12 @@ import psutil
 import pytest
 
 from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES
-from knee_contact_ros.messages.answer import Answer
-from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.parameters.reading import load_parameters
-from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.sinks.process import SinkProcess, size_of
 from knee_contact_ros.sinks.protocol import Job
+from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.streams.topics import Answer
 from tests.helpers.needs import needs_viewer
 from tests.helpers.sinks import (
     NOTHING_LEFT,
@@ -217,7 +217,7 @@ def test_a_viewer_that_stands_still_gets_the_oldest_and_the_rest_is_dropped_and_
 @pytest.mark.parametrize("joints", [1, 12, 100])
 def test_what_waits_takes_no_more_memory_than_is_counted(joints: int) -> None:
     """As answers come from the pipeline, within a third; what is counted is what `record.queue_size` limits."""
-    pipeline, names = Pipeline(load_parameters({}), compiled=True), tuple(f"joint_{i}" for i in range(joints - 1))
+    pipeline, names = ContactStream(load_parameters({}), compiled=True), tuple(f"joint_{i}" for i in range(joints - 1))
     numbers = tuple(float(number) for number in range(joints))
     inputs = []
     for stamp in range(0, 2_000_000_000, 1_000_000):

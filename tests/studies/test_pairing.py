@@ -7,8 +7,7 @@ from typing import Any
 
 import pytest
 
-from knee_contact_ros.pipeline.synchronise import PairedSample, Synchroniser
-from knee_contact_ros.pipeline.timeline import Timeline
+from knee_contact_ros.streams.pairing import PairedSample, Synchroniser, Timeline
 from studies.pairing.judging import judged
 
 WORLDS = range(10_112, 10_160)

@@ -9,11 +9,11 @@ import pytest
 
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.reading import load_parameters
-from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.streams.contact_stream import ContactStream
 from tests.helpers.answers import rows_of
 
 if TYPE_CHECKING:
-    from knee_contact_ros.messages.answer import Answer
+    from knee_contact_ros.streams.topics import Answer
     from knee_contact_ros.view.anatomy import KneeOutlines
 
 
@@ -32,7 +32,9 @@ def knee(config: Path, right_bag: Path) -> tuple[KneeOutlines, list[Answer]]:
     from knee_contact_ros.view.anatomy import drawing_of
     from tests.view.scenes import WEIGHT, answered
 
-    pipeline = Pipeline(load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"]), compiled=False)
+    pipeline = ContactStream(
+        load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"]), compiled=False
+    )
     answers = answered(pipeline, right_bag)
     return drawing_of(pipeline.model, "knee", WEIGHT), answers
 

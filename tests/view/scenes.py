@@ -9,9 +9,9 @@ import pytest
 
 pytest.importorskip("rerun", reason="needs the extra viewer")
 
-from knee_contact_ros.messages.answer import Answer
 from knee_contact_ros.model.types import Rows
-from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.topics import Answer
 from knee_contact_ros.view.anatomy import KneeOutlines
 from knee_contact_ros.view.output import RerunFile
 from knee_contact_ros.view.scene import Scene
@@ -30,7 +30,7 @@ SHIPPED: dict[str, list[str]] = {
 }
 
 
-def answered(pipeline: Pipeline, bag: Path, most: int = 10_000) -> list[Answer]:
+def answered(pipeline: ContactStream, bag: Path, most: int = 10_000) -> list[Answer]:
     answers: list[Answer] = []
     for topic, _, message in raw_inputs(bag)[:most]:
         answers += (pipeline.joint_state if topic == "/joint_states" else pipeline.force)(message)

@@ -12,10 +12,10 @@ pytest.importorskip("rerun", reason="needs the extra viewer")
 import rerun.blueprint as rrb
 from rerun.blueprint.api import Container
 
-from knee_contact_ros.messages.answer import Answer
 from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.parameters.reading import load_parameters
-from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.topics import Answer
 from knee_contact_ros.view.anatomy import KneeOutlines, drawing_of, placed
 from knee_contact_ros.view.layout import blueprint, common, frame_of
 from tests.view.scenes import SHIPPED, WEIGHT
@@ -25,7 +25,9 @@ pytestmark = pytest.mark.xdist_group("the scene")  # what is drawn once is read 
 
 def test_knees_of_one_scene_have_one_frame(config: Path) -> None:
     drawings = [
-        drawing_of(Pipeline(load_parameters([config / file for file in files]), compiled=False).model, "knee", WEIGHT)
+        drawing_of(
+            ContactStream(load_parameters([config / file for file in files]), compiled=False).model, "knee", WEIGHT
+        )
         for files in SHIPPED.values()
     ]
     frame = common([frame_of(drawing) for drawing in drawings])

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 
 import knee_contact_ros
-from knee_contact_ros.messages.ros_types import typestore
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.mechanisms import MECHANISMS
 from knee_contact_ros.model.surfaces import GEOMETRIES, TIBIAL_GEOMETRIES
 from knee_contact_ros.model.types import Contact, ContactState
+from knee_contact_ros.streams.topics import typestore
 from knee_contact_ros.view.anatomy import PLATEAU_REACH, drawing_of
 from knee_contact_ros.view.colours import OF_STATE
 from knee_contact_ros.view.markers import LENGTH, KneeMarkers

@@ -10,10 +10,10 @@ import pytest
 
 pytest.importorskip("rerun", reason="needs the extra viewer")
 
-from knee_contact_ros.messages.answer import Answer
 from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.parameters.reading import load_parameters
-from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.topics import Answer
 from knee_contact_ros.view.anatomy import KneeOutlines, drawing_of
 from knee_contact_ros.view.colours import KNEE_COLOURS
 from knee_contact_ros.view.layout import (
@@ -83,7 +83,7 @@ def test_latency_is_there_where_it_is_measured(knee: tuple[KneeOutlines, list[An
 def test_no_plot_is_flat_and_no_legend_empty_for_any_shipped_knee(
     config: Path, right_bag: Path, tmp_path: Path, name: str
 ) -> None:
-    pipeline = Pipeline(load_parameters([config / file for file in SHIPPED[name]]), compiled=False)
+    pipeline = ContactStream(load_parameters([config / file for file in SHIPPED[name]]), compiled=False)
     drawing = drawing_of(pipeline.model, "knee", WEIGHT)
     rows = rows_of(answered(pipeline, right_bag, 150)).copy()
     rows["latency"] = 1e-4 * (1.0 + np.arange(len(rows)) % 7)

@@ -9,9 +9,9 @@ import pytest
 
 pytest.importorskip("rerun", reason="needs the extra viewer")
 
-from knee_contact_ros.messages.answer import Answer
 from knee_contact_ros.offline.in_memory import solve
-from knee_contact_ros.pipeline.gait.strides import impulse_per_stride
+from knee_contact_ros.streams.strides import impulse_per_stride
+from knee_contact_ros.streams.topics import Answer
 from knee_contact_ros.view.anatomy import KneeOutlines
 from knee_contact_ros.view.scene import Remarks
 from tests.helpers.answers import rows_of

@@ -24,10 +24,9 @@ from knee_contact_ros.bags.answer_recorder import AnswerWriter
 from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.bags.writer import BagWriter
 from knee_contact_ros.cli.main import main
-from knee_contact_ros.messages.answer import Ending
-from knee_contact_ros.messages.topics import MESSAGE_TYPES
 from knee_contact_ros.parameters.reading import load_parameters
-from knee_contact_ros.pipeline.pipeline import Pipeline
+from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.topics import MESSAGE_TYPES, Ending
 from knee_contact_ros.system.ports import free_port
 from knee_contact_ros.view.anatomy import drawing_of
 from knee_contact_ros.view.layout import CONTACT_POINT, DETAILS, KNEE
@@ -42,7 +41,9 @@ TOPICS = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}
 
 
 def test_a_recording_looks_as_it_did_live(osteoarthritic: Path, config: Path, right_bag: Path, tmp_path: Path) -> None:
-    pipeline = Pipeline(load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"]), compiled=False)
+    pipeline = ContactStream(
+        load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"]), compiled=False
+    )
     live = open_output(tmp_path / "live.rrd", Serving(0, False), [drawing_of(pipeline.model, "knee", 737.068)])
     for topic, _, message in raw_inputs(right_bag):
         feed = pipeline.joint_state if topic == "/joint_states" else pipeline.force
@@ -120,7 +121,7 @@ def test_what_happened_to_the_node_is_seen_where_it_happened(
     from knee_contact_ros.parameters.curves import curve_texts
 
     parameters = load_parameters([config / "osteoarthritis.yaml"])
-    pipeline = Pipeline(parameters, compiled=False)
+    pipeline = ContactStream(parameters, compiled=False)
     with BagWriter(tmp_path / "out.mcap") as bag:
         writer = AnswerWriter(bag, provenance_record(parameters, curve_texts(parameters, {})))
         for topic, _, message in raw_inputs(right_bag):

@@ -12,11 +12,11 @@ import pytest
 
 pytest.importorskip("rerun", reason="needs the extra viewer")
 
-from knee_contact_ros.messages.answer import Answer
 from knee_contact_ros.model.types import ROW
 from knee_contact_ros.parameters.reading import load_parameters
-from knee_contact_ros.pipeline.pipeline import Pipeline
 from knee_contact_ros.results import DATES_FROM
+from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.topics import Answer
 from knee_contact_ros.view.anatomy import POINTS, KneeOutlines, drawing_of
 from knee_contact_ros.view.output import RerunFile
 from knee_contact_ros.view.scene import PICTURE_PERIOD, Scene
@@ -29,7 +29,7 @@ pytestmark = pytest.mark.xdist_group("the scene")  # what is drawn once is read 
 
 def test_what_is_drawn_is_where_the_answers_say(right_bag: Path, tmp_path: Path) -> None:
     names = {"translation.mechanism": "parallel_mechanism", "tibia.geometry": "circle", "load.share": 1.0}
-    pipeline = Pipeline(load_parameters(names), compiled=False)
+    pipeline = ContactStream(load_parameters(names), compiled=False)
     answers = answered(pipeline, right_bag, 240)
     model = pipeline.model
     path = written(tmp_path / "knee.rrd", drawing_of(model, "knee", WEIGHT), [rows_of(answers)])
@@ -89,7 +89,7 @@ def test_the_overlap_is_as_deep_as_the_answers_say(knee: tuple[KneeOutlines, lis
 
 
 def test_apart_there_is_no_overlap(tmp_path: Path) -> None:
-    model = Pipeline(load_parameters({}), compiled=False).model
+    model = ContactStream(load_parameters({}), compiled=False).model
     rows = np.frombuffer(contact(penetration_depth=0.0, gap=1e-3, femoral_height=0.035).tobytes(), ROW)
     path = written(tmp_path / "knee.rrd", drawing_of(model, "knee", WEIGHT), [rows])
     corners = column(path, "/knee/body/overlap", "Mesh3D:vertex_positions")
@@ -99,7 +99,7 @@ def test_apart_there_is_no_overlap(tmp_path: Path) -> None:
 
 
 def test_apart_the_force_is_told_on_the_tibia_and_else_above_its_arrow(tmp_path: Path) -> None:
-    model = Pipeline(load_parameters({}), compiled=False).model
+    model = ContactStream(load_parameters({}), compiled=False).model
     flying = contact(penetration_depth=0.0, contact_force=0.0, gap=14e-3, femoral_height=0.048)
     rows = np.frombuffer(flying.tobytes() + contact(contact_force=700.0).tobytes(), ROW)
     path = written(tmp_path / "knee.rrd", drawing_of(model, "knee", WEIGHT), [at(rows, [0, PICTURE_PERIOD])])

@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.cli.main import main
-from knee_contact_ros.messages.answer import Answer
 from knee_contact_ros.results import DATES_FROM
+from knee_contact_ros.streams.topics import Answer
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.view.anatomy import KneeOutlines
 from knee_contact_ros.view.output import RerunFile

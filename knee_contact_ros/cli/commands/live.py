@@ -206,8 +206,8 @@ def replay(bag: Path, remaps: tuple[str, ...], namespace: str, sensors: bool, **
     """
     from knee_contact_ros.bags.bag_files import others_beside
     from knee_contact_ros.bags.topic_names import names_in_bag
-    from knee_contact_ros.messages.topics import INPUTS, LOAD_INPUTS
     from knee_contact_ros.offline.replay.replay import Timing, run_replay
+    from knee_contact_ros.streams.topics import INPUTS, LOAD_INPUTS
     from knee_contact_ros.system.terminal import warn
 
     warn(others_beside(bag))

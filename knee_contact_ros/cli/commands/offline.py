@@ -103,9 +103,9 @@ def estimate_load(
     from knee_contact_ros.bags.bag_files import in_a_line, others_beside
     from knee_contact_ros.bags.topic_names import names_in_bag
     from knee_contact_ros.cli.load_table import show_load
-    from knee_contact_ros.messages.topics import LOAD_INPUTS
     from knee_contact_ros.offline.estimate_load import estimate_load as estimate
     from knee_contact_ros.parameters.load_schema import LOAD_READING
+    from knee_contact_ros.streams.topics import LOAD_INPUTS
     from knee_contact_ros.system.ros_arguments import parameters_of
     from knee_contact_ros.system.terminal import progress, warn
 

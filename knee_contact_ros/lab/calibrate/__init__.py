@@ -45,13 +45,13 @@ from knee_contact_ros.lab.calibrate.fit import (
     unknowns_of,
 )
 from knee_contact_ros.lab.calibrate.load import AXIAL_FORCE, fittable_in, load_problem_of, referenced
-from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, LOAD_INPUTS
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.offline.in_memory import Name, in_python_words
 from knee_contact_ros.parameters.declared import NodeReading
 from knee_contact_ros.parameters.load_schema import LOAD_READING
 from knee_contact_ros.parameters.reading import READING, load_parameters
 from knee_contact_ros.results import Results
+from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, LOAD_INPUTS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import partial_name, refuse_existing, refuse_impossible, write_new
 from knee_contact_ros.system.resources import DEFAULT_PARAMETERS, expanded

@@ -22,15 +22,14 @@ from knee_contact_ros.joint_reaction.estimator import LEVELS, EstimationLevel
 from knee_contact_ros.joint_reaction.leg import NetMoments, leg_of
 from knee_contact_ros.joint_reaction.muscles import Person, reaction_of
 from knee_contact_ros.lab.calibrate.fit import STEP, Fittable, Problem, Unknown
-from knee_contact_ros.messages.ros_types import deserialize
-from knee_contact_ros.messages.stamps import NANOSECONDS
-from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, LOAD_ESTIMATE, MESSAGE_TYPES
 from knee_contact_ros.model.types import UNUSABLE, Floats
 from knee_contact_ros.offline.sensed import Sensed, SensedBag, sensed_in
 from knee_contact_ros.parameters.declared import all_values
 from knee_contact_ros.parameters.load_schema import LOAD_READING, LoadParameters
 from knee_contact_ros.parameters.reading import known_parameters
-from knee_contact_ros.pipeline.samples import Decoder, RefusedSampleError, load_sample
+from knee_contact_ros.streams.contact_stream import load_sample
+from knee_contact_ros.streams.messages import Decoder, RefusedSampleError
+from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, LOAD_ESTIMATE, MESSAGE_TYPES, NANOSECONDS, deserialize
 from knee_contact_ros.system.errors import UsageError
 
 Stamps = NDArray[np.int64]

@@ -24,7 +24,7 @@ from knee_contact_ros.lab.opensim.pipeline import (
 )
 from knee_contact_ros.lab.opensim.results import LEFT, RIGHT, SIDE_WORDS, coordinate_of, is_part, words
 from knee_contact_ros.lab.tables import Floats, Stamps, Storage, read_storage, some
-from knee_contact_ros.messages.stamps import NANOSECONDS
+from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 
 XML = ".xml"

@@ -26,10 +26,10 @@ from knee_contact_ros.lab.tables import (
     names_in,
     read_columns,
 )
-from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.parameters.limits import OneOf
 from knee_contact_ros.parameters.reading import first_error
 from knee_contact_ros.parameters.sections import Section
+from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.yaml_file import read_mapping
 

@@ -30,9 +30,9 @@ from knee_contact_ros.lab.gait_bag import (
 )
 from knee_contact_ros.lab.sensors.channels import Bools, SensorMap, Series, read_channels, read_map
 from knee_contact_ros.lab.tables import BODY_WEIGHT, FORCE, UNITS, Stamps
-from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_LOAD
 from knee_contact_ros.parameters.plausibility import LEAST_PEAK, LIGHTEST, MOST_PEAK, STIFF, weight_doubt
+from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.terminal import WIDTH, say, shown, warn
 from knee_contact_ros.system.work_folder import replace, work_folder

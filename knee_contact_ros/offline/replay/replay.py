@@ -23,14 +23,13 @@ from sensor_msgs.msg import JointState
 from knee_contact_ros.bags.bag_files import in_a_line
 from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
-from knee_contact_ros.messages.stamps import NANOSECONDS
-from knee_contact_ros.messages.topics import INPUTS, JOINT_STATES, MESSAGE_TYPES
-from knee_contact_ros.messages.transforms import TF_STATIC
 from knee_contact_ros.offline.bag_inputs import transform_messages
 from knee_contact_ros.offline.replay.keyboard import HELP, Keyboard, has_terminal, unwinding_on_signals
 from knee_contact_ros.offline.replay.lateness import Lateness
 from knee_contact_ros.offline.replay.player import Player
 from knee_contact_ros.offline.replay.read_ahead import ReadAhead, quick_switching
+from knee_contact_ros.streams.messages import TF_STATIC
+from knee_contact_ros.streams.topics import INPUTS, JOINT_STATES, MESSAGE_TYPES, NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.ros_graph import joining
 from knee_contact_ros.system.terminal import Bar, progress, say

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from knee_contact_ros.messages.stamps import NANOSECONDS
+from knee_contact_ros.streams.topics import NANOSECONDS
 
 
 class Schedule:

@@ -17,8 +17,8 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
-from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH
 from knee_contact_ros.msg import KneeContact
+from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH
 from knee_contact_ros.system.executor import executor_of
 
 # As in node.py, session.py and subscription.py, which are not imported: a bare node's process shall hold nothing else.
@@ -97,8 +97,8 @@ class Bytes:
 
 def prepared() -> tuple[bytes, bytes]:
     """Serialise a contact and its wrench, stamped 0."""
-    from knee_contact_ros.messages.answer_out import encode_answer, encode_answer_wrench
     from knee_contact_ros.model.types import blank
+    from knee_contact_ros.streams.messages import encode_answer, encode_answer_wrench
 
     row = blank(1).tobytes()
     return encode_answer(0, "tibia_r", row), encode_answer_wrench(0, "tibia_r", row)

@@ -19,10 +19,9 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
-from knee_contact_ros.messages.cdr import stamp_in
-from knee_contact_ros.messages.stamps import NANOSECONDS
-from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT
 from knee_contact_ros.msg import KneeContact
+from knee_contact_ros.streams.messages import stamp_in
+from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.executor import executor_of
 from knee_contact_ros.tools.latency.samples import Sample, samples

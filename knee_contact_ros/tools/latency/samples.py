@@ -10,10 +10,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.messages.cdr import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
-from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.offline.bundled_gait import gait
 from knee_contact_ros.parameters.schema import Knee, Load
+from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.streams.topics import NANOSECONDS
 
 _START = struct.Struct("<4siI")
 """Beginning of each message: representation and stamp; the rest does not depend on the stamp"""

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from knee_contact_ros.bags.reader import BagReader
-from knee_contact_ros.messages.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.stage import RECORDING, node_process
 from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.tools.latency.candidates import OURS, PARAMETERS, running
 from knee_contact_ros.tools.latency.driver import Driver
 from knee_contact_ros.tools.latency.figures import figures

@@ -8,8 +8,8 @@ from __future__ import annotations
 import re
 from typing import NamedTuple
 
-from knee_contact_ros.messages.topics import JOINT_REACTION_FORCE, KNEE_CONTACT, KNEE_CONTACT_WRENCH
 from knee_contact_ros.model.types import ContactState, Fidelity, Status
+from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, KNEE_CONTACT, KNEE_CONTACT_WRENCH
 from knee_contact_ros.system.errors import UsageError
 
 

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from knee_contact_ros.bags.topic_names import absolute
-from knee_contact_ros.messages.topics import JOINT_STATES, KNEE_CONTACT
+from knee_contact_ros.streams.topics import JOINT_STATES, KNEE_CONTACT
 from knee_contact_ros.tools.layouts.fields import BLUE, JOINTS, LANES, ON_THE_KNEE, PLOTS, STATES, Curve, Plot
 
 DIAGNOSTICS = "/diagnostics"

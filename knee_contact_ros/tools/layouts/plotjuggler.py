@@ -12,7 +12,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from knee_contact_ros.bags.topic_names import absolute
-from knee_contact_ros.messages.topics import JOINT_STATES, KNEE_CONTACT
+from knee_contact_ros.streams.topics import JOINT_STATES, KNEE_CONTACT
 from knee_contact_ros.tools.layouts.fields import BLUE, LANES, PLOTS, RED, VIOLET, Colour, Plot
 
 JOINT = "knee"

@@ -14,7 +14,7 @@ import rerun.blueprint as rrb
 from rerun.blueprint.encodings import ComponentSourceKind, VisualizerComponentMapping
 
 from knee_contact_ros.bags.topic_names import absolute
-from knee_contact_ros.messages.topics import JOINT_STATES, KNEE_CONTACT, MESSAGE_TYPES
+from knee_contact_ros.streams.topics import JOINT_STATES, KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.tools.layouts.fields import JOINTS, LANES, ON_THE_KNEE, PLOTS, STATES, Curve, Lane, Plot
 
 APPLICATION = "knee_contact"

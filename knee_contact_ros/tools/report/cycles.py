@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.model.readouts import SPREAD
 from knee_contact_ros.model.types import ContactState
-from knee_contact_ros.pipeline.gait.strides import Span, at_stamps, cut, integral, sliding_distance
+from knee_contact_ros.streams.strides import Span, at_stamps, cut, integral, sliding_distance
 
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
-from knee_contact_ros.messages.stamps import NANOSECONDS
+from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.tools.report.cycles import CURVES, PERCENT
 from knee_contact_ros.tools.report.peaks import stance_peaks
 from knee_contact_ros.tools.report.runs import Run

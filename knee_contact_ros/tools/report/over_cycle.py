@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.messages.topics import is_lateral
 from knee_contact_ros.model.readouts import OWN_PRESSURE
+from knee_contact_ros.streams.topics import is_lateral
 from knee_contact_ros.tools.report.cycles import CURVES, PERCENT, Floats
 from knee_contact_ros.tools.report.figures import (
     MM,

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from knee_contact_ros.pipeline.gait.events import HEEL_STRIKE, TOE_OFF
+from knee_contact_ros.streams.gait_events import HEEL_STRIKE, TOE_OFF
 from knee_contact_ros.tools.report.cycles import COLUMNS
 from knee_contact_ros.tools.report.figures import (
     MM,

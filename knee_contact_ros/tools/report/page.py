@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from knee_contact_ros import __version__
-from knee_contact_ros.messages.topics import is_lateral
+from knee_contact_ros.streams.topics import is_lateral
 from knee_contact_ros.tools.report import words
 from knee_contact_ros.tools.report.comparison import between
 from knee_contact_ros.tools.report.figures import Figure

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.pipeline.gait.events import LOAD_PEAK
+from knee_contact_ros.streams.gait_events import LOAD_PEAK
 from knee_contact_ros.tools.report.cycles import Cycle
 from knee_contact_ros.tools.report.gather import Gathered, Moment
 

@@ -12,7 +12,16 @@ from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT, Provenance, read
 from knee_contact_ros.bags.recorded_answers import answer_blocks, answer_topics
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names, names_in_bag
 from knee_contact_ros.lab.uncertainty import Propagated
-from knee_contact_ros.messages.topics import (
+from knee_contact_ros.model.knee import KneeModel
+from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.offline.summary import read_refused
+from knee_contact_ros.parameters.build import build_model
+from knee_contact_ros.parameters.curves import curve_texts
+from knee_contact_ros.parameters.plausibility import Doubts, doubts_about
+from knee_contact_ros.parameters.reading import flat_parameters, known_parameters, load_parameters
+from knee_contact_ros.parameters.schema import Parameters, constants_of
+from knee_contact_ros.streams.contact_stream import answering
+from knee_contact_ros.streams.topics import (
     KNEE,
     KNEE_CONTACT,
     KNEE_CONTACT_LATERAL,
@@ -21,15 +30,6 @@ from knee_contact_ros.messages.topics import (
     is_lateral,
     knee_name,
 )
-from knee_contact_ros.model.knee import KneeModel
-from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.offline.summary import read_refused
-from knee_contact_ros.parameters.build import build_model
-from knee_contact_ros.parameters.curves import curve_texts
-from knee_contact_ros.parameters.lateral import answering
-from knee_contact_ros.parameters.plausibility import Doubts, doubts_about
-from knee_contact_ros.parameters.reading import flat_parameters, known_parameters, load_parameters
-from knee_contact_ros.parameters.schema import Parameters, constants_of
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.tools.report.comparison import Difference, Overlay, compared, differences, kept, named, overlay
 from knee_contact_ros.tools.report.gather import Gathered

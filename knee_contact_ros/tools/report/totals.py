@@ -8,10 +8,10 @@ from collections import Counter
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.model.types import ContactState, Fidelity, Rows, Status
 from knee_contact_ros.offline.summary import bound
 from knee_contact_ros.parameters.plausibility import Doubts
+from knee_contact_ros.streams.topics import NANOSECONDS
 
 Floats = NDArray[np.float64]
 

@@ -8,8 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.messages.stamps import NANOSECONDS
-from knee_contact_ros.pipeline.gait.events import HEEL_STRIKE, LOAD_PEAK, TOE_OFF
+from knee_contact_ros.streams.gait_events import HEEL_STRIKE, LOAD_PEAK, TOE_OFF
+from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.tools.report.cycles import Cycle
 from knee_contact_ros.tools.report.figures import has_bone
 from knee_contact_ros.tools.report.gather import LARGEST, Moment

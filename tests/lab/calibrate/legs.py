@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from knee_contact_ros import estimate_load
 from knee_contact_ros.bags.writer import BagWriter
-from knee_contact_ros.messages.cdr import JOINT_STATE, JointState, WrenchStamped, encode_wrench_stamped
-from knee_contact_ros.messages.topics import GROUND_REACTION_FORCE, JOINT_REACTION_FORCE, JOINT_STATES, MESSAGE_TYPES
+from knee_contact_ros.streams.messages import JOINT_STATE, JointState, WrenchStamped, encode_wrench_stamped
+from knee_contact_ros.streams.topics import GROUND_REACTION_FORCE, JOINT_REACTION_FORCE, JOINT_STATES, MESSAGE_TYPES
 
 Floats = NDArray[np.float64]
 TRUE = {"person.moment_arm_scale": 0.9, "person.co_contraction": 0.35, "person.tone": 0.25}

@@ -12,7 +12,7 @@ from knee_contact_ros.cli.main import main
 from knee_contact_ros.lab.opensim import leg
 from knee_contact_ros.lab.opensim.leg import LegJoints, Places, leg_joints, thigh_angle
 from knee_contact_ros.lab.tables import Storage
-from knee_contact_ros.messages.topics import GROUND_REACTION_FORCE, MESSAGE_TYPES
+from knee_contact_ros.streams.topics import GROUND_REACTION_FORCE, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.extras import not_installed
 from tests.lab.opensim.plates import JOINT, MODEL, STANDS, external, plate, write_loads, write_model, write_plates

@@ -13,9 +13,9 @@ from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.lab.opensim import child
 from knee_contact_ros.lab.opensim.pipeline import Setup, dynamics_setup, read_setup, run_python
 from knee_contact_ros.lab.tables import read_storage
-from knee_contact_ros.messages.stamps import NANOSECONDS
 from knee_contact_ros.offline.estimate_load import LoadSummary, estimate_load
 from knee_contact_ros.parameters.load_schema import LOAD_READING
+from knee_contact_ros.streams.topics import NANOSECONDS
 from tests.helpers.needs import needs_opensim
 from tests.lab.opensim.test_leg import TOPICS
 from tests.lab.opensim.test_opensim_pipeline import command

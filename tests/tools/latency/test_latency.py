@@ -14,10 +14,10 @@ import pytest
 from rclpy.qos import QoSProfile
 
 from knee_contact_ros.bags.writer import BagWriter
-from knee_contact_ros.messages.cdr import decode_joint_state, decode_wrench_stamped
-from knee_contact_ros.messages.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.node.session import OUTPUT_DEPTH
 from knee_contact_ros.node.subscription import DEPTH
+from knee_contact_ros.streams.messages import decode_joint_state, decode_wrench_stamped
+from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.tools.latency import bare, comparison, report, soak, sustained
 from knee_contact_ros.tools.latency.candidates import BARE, BOTH, BYTES, CANDIDATES, OURS, SINGLE, rotated
 from knee_contact_ros.tools.latency.comparison import Part

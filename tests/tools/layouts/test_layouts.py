@@ -19,10 +19,10 @@ from mcap.reader import make_reader
 from rosbags.interfaces import Nodetype
 from rosbags.typesys import get_types_from_msg
 
-from knee_contact_ros.messages.topics import RECORDED
 from knee_contact_ros.model.types import UNUSABLE, ContactState, Fidelity, Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.streams.topics import RECORDED
 from knee_contact_ros.tools.layouts import foxglove, plotjuggler
 from knee_contact_ros.tools.layouts.fields import LANES, PLOTS
 from tests import ROOT

@@ -10,13 +10,13 @@ import pytest
 from knee_contact_ros.model.types import FLAT, Rows, blank
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.pipeline.gait.events import HEEL_STRIKE, LOAD_PEAK, TOE_OFF
-from knee_contact_ros.pipeline.gait.strides import Span
+from knee_contact_ros.streams.gait_events import HEEL_STRIKE, LOAD_PEAK, TOE_OFF
+from knee_contact_ros.streams.strides import Span
 from knee_contact_ros.tools.report.cycles import COLUMNS, CURVES, PERCENT, Mean, curves, measured
 from knee_contact_ros.tools.report.gather import Gathered
 from knee_contact_ros.tools.report.peaks import stance_peaks
 from knee_contact_ros.tools.report.totals import BUCKETS, Course, Errors
-from tests.pipeline.gait.test_events import BODY_WEIGHT, STRIDE, Samples, walking
+from tests.streams.test_gait_events import BODY_WEIGHT, STRIDE, Samples, walking
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND

@@ -14,11 +14,11 @@ from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.bags.recorded_answers import read_answers
 from knee_contact_ros.bags.writer import BagWriter
 from knee_contact_ros.cli.main import main
-from knee_contact_ros.messages.topics import KNEE_CONTACT_WRENCH, MESSAGE_TYPES, RECORDED
 from knee_contact_ros.model.types import FLAT
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.streams.topics import KNEE_CONTACT_WRENCH, MESSAGE_TYPES, RECORDED
 from knee_contact_ros.tools.report.cycles import PERCENT, SPREAD
 from knee_contact_ros.tools.report.data import CURVE_COLUMNS, EVENT_COLUMNS, PEAK_COLUMNS, STRIDE_COLUMNS
 from knee_contact_ros.tools.report.published import DEPTH, MEDIAL, SOURCES, TOTAL

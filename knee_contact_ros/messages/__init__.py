@@ -1,1 +1,0 @@
-"""Conversion between the bytes of messages and their contents."""

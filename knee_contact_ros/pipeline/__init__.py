@@ -1,1 +1,0 @@
-"""Computes answers from the samples of two streams, without files and clocks."""

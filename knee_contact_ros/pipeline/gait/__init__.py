@@ -1,1 +1,0 @@
-"""Gait events in flexion angle and load; needs NumPy only."""

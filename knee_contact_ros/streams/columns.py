@@ -1,0 +1,380 @@
+"""Many messages and samples at once, as arrays: the same numbers and bytes as one by one.
+
+Recorded answers are read by the message definition that the recording holds. So a recording stays readable when the
+message gets more fields: numbers that it does not have become NaN.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import groupby
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat, Nodetype
+from rosbags.typesys import get_types_from_idl, get_types_from_msg
+
+from knee_contact_ros.model.types import FLAT, MESSAGE, ROW, TOLD, WRENCH, Rows, untold
+from knee_contact_ros.streams.messages import (
+    BYTE_ORDERS,
+    HEADER,
+    MOST_TRAILING,
+    STAMP_END,
+    Bytes,
+    Coder,
+    Order,
+    Shape,
+    Stamps,
+    header,
+    shape_of,
+    written_layout,
+)
+from knee_contact_ros.streams.pairing import FAR, STALE_INPUT, STEPS
+from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES, NANOSECONDS, definition
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.intp]
+Places = NDArray[np.int64]
+"""Offsets [B] in a piece of memory, shape (n,)"""
+MOST_ELSE = 4
+"""Largest memory that is kept, or copied, for some messages, as a multiple of their size"""
+
+
+@dataclass(frozen=True)
+class Column:
+    """Sequence of messages in one piece of memory."""
+
+    data: bytes
+    """The memory"""
+    begins: Places
+    """Offsets at which the messages begin"""
+    ends: Places
+    """Offsets behind the messages"""
+
+    @classmethod
+    def of(cls, messages: Sequence[bytes]) -> Column:
+        """Column of messages that are separate objects."""
+        lengths = np.fromiter(map(len, messages), np.int64, len(messages))
+        ends = np.cumsum(lengths)
+        return cls(b"".join(messages), ends - lengths, ends)
+
+    @classmethod
+    def together(cls, columns: Sequence[Column]) -> Column:
+        """Concatenation of columns."""
+        before = np.cumsum([0, *(len(column.data) for column in columns)]).tolist()
+        return cls(
+            b"".join([column.data for column in columns]),
+            np.concatenate([column.begins + size for column, size in zip(columns, before, strict=False)]),
+            np.concatenate([column.ends + size for column, size in zip(columns, before, strict=False)]),
+        )
+
+    def __len__(self) -> int:
+        """Number of messages."""
+        return len(self.begins)
+
+    def __getitem__(self, index: int) -> bytes:
+        """Message at an index."""
+        return self.data[self.begins[index] : self.ends[index]]
+
+    def __iter__(self) -> Iterator[bytes]:
+        """Iterate over the messages."""
+        return map(self.data.__getitem__, map(slice, self.begins.tolist(), self.ends.tolist()))
+
+    def part(self, chosen: Any) -> Column:
+        """Selection of messages, by a slice, their indices or a mask; it shares the memory."""
+        return Column(self.data, self.begins[chosen], self.ends[chosen])
+
+    def trimmed(self) -> Column:
+        """Same messages in memory that holds little else."""
+        if not len(self):
+            return Column(b"", self.begins, self.ends)
+        first, last = int(self.begins.min()), int(self.ends.max())
+        if last - first > MOST_ELSE * int((self.ends - self.begins).sum()):
+            return Column.of(list(self))
+        if last - first == len(self.data):
+            return self
+        return Column(self.data[first:last], self.begins - first, self.ends - first)
+
+    def rows(self, length: int) -> NDArray[np.uint8]:
+        """First `length` bytes of each message, shape (n, length); no message may be shorter."""
+        kind = np.dtype(f"V{length}")
+        windows = np.ndarray(max(len(self.data) - length + 1, 0), kind, self.data, strides=(1,))
+        return windows[self.begins].view(np.uint8).reshape(len(self), length)
+
+
+class Block(NamedTuple):
+    """Many messages of one shape."""
+
+    shape: Shape
+    stamps: Stamps
+    """Stamps [ns], shape (n,)"""
+    numbers: NDArray[Any]
+    """Stamps and numbers with the fields of `Layout.numbers`, shape (n,)"""
+    data: Bytes
+    """Bytes of the messages as they are written, shape (n, length)"""
+
+
+def decode_all(coder: Coder[Any], messages: Column) -> Block | None:
+    """Contents of many messages, at least one; None if their shapes differ, or `decode` cannot read one of them."""
+    first = coder.decode(messages[0])
+    if first is None:
+        return None
+    shape = shape_of(first[0])
+    layout = written_layout(coder.kind, shape)
+    lengths = messages.ends - messages.begins
+    if not layout.length <= lengths.min() <= lengths.max() <= layout.length + MOST_TRAILING:
+        return None
+    matrix = messages.rows(layout.length)
+    if (matrix[:, :2] != list(HEADER[:2])).any():
+        return None
+    kind = layout.numbers
+    rest = matrix[:, ~_covered(kind)]
+    for index in np.flatnonzero((rest != rest[0]).any(axis=1)).tolist():  # as a rule old memory in the padding
+        other = coder.decode(messages[index])
+        if other is None or shape_of(other[0]) != shape:
+            return None
+    rows, data = filled(first[1], kind, len(messages))
+    parts = matrix.reshape(-1).view(kind)
+    for name in kind.names or ():
+        rows[name] = parts[name]
+    stamps = parts["seconds"].astype(np.int64) * NANOSECONDS + parts["nanoseconds"]
+    rows["seconds"], rows["nanoseconds"] = np.divmod(stamps, NANOSECONDS)
+    return Block(shape, stamps, rows, data)
+
+
+def filled(template: bytes, kind: np.dtype[Any], number: int) -> tuple[NDArray[Any], Bytes]:
+    """Copies of a message as rows of a NumPy type, shape (number,), and as bytes, shape (number, length).
+
+    Both share their memory.
+    """
+    data = np.tile(np.frombuffer(template, dtype=np.uint8), (number, 1))
+    return data.reshape(-1).view(kind), data
+
+
+def _covered(kind: np.dtype[Any]) -> NDArray[np.bool_]:
+    """Mask of the bytes of a message that belong to the fields of a NumPy type."""
+    mask = np.zeros(kind.itemsize, dtype=bool)
+    for field, offset in (entry[:2] for entry in (kind.fields or {}).values()):
+        mask[offset : offset + field.itemsize] = True
+    return mask
+
+
+def encode_answers(frame_id: str, stamps: Stamps, rows: Rows) -> Bytes:
+    """Bytes of the `KneeContact` messages of many answers, shape (n, length), as `encode_answer` writes them."""
+    return _headed(frame_id, stamps, rows, MESSAGE)
+
+
+def encode_answer_wrenches(frame_id: str, stamps: Stamps, rows: Rows) -> Bytes:
+    """Bytes of the `WrenchStamped` messages of many answers, shape (n, length); see `encode_answer_wrench`."""
+    return _headed(frame_id, stamps, rows, WRENCH)
+
+
+def _headed(frame_id: str, stamps: Stamps, rows: Rows, part: slice) -> Bytes:
+    before = header(0, frame_id)
+    length = len(before) + part.stop - part.start
+    times = np.dtype({"names": ["s", "ns"], "formats": ["<i4", "<u4"], "offsets": [4, 8], "itemsize": length})
+    messages, data = filled(before + bytes(length - len(before)), times, len(stamps))
+    messages["s"], messages["ns"] = np.divmod(stamps, NANOSECONDS)
+    data[:, len(before) :] = rows.view(np.uint8).reshape(len(rows), ROW.itemsize)[:, part]
+    return data
+
+
+TYPE = MESSAGE_TYPES[KNEE_CONTACT]
+ADDED = frozenset({"sliding_velocity", "force_error_estimate"})
+"""Names of the numbers that were added to the message later"""
+FIXED = ("float64", "float32", "int64", "uint64", "int32", "uint32", "int16", "uint16", "int8", "uint8")
+"""Types of numbers that are read, named as in NumPy"""
+BYTES = ("bool", "byte", "char")
+"""Further types of one byte, which are read as `uint8`"""
+FRAME_END = STAMP_END + 4
+"""Offset [B] of the text of the frame, behind its length"""
+PRESENT = MessageDefinition(MessageDefinitionFormat.NONE, "")
+"""Placeholder for the definition that this package writes"""
+
+
+class Place(NamedTuple):
+    """A number among the fields of a message."""
+
+    name: str
+    """Name of the number: `contact_point_x` for x of the field `contact_point`"""
+    kind: str
+    """Type of the number, one of `FIXED`"""
+
+
+def decode_answers(messages: Sequence[bytes], message_definition: MessageDefinition) -> Rows:
+    """Read rows from `KneeContact` messages, shape (n,), with their stamps; numbers that are missing become NaN.
+
+    `message_definition` is the message definition that the recording holds; `PRESENT` stands for that of this package.
+
+    Raises:
+        ValueError: the definition lacks a number, or a message does not fit it.
+    """
+    places, whole = places_of(message_definition)
+    answers = untold(len(messages))
+    numbers = answers.view(FLAT)
+    for begin, end in _alike(messages):
+        block = messages[begin:end]
+        layout = layout_of(places, *_kind(block[0]))
+        length, lengths = layout.itemsize, set(map(len, block))
+        if min(lengths) < length or (whole and max(lengths) > length + MOST_TRAILING):
+            raise ValueError("a message is longer or shorter than its definition says")
+        rows = np.frombuffer(b"".join(message[:length] for message in block), dtype=layout)
+        with np.errstate(invalid="ignore"):  # a foreign definition may have other types
+            for name in set(TOLD) & set(layout.names or ()):
+                numbers[name][begin:end] = rows[name]
+        numbers["stamp"][begin:end] = rows["seconds"].astype(np.int64) * NANOSECONDS + rows["nanoseconds"]
+    return answers
+
+
+@lru_cache(maxsize=16)
+def places_of(message_definition: MessageDefinition) -> tuple[tuple[Place, ...], bool]:
+    """Numbers behind the header, in order, up to a field of variable size; and whether there is no such field.
+
+    Raises:
+        ValueError: the definition lacks a number that the message has always had.
+    """
+    if message_definition.format is MessageDefinitionFormat.IDL:
+        types = get_types_from_idl(message_definition.data)
+    else:
+        types = get_types_from_msg(message_definition.data or definition(TYPE).decode(), TYPE)
+    places, whole = [], True
+    fields = types[TYPE][1]
+    if not fields or fields[0][1] != (Nodetype.NAME, "std_msgs/msg/Header"):
+        raise ValueError(f"{TYPE} does not begin with a header")
+    for place in _flat(types, fields[1:], ""):
+        if place is None:
+            whole = False
+            break
+        places.append(place)
+    missing = set(TOLD) - ADDED - {place.name for place in places}
+    if missing:
+        raise ValueError(f"{TYPE} has no {', '.join(sorted(missing))}")
+    return tuple(places), whole
+
+
+@lru_cache(maxsize=64)
+def layout_of(places: tuple[Place, ...], order: Order, frame_length: int) -> np.dtype[Any]:
+    """NumPy type of messages with a byte order (`<` or `>`) and a length of the frame [B].
+
+    Its fields are the stamp (`seconds`, `nanoseconds`) and the numbers; trailing bytes are not part of it.
+    """
+    fields = {"seconds": (np.dtype(f"{order}i4"), 4), "nanoseconds": (np.dtype(f"{order}u4"), 8)}
+    at = FRAME_END + frame_length
+    for name, kind in places:
+        number = np.dtype(kind).newbyteorder(order)
+        at += (4 - at) % number.itemsize  # alignment counts from behind the encapsulation
+        fields[name] = (number, at)
+        at += number.itemsize
+    formats, offsets = zip(*fields.values(), strict=True)
+    return np.dtype({"names": list(fields), "formats": formats, "offsets": offsets, "itemsize": at})
+
+
+def _flat(types: Any, fields: Any, before: str) -> Iterator[Place | None]:
+    """Numbers in fields, whose names begin with `before`; None stands for a field of variable size."""
+    for name, (kind, detail) in fields:
+        if kind is Nodetype.NAME and detail in types:
+            yield from _flat(types, types[detail][1], f"{before}{name}_")
+        elif kind is Nodetype.BASE and detail[0] in (*FIXED, *BYTES):
+            yield Place(before + name, detail[0] if detail[0] in FIXED else "uint8")
+        else:
+            yield None
+
+
+def _kind(message: bytes) -> tuple[Order, int]:
+    """Byte order and length of the frame [B] of a message."""
+    order = BYTE_ORDERS.get(message[:2])
+    frame_length = int.from_bytes(message[12:FRAME_END], "little" if order == "<" else "big")
+    if order is None or len(message) < FRAME_END + frame_length:
+        raise ValueError("a message is no CDR, or cut off")
+    return order, frame_length
+
+
+def _alike(messages: Sequence[bytes]) -> Iterator[tuple[int, int]]:
+    """Begin and end of the runs of messages that share byte order and length of the frame."""
+    begin = 0
+    for _, stretch in groupby(message[:2] + message[12:FRAME_END] for message in messages):
+        end = begin + sum(1 for _ in stretch)
+        yield begin, end
+        begin = end
+
+
+EXACT = 2**53
+"""Limit [ns] below which differences of stamps are exact as floating-point numbers"""
+
+
+class PairedSamples(NamedTuple):
+    """Ticks for the first n of the loads given; all arrays but the last have shape (n,)."""
+
+    angle: Floats
+    """Flexion angles [rad] at the stamps of the loads"""
+    height: Floats | None
+    """Femoral heights [m] at these stamps, with the displacement drive"""
+    status: NDArray[np.int64]
+    """Bits of `Status`"""
+    tick_of_angle: Indices
+    """For every angle sample given, the first tick at or after its stamp, with which it is recorded; n if none yet"""
+
+
+def pair(
+    angle_stamps: Stamps, angles: Floats, heights: Floats | None, load_stamps: Stamps, last: int | None, max_gap: int
+) -> PairedSamples | None:
+    """Pair loads with angles; the loads after the last angle have to wait.
+
+    Args:
+        angle_stamps: Stamps of the angles [ns], increasing.
+        angles: Flexion angles [rad].
+        heights: Femoral heights [m], with the displacement drive.
+        load_stamps: Stamps of the loads [ns], increasing, not before the first angle.
+        last: Stamp of the previous tick [ns]; None if there is none.
+        max_gap: Largest gap [ns] that is not stale.
+
+    Returns:
+        The pairs; None if the stamps are not as described.
+    """
+    if not (len(angle_stamps) and len(load_stamps)) or load_stamps[0] < angle_stamps[0]:
+        return None
+    for stamps in (angle_stamps, load_stamps):
+        steps = np.diff(stamps)
+        if (steps <= 0).any() or (steps >= EXACT).any():
+            return None
+    if last is not None and load_stamps[0] <= last:
+        return None
+    stamps = load_stamps[: np.searchsorted(load_stamps, angle_stamps[-1], "right")]
+    before = np.searchsorted(angle_stamps, stamps, "right") - 1
+    exact = angle_stamps[before] == stamps
+    after = np.where(exact, before, before + 1)
+    gap = angle_stamps[after] - angle_stamps[before]
+    part = (stamps - angle_stamps[before]) / np.where(exact, 1, gap)
+    previous = np.concatenate([[stamps[0] if last is None else last], stamps[:-1]]) if len(stamps) else stamps
+    stale = (gap > max_gap) | (stamps - previous > max_gap)
+    return PairedSamples(
+        np.where(exact, angles[before], _between(angles, before, after, part)),
+        None if heights is None else np.where(exact, heights[before], _between(heights, before, after, part)),
+        np.where(stale, STALE_INPUT, 0),
+        np.searchsorted(stamps, angle_stamps, "left"),
+    )
+
+
+def steps_of(stamps: Stamps, last: int | None, before: tuple[int, ...]) -> Stamps:
+    """Steps [ns] of a stream: those `before` its stamp `last`, the one to `stamps`, and those between these."""
+    new = np.diff(stamps) if last is None else np.diff(stamps, prepend=last)
+    return np.concatenate([np.array(before, np.int64), new])
+
+
+def all_go_on(steps: Stamps, known: int, max_gap: int) -> bool:
+    """Whether a `Timeline` would accept all steps [ns] behind the first `known` ones: forward, and not too far."""
+    if len(steps) <= known:
+        return False
+    recent = np.concatenate([np.zeros(STEPS, np.int64), steps[:-1]])
+    but_one, longest = np.sort(np.lib.stride_tricks.sliding_window_view(recent, STEPS), axis=1)[:, -2:].T
+    usual = np.where(but_one > 0, but_one, longest)
+    near = steps <= np.where(usual > 0, FAR * usual, max_gap)
+    return bool((near & (steps > 0))[known:].all())
+
+
+def _between(values: Floats, before: Indices, after: Indices, part: Floats) -> Floats:
+    """Interpolate between samples `before` and `after`, linear in time."""
+    return values[before] + part * (values[after] - values[before])

@@ -1,0 +1,344 @@
+"""From the messages of a knee's angle and load to contact answers, without ROS: the contact node and `solve` use it."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from operator import add
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD, KneeModel
+from knee_contact_ros.model.types import FLAT, ROW, WRENCH, Rows
+from knee_contact_ros.parameters.build import build_model, retuned
+from knee_contact_ros.parameters.compartments import BY_MOMENT, COMPARTMENTS, VARYING, Rule, Split
+from knee_contact_ros.parameters.curves import curve_texts
+from knee_contact_ros.parameters.lateral import has_both, lateral_knee, lateral_texts
+from knee_contact_ros.parameters.measured_share import MeasuredShare
+from knee_contact_ros.parameters.plausibility import Doubts, doubts_about
+from knee_contact_ros.parameters.schema import Knee, Parameters
+from knee_contact_ros.streams.frames import ForceFrame
+from knee_contact_ros.streams.intake import Intake
+from knee_contact_ros.streams.messages import (
+    Deserialize,
+    JointState,
+    RefusedSampleError,
+    Stamps,
+    WrenchStamped,
+    checked_stamp,
+    encode_answer,
+    encode_answer_wrench,
+    number_of,
+)
+from knee_contact_ros.streams.pairing import TIME_RESET, AngleSample, LoadSample, PairedSample
+from knee_contact_ros.streams.topics import (
+    JOINT_REACTION_FORCE,
+    JOINT_STATES,
+    KNEE_CONTACT,
+    KNEE_CONTACT_LATERAL,
+    KNEE_CONTACT_WRENCH,
+    Answer,
+    Record,
+    deserialize,
+    is_lateral,
+)
+
+Floats = NDArray[np.float64]
+SIX = struct.Struct("<6d")
+"""Force and torque in the bytes of a row"""
+WRENCH_FIELDS = [f"contact_wrench_{part}_{axis}" for part in ("force", "torque") for axis in "xyz"]
+
+
+def angle_sample(
+    message: JointState, knee: Knee, height_prescribed: bool = False, data: bytes = b"", delay: int = 0
+) -> AngleSample:
+    """Sample with the flexion angle of a JointState, sign x position + offset.
+
+    Args:
+        message: The JointState.
+        knee: Names, signs and offset of the joints.
+        height_prescribed: Whether the femoral height is taken as well.
+        data: Bytes in which the message is recorded.
+        delay: Time [ns] by which the angle holds earlier than stamped.
+
+    Raises:
+        RefusedSampleError: a joint is missing, has no position, or its value is not finite or too large; or the stamp
+            is not valid.
+    """
+    angle = knee.flexion_sign * number_of(message, knee.joint_name, "position") + knee.flexion_offset
+    if abs(angle) > LARGEST_ANGLE:
+        text = f"joint_states: flexion angle of joint {knee.joint_name!r} is {angle:g} rad, beyond {LARGEST_ANGLE:g}"
+        raise RefusedSampleError("out_of_range", text)
+    height = number_of(message, knee.height_joint_name, "position") if height_prescribed else None
+    if height is not None and abs(height) > LARGEST_HEIGHT:
+        text = f"joint_states: height of joint {knee.height_joint_name!r} is {height:g} m, beyond {LARGEST_HEIGHT:g}"
+        raise RefusedSampleError("out_of_range", text)
+    return AngleSample(checked_stamp(message.stamp, "joint_states") - delay, angle, data, height, delay)
+
+
+def load_sample(
+    message: WrenchStamped, by_moment: Rule | None = None, arrived: float = 0.0, data: bytes = b""
+) -> LoadSample:
+    """Sample with the axial load L = -F_y and the frontal moment of a WrenchStamped on the tibia.
+
+    Args:
+        message: The WrenchStamped.
+        by_moment: Rule for the compartment's load if that depends on the moment; its result is checked, too.
+        arrived: Time of arrival by the caller's clock [s].
+        data: Bytes in which the message is recorded.
+
+    Raises:
+        RefusedSampleError: the axial force, or a frontal moment that is needed, is not finite; the load is too large;
+            or the stamp is not valid.
+    """
+    axial, moment = message.force[1], message.torque[0]
+    if not math.isfinite(axial):
+        raise RefusedSampleError("not_finite", f"joint_reaction_force: force.y is {axial}")
+    if by_moment and not math.isfinite(moment):
+        raise RefusedSampleError("not_finite", f"joint_reaction_force: torque.x is {moment}")
+    if abs(axial) > LARGEST_LOAD:
+        raise RefusedSampleError(
+            "out_of_range", f"joint_reaction_force: force.y is {axial:g} N, beyond {LARGEST_LOAD:g}"
+        )
+    part = by_moment(-axial, moment, 0.0) if by_moment else 0.0
+    if max(abs(part), abs(-axial - part)) > LARGEST_LOAD:
+        raise RefusedSampleError(
+            "out_of_range", f"joint_reaction_force: torque.x of {moment:g} N m makes a load of {part:g} N"
+        )
+    stamp = checked_stamp(message.stamp, "joint_reaction_force")
+    return LoadSample(stamp, -axial, moment, message.frame_id, data, arrived)
+
+
+class ContactStream(Intake):
+    """Pipeline of the contact node: samples, pairing and model."""
+
+    def __init__(
+        self,
+        parameters: Parameters,
+        deserialize: Deserialize = deserialize,
+        *,
+        compiled: bool,
+        curves: Mapping[str, str] | None = None,
+    ) -> None:
+        """Build the model; see `build_model` for `curves`, and `Decoder` for `deserialize`."""
+        frame = ForceFrame(parameters.frame.tibia, JOINT_REACTION_FORCE)
+        super().__init__(JOINT_REACTION_FORCE, parameters.pairing, frame, deserialize)
+        self.parameters = parameters
+        self._texts = curve_texts(parameters, {}) if curves is None else curves
+        self.compartments = compartments_of(parameters, self._texts)
+        """The only compartment, or medial and lateral"""
+        self.split = Split(parameters.body_weight)
+        """Statistics of the medial share, where it varies"""
+        self._divide(parameters)
+        if compiled:
+            self.compile()
+
+    def compile(self) -> None:
+        """Use the compiled model, if there can be one; to be called before the first sample."""
+        for compartment in self.compartments:
+            compartment.compile()
+
+    @property
+    def model(self) -> KneeModel:
+        """Model of the medial compartment, or the only one."""
+        return self.compartments[0].model
+
+    @property
+    def doubts(self) -> Doubts:
+        """Implausible parameters and answers of the medial compartment, or the only one."""
+        return self.compartments[0].doubts
+
+    @property
+    def doubts_about_parameters(self) -> list[str]:
+        """Sentences about implausible parameters of either compartment, each once."""
+        return list(dict.fromkeys(doubt for part in self.compartments for doubt in part.doubts.about_parameters))
+
+    def angle_sample(self, message: JointState, data: bytes) -> AngleSample:
+        """Flexion angle, and femoral height with the displacement drive; see `samples.angle_sample`."""
+        knee, delay = self.parameters.knee, self.synchroniser.angle_delay
+        return angle_sample(message, knee, self.model.height_prescribed, data, delay)
+
+    def force_sample(self, message: WrenchStamped, data: bytes, arrived: float) -> LoadSample:
+        """Joint reaction on the tibia; see `samples.load_sample`."""
+        return load_sample(message, self.by_moment, arrived, data)
+
+    def compute(self, pair: PairedSample) -> list[bytes]:
+        """Compute a tick; return the answer of each compartment as the bytes of a `KneeContact`."""
+        load = pair.load
+        medial = self.rule(load.axial, load.moment, pair.angle)
+        messages = []
+        for compartment, part in zip(self.compartments, (medial, load.axial - medial), strict=False):
+            if pair.status & TIME_RESET:
+                compartment.start_anew()
+            compartment.advance(load.stamp, pair.angle, part, pair.height, pair.status)
+            messages.append(encode_answer(load.stamp, load.frame_id, compartment.row.tobytes()))
+        self.ticks += 1
+        if self.varies:
+            self.split.add(load.axial, medial, self.beyond is not None and self.beyond(load.axial, pair.angle))
+        return messages
+
+    def answer(self, pair: PairedSample, messages: Sequence[bytes], latency: float = 0.0) -> Answer:
+        """Answer of the tick that was computed last: rows, their `messages`, and the inputs that led to them.
+
+        `latency` [s] is the time from the arrival of the force to the publication, where it is measured.
+        """
+        load, rows = pair.load, []
+        records: list[Record] = [(JOINT_STATES, angle.came_at, angle.data) for angle in pair.angles]
+        records.append((JOINT_REACTION_FORCE, load.stamp, load.data))
+        for compartment, message in zip(self.compartments, messages, strict=True):
+            compartment.stream.latency[0] = latency
+            rows.append(compartment.row.tobytes())
+            records.append((compartment.topic, load.stamp, message))
+        wrench = encode_answer_wrench(load.stamp, load.frame_id, summed_wrench(rows))
+        records.append((KNEE_CONTACT_WRENCH, load.stamp, wrench))
+        size = 0
+        for _, _, data in records:
+            size += len(data)
+        return Answer(b"".join(rows), tuple(records), size)
+
+    def retune(self, parameters: Parameters) -> None:
+        """Continue with other numbers among the parameters, between two ticks; `retuned` says which are used."""
+        self.parameters = parameters
+        self._divide(parameters)
+        medial, *lateral = self.compartments
+        medial.retune(parameters, -half_spacing(parameters))
+        for compartment in lateral:
+            compartment.retune(lateral_knee(parameters), half_spacing(parameters))
+
+    def _divide(self, parameters: Parameters) -> None:
+        """Set up the rule by which the medial load follows from the joint reaction."""
+        name = parameters.load.rule
+        self.rule = COMPARTMENTS[name](parameters, self._texts)
+        self.by_moment: Rule | None = self.rule if name in BY_MOMENT else None
+        self.varies = name in VARYING
+        self.beyond = self.rule.beyond if isinstance(self.rule, MeasuredShare) else None
+
+
+class Compartment:
+    """Compartment of the knee that is computed tick by tick."""
+
+    def __init__(self, topic: str, parameters: Parameters, model: KneeModel, z: float) -> None:
+        """Make a compartment at rest.
+
+        Args:
+            topic: Topic of its answers.
+            parameters: Parameters of the compartment, under the names of the medial one's.
+            model: Model with these parameters.
+            z: Place in the tibia frame [m]; 0 for the only compartment, as the model is planar.
+        """
+        self.topic, self.parameters, self.model, self._z = topic, parameters, model, z
+        self.doubts = doubts_about(parameters, model)
+        """Implausible parameters, and implausible answers among those that are added to it"""
+        self.start_anew()
+
+    def start_anew(self) -> None:
+        """Restart from rest."""
+        self.stream = self.model.stream()
+        row = self.stream.answer
+        self._point_z = row["contact_point"]["z"]
+        force, torque = row["contact_wrench"]["force"], row["contact_wrench"]["torque"]
+        self._force_x, self._force_y, self._torque_x, self._torque_y = force["x"], force["y"], torque["x"], torque["y"]
+
+    def compile(self) -> None:
+        """Use the compiled model; to be called before the first tick."""
+        self.model = replace(self.model, compiled=True)
+        self.start_anew()
+
+    def retune(self, parameters: Parameters, z: float) -> None:
+        """Continue with other numbers among the parameters and another place [m], between two ticks."""
+        self.parameters, self._z = parameters, z
+        self.model = retuned(self.model, parameters)
+        self.stream.go_on_with(self.model)
+        self.doubts.go_on_with(doubts_about(parameters, self.model))
+
+    @property
+    def row(self) -> Rows:
+        """Answer of the last tick, shape (1,); the next tick overwrites it."""
+        return self.stream.answer
+
+    def advance(self, stamp: int, angle: float, load: float, height: float | None, status: int) -> None:
+        """Compute a tick at a stamp [ns] into `row`, with further bits of `Status`; see also `Stream.advance`."""
+        self.stream.advance(stamp, angle, load, height)
+        if status:
+            self.row["status"] |= status
+        if self._z:
+            self._point_z[0] = self._z
+            self._torque_x[0] = -self._z * self._force_y[0]
+            self._torque_y[0] = self._z * self._force_x[0]
+
+    def advance_all(
+        self, stamps: Stamps, angles: Floats, loads: Floats, heights: Floats | None, status: NDArray[Any]
+    ) -> Rows:
+        """Compute many ticks, with the same bits as `advance`. All arrays have shape (n,)."""
+        rows = self.stream.advance_all(stamps, angles, loads, heights)
+        rows["status"] |= status.astype(np.uint8)
+        move_along_z(rows, self._z)
+        return rows
+
+
+def move_along_z(rows: Rows, z: float) -> None:
+    """Move the answers of many ticks to a compartment at a place z [m] beside the middle of the tibia."""
+    if not z:
+        return
+    rows["contact_point"]["z"] = z
+    force, torque = rows["contact_wrench"]["force"], rows["contact_wrench"]["torque"]
+    torque["x"] = -z * force["y"]
+    torque["y"] = z * force["x"]
+
+
+def compartments_of(parameters: Parameters, texts: Mapping[str, str]) -> tuple[Compartment, ...]:
+    """Make the only compartment of a knee, or the medial and the lateral one.
+
+    `texts` has the contents of files by parameter.
+
+    Raises:
+        UsageError: a model cannot be built; see `build_model`.
+    """
+    z = half_spacing(parameters)
+    first = Compartment(KNEE_CONTACT, parameters, build_model(parameters, curves=texts), -z)
+    if not z:
+        return (first,)
+    own = lateral_knee(parameters)
+    return first, Compartment(KNEE_CONTACT_LATERAL, own, build_model(own, curves=lateral_texts(texts)), z)
+
+
+def half_spacing(parameters: Parameters) -> float:
+    """Distance [m] of the compartments from the middle of the tibia; 0 if there is only one."""
+    return 0.5 * parameters.load.compartment_spacing if has_both(parameters) else 0.0
+
+
+def summed_wrench(rows: Sequence[bytes]) -> bytes:
+    """Row of the first compartment with the sum of all contact wrenches, at the origin of the tibia frame."""
+    first, *others = rows
+    if not others:
+        return first
+    wrench = SIX.unpack_from(first, WRENCH.start)
+    for row in others:
+        wrench = tuple(map(add, wrench, SIX.unpack_from(row, WRENCH.start)))
+    return first[: WRENCH.start] + SIX.pack(*wrench) + first[WRENCH.stop :]
+
+
+def summed_wrenches(rows: Sequence[Rows]) -> Rows:
+    """Rows of the first compartment with the sums of all contact wrenches, as `summed_wrench` makes them.
+
+    `rows` has an array for each compartment, all of shape (n,).
+    """
+    first, *others = rows
+    if not others:
+        return first
+    summed = np.frombuffer(bytearray(first.tobytes()), ROW)
+    for more in others:
+        for name in WRENCH_FIELDS:
+            summed.view(FLAT)[name] += more.view(FLAT)[name]
+    return summed
+
+
+def answering(topic: str, parameters: Parameters, texts: Mapping[str, str]) -> tuple[Parameters, Mapping[str, str]]:
+    """Parameters, and contents of files by parameter, of the compartment that answers on a topic."""
+    if is_lateral(topic):
+        return lateral_knee(parameters), lateral_texts(texts)
+    return parameters, texts

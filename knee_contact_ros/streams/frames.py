@@ -1,0 +1,213 @@
+"""The frame of the forces: checked at every sample; forces are transformed to the tibia frame if a parameter says so.
+
+Only static transforms (`/tf_static`) are used, and the transformed force is recorded. So an answer depends on samples
+and not on the time at which a transform arrived, and a recording needs no transforms to be computed again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from knee_contact_ros.streams.messages import RefusedSampleError, Transform, WrenchStamped, encode_wrench_stamped
+from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE
+from knee_contact_ros.system.printable import LONGEST, printable
+
+Pose = NDArray[np.float64]
+"""Homogeneous matrix, shape (4, 4): coordinates in the child frame to those in the parent frame, [m]"""
+ISB = "_isb"
+"""Suffix of a tibia frame (x anterior, y superior, z right) whose bone has a frame by REP 103 without the suffix"""
+HALF = 0.5**0.5
+FROM_REP_103 = (HALF, 0.0, 0.0, HALF)
+"""Rotation from x forward, y left, z up to x anterior, y superior, z right: a quarter turn about x; x, y, z, w"""
+FORCE_TURNED = "force_turned"
+"""Name of the metadata record that describes how forces are transformed from there on"""
+MOST_FRAMES = 10_000
+"""Largest number of frames that are remembered"""
+LONGEST_CHAIN = 100
+"""Largest number of transforms that are followed from a frame to its ancestors"""
+FARTHEST = 1e6
+"""Largest distance [m] from one frame to the next"""
+UNIT = 0.01
+"""Largest difference of the square of a quaternion's length from 1, as in tf2"""
+
+
+def isb_transform(frame: str) -> Transform | None:
+    """Pose of a tibia frame in the bone's frame by REP 103; None if its name has not the suffix for it."""
+    bone = frame.removesuffix(ISB)
+    return Transform(bone, frame, (0.0, 0.0, 0.0), FROM_REP_103) if bone and bone != frame else None
+
+
+class StaticTransforms:
+    """Tree of frames; a later transform of a frame replaces an earlier one."""
+
+    def __init__(self) -> None:
+        self._known: dict[str, Transform] = {}  # by child frame
+
+    def add(self, transform: Transform) -> bool:
+        """Add a transform, and return whether it changes the tree.
+
+        Raises:
+            ValueError: a number is not finite or too large, the quaternion is not of unit length, a name is missing or
+                that of both frames, or there are too many frames.
+        """
+        parent, child, translation, rotation = transform
+        label = f"transform from {_short(parent)} to {_short(child)}"
+        if not parent or not child or parent == child:
+            raise ValueError(f"{label}: it has no meaning")
+        length = sum(part * part for part in rotation)
+        if not (all(abs(part) <= FARTHEST for part in translation) and abs(length - 1.0) < UNIT):
+            raise ValueError(f"{label}: {translation}, {rotation} are no pose")
+        if child not in self._known and len(self._known) >= MOST_FRAMES:
+            raise ValueError(f"{label}: one more than the {MOST_FRAMES} that are remembered")
+        news = self._known.get(child) != transform
+        self._known[child] = transform
+        return news
+
+    def between(self, frame: str, wanted: str) -> Pose | None:
+        """Pose that takes coordinates in a frame to those in the wanted one; None if no transforms connect them."""
+        up, down = self._up(frame), self._up(wanted)
+        common = next((ancestor for ancestor in up if ancestor in down), None)
+        return None if common is None else np.linalg.inv(down[common]) @ up[common]
+
+    def _up(self, frame: str) -> dict[str, Pose]:
+        """Ancestors of a frame, itself first, each with the pose that takes coordinates there."""
+        ancestors, pose = {frame: np.eye(4)}, np.eye(4)
+        while frame in self._known and len(ancestors) <= LONGEST_CHAIN:
+            step = self._known[frame]
+            frame = step.parent
+            if frame in ancestors:  # a cycle
+                break
+            pose = _pose(step) @ pose
+            ancestors[frame] = pose
+        return ancestors
+
+
+def _pose(transform: Transform) -> Pose:
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = _rotations().from_quat(transform.rotation).as_matrix(), transform.translation
+    return pose
+
+
+def _rotations() -> Any:
+    """SciPy's class of rotations, imported when it is needed."""
+    from scipy.spatial.transform import Rotation  # a fifth of a second to import; most forces are not turned
+
+    return Rotation
+
+
+class ForceFrame:
+    """Checks that all forces come in one frame, and transforms them if that is not the wanted one."""
+
+    def __init__(self, wanted: str = "", topic: str = JOINT_REACTION_FORCE) -> None:
+        """Expect forces of `topic`; `wanted` names the tibia frame, and is empty if they are in it as they come."""
+        self.wanted, self._topic = wanted, topic
+        self.is_known = False
+        """Whether all forces are certainly in the tibia frame, as in a recording: then nothing is checked"""
+        self.turn_note: dict[str, str] = {}
+        """Metadata record of a turn that is new; see `take_turn_note`"""
+        self._frame: str | None = None  # of the forces as they come
+        self._pose: Pose | None = None  # its pose in the wanted frame; None if nothing is transformed
+        self._candidate: Pose | None = None  # that pose for the last force, while no frame is held
+        self._transforms = StaticTransforms()
+        if wanted:
+            _rotations()  # now, and not while a force waits
+        own = isb_transform(wanted)
+        if own:
+            self._transforms.add(own)
+
+    def take_turn_note(self) -> dict[str, str]:
+        """Metadata record of a turn that is new, empty if there is none; each is returned once."""
+        note, self.turn_note = self.turn_note, {}
+        return note
+
+    def forget(self) -> None:
+        """Accept the next force in any frame."""
+        self._frame = self._pose = None
+
+    def learn(self, transforms: Iterable[Transform]) -> list[str]:
+        """Use transforms from now on; return messages about those that make no sense and are ignored."""
+        problems, news = [], False
+        for transform in transforms:
+            try:
+                news |= self._transforms.add(transform)
+            except ValueError as error:
+                problems.append(str(error))
+        if news and self._frame is not None and self._pose is not None:
+            pose = self._transforms.between(self._frame.removeprefix("/"), self.wanted)
+            if pose is None:
+                self.forget()
+            elif not np.array_equal(pose, self._pose):
+                self._turn_by(pose, self._frame)
+        return problems
+
+    def goes_on(self, frame: str) -> bool:
+        """Whether a force in this frame is accepted, in the frame of those before, and needs no transform."""
+        if self.is_known:
+            return True
+        expected = (self.wanted or frame) if self._frame is None else self._frame
+        return frame == expected and self._pose is None
+
+    @property
+    def is_held(self) -> bool:
+        """Whether a force was accepted, so that all others are expected in its frame."""
+        return self._frame is not None
+
+    def hold(self, frame: str) -> None:
+        """Expect forces in the frame of the last one, which was accepted."""
+        self._frame = frame
+        if self._candidate is not None:
+            self._turn_by(self._candidate, frame)
+
+    def turned(self, wrench: WrenchStamped, data: bytes) -> tuple[WrenchStamped, bytes]:
+        """Transform a force to the origin and the axes of the tibia frame; return it, and the bytes to record.
+
+        Raises:
+            RefusedSampleError: it is in another frame than those before, or no transform leads to the wanted one.
+        """
+        frame = wrench.frame_id
+        self._candidate = None
+        if self.goes_on(frame):
+            return wrench, data
+        if self._frame is not None and frame != self._frame:
+            text = f"{self._topic} is in frame {_short(frame)}, and was in {_short(self._frame)} before"
+            raise RefusedSampleError("frame_changed", text)
+        pose = self._pose
+        if pose is None:
+            self._candidate = pose = self._transforms.between(frame.removeprefix("/"), self.wanted)
+        if pose is None:
+            text = f"{self._topic} is in frame {_short(frame)}, and no static transform leads to {self.wanted!r}"
+            raise RefusedSampleError("frame_unknown", text)
+        turned = turned_wrench(wrench, pose, self.wanted)
+        return turned, encode_wrench_stamped(turned)
+
+    def _turn_by(self, pose: Pose, frame: str) -> None:
+        turn, place = _rotations().from_matrix(pose[:3, :3]).as_quat().tolist(), pose[:3, 3].tolist()
+        self._pose = pose
+        self.turn_note = {
+            "from": printable(frame), "to": self.wanted,
+            "rotation_xyzw": " ".join(map(repr, turn)), "translation": " ".join(map(repr, place)),
+        }  # fmt: skip
+
+
+def _short(name: str) -> str:
+    return repr(name if len(name) <= LONGEST else f"{name[:LONGEST]}...")
+
+
+def turned_wrench(wrench: WrenchStamped, pose: Pose, frame: str) -> WrenchStamped:
+    """Transform a wrench to the origin and the axes of another frame: F' = R F, M' = R M + p × F'."""
+    *rows, _ = pose.tolist()
+    fx, fy, fz = force = _turned(rows, wrench.force)
+    mx, my, mz = _turned(rows, wrench.torque)
+    px, py, pz = (row[3] for row in rows)
+    torque = mx + py * fz - pz * fy, my + pz * fx - px * fz, mz + px * fy - py * fx
+    return WrenchStamped(wrench.stamp, frame, force, torque)
+
+
+def _turned(rows: list[list[float]], vector: tuple[float, float, float]) -> tuple[float, float, float]:
+    x, y, z = vector
+    one, two, three = (a * x + b * y + c * z for a, b, c, _ in rows)
+    return one, two, three

@@ -1,0 +1,203 @@
+"""From the messages of a leg's sensors to its joint reaction force, without ROS: for the load node and `estimate-load`.
+
+The joints' names, signs and axes are applied here, and nowhere else.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+from knee_contact_ros.joint_reaction.estimator import PACKING, Estimate, Estimator
+from knee_contact_ros.joint_reaction.leg import UNKNOWN, Ground, Joints, Motion, MotionFilter, Vector, inclination
+from knee_contact_ros.model.knee import LARGEST_ANGLE
+from knee_contact_ros.parameters.load_schema import ActuatedJoint, GroundForce, LoadParameters, MeasuredJoint
+from knee_contact_ros.streams.frames import ForceFrame
+from knee_contact_ros.streams.intake import Intake
+from knee_contact_ros.streams.messages import (
+    Deserialize,
+    JointState,
+    RefusedSampleError,
+    WrenchStamped,
+    checked_stamp,
+    encode_wrench_stamped,
+    header,
+    number_of,
+)
+from knee_contact_ros.streams.pairing import TIME_RESET, AngleSample, LoadSample, PairedSample
+from knee_contact_ros.streams.topics import (
+    GROUND_REACTION_FORCE,
+    JOINT_REACTION_FORCE,
+    JOINT_STATES,
+    LOAD_ESTIMATE,
+    Answer,
+    Record,
+    deserialize,
+)
+
+LARGEST_TORQUE = 1e5
+"""Largest torque of an actuator or of the ground [N m], and largest ground force [N]"""
+
+
+def leg_sample(message: JointState, parameters: LoadParameters, data: bytes, delay: int) -> AngleSample:
+    """Sample with angles and actuators' torques from a JointState; `data` and `delay` as for `angle_sample`.
+
+    Raises:
+        RefusedSampleError: a joint that the parameters name is missing, has no position, or no effort where it is
+            assisted, or its value is not finite or too large; or the stamp is not valid.
+    """
+    knee, ankle = parameters.knee, parameters.ankle
+    flexion = _angle(message, knee)
+    angles = _angle(message, parameters.hip), _angle(message, ankle)
+    others = (*angles, _assistance(message, knee), _assistance(message, ankle))
+    return AngleSample(checked_stamp(message.stamp, "joint_states") - delay, flexion, data, None, delay, others)
+
+
+def joints_of(flexion: float, others: tuple[float, ...]) -> Joints:
+    """Joints from the flexion angle and the other numbers of a sample that `leg_sample` has made."""
+    return Joints(flexion, *others)
+
+
+def _angle(message: JointState, joint: MeasuredJoint) -> float:
+    """Angle [rad] of a joint; NaN if it is not measured."""
+    if not joint.joint_name:
+        return UNKNOWN
+    angle = joint.sign * number_of(message, joint.joint_name, "position") + joint.offset
+    if abs(angle) > LARGEST_ANGLE:
+        text = f"joint_states: angle of joint {joint.joint_name!r} is {angle:g} rad, beyond {LARGEST_ANGLE:g}"
+        raise RefusedSampleError("out_of_range", text)
+    return angle
+
+
+def _assistance(message: JointState, joint: ActuatedJoint) -> float:
+    """Torque [N m] of a joint's actuator, positive against its angle; 0 if there is none."""
+    if not joint.assisted:
+        return 0.0
+    effort = number_of(message, joint.joint_name, "effort")
+    if abs(effort) > LARGEST_TORQUE:
+        text = f"joint_states: effort of joint {joint.joint_name!r} is {effort:g} N m, beyond {LARGEST_TORQUE:g}"
+        raise RefusedSampleError("out_of_range", text)
+    return 0.0 - joint.sign * effort  # without effort it is 0, and not -0
+
+
+def ground_sample(message: WrenchStamped, parameters: GroundForce, data: bytes, arrived: float) -> LoadSample:
+    """Sample with the ground force on the foot, from a WrenchStamped; `data` and `arrived` as for `load_sample`.
+
+    Raises:
+        RefusedSampleError: a component that is used is not finite or too large, or the stamp is not valid.
+    """
+    full = parameters.components == "full"
+    components = (*message.force, *message.torque) if full else (message.force[1],)
+    if not all(map(math.isfinite, components)):
+        what = "force and torque" if full else "force.y"
+        numbers = ", ".join(f"{number:g}" for number in components)
+        raise RefusedSampleError("not_finite", f"{GROUND_REACTION_FORCE}: {what}: {numbers}")
+    if max(map(abs, components)) > LARGEST_TORQUE:
+        largest = f"{max(components, key=abs):g} N or N m"
+        raise RefusedSampleError("out_of_range", f"{GROUND_REACTION_FORCE}: {largest}, beyond {LARGEST_TORQUE:g}")
+    stamp = checked_stamp(message.stamp, GROUND_REACTION_FORCE)
+    return LoadSample(stamp, message.force[1], UNKNOWN, message.frame_id, data, arrived, message)
+
+
+def ground_of(wrench: WrenchStamped, parameters: GroundForce, joints: Joints, inclination: float) -> Ground:
+    """Ground force about the ankle in upright axes; `inclination` [rad] is the shank's (`inverse_dynamics`).
+
+    A sensor that turns with the foot is assumed to be upright if the ankle is not measured.
+    """
+    if parameters.components == "vertical":
+        return Ground((0.0, wrench.force[1], 0.0), (UNKNOWN, UNKNOWN, UNKNOWN))
+    (force_x, force_y, force_z), (about_x, about_y, about_z) = wrench.force, wrench.torque
+    at_x, at_y = parameters.ankle_x, parameters.ankle_y
+    force = (force_x, force_y, force_z)
+    about = (about_x - at_y * force_z, about_y + at_x * force_z, about_z - at_x * force_y + at_y * force_x)
+    turn = inclination + joints.ankle
+    if parameters.axes == "ground" or not math.isfinite(turn):
+        return Ground(force, about)
+    return Ground(_turned(force, turn), _turned(about, turn))
+
+
+def _turned(vector: Vector, angle: float) -> Vector:
+    """Rotate a vector by an angle [rad] about z."""
+    x, y, z = vector
+    cosine, sine = math.cos(angle), math.sin(angle)
+    return cosine * x - sine * y, sine * x + cosine * y, z
+
+
+class LoadStream(Intake):
+    """Pipeline of the load node: samples, pairing and estimator."""
+
+    def __init__(self, parameters: LoadParameters, deserialize: Deserialize = deserialize) -> None:
+        """Begin without samples; see `Decoder` for `deserialize`."""
+        frame = ForceFrame(parameters.frame.ground, GROUND_REACTION_FORCE)
+        super().__init__(GROUND_REACTION_FORCE, parameters.pairing, frame, deserialize)
+        self.parameters = parameters
+        self.level = parameters.chosen_level
+        self._motion = MotionFilter(parameters.motion_window)
+        self._estimator = Estimator(self.level, parameters.person.constants, parameters.trust)
+        self.estimate: Estimate | None = None
+        """Last estimate; None before the first tick"""
+
+    def angle_sample(self, message: JointState, data: bytes) -> AngleSample:
+        """Angles and actuators' torques of the leg; see `leg_sample`."""
+        return leg_sample(message, self.parameters, data, self.synchroniser.angle_delay)
+
+    def force_sample(self, message: WrenchStamped, data: bytes, arrived: float) -> LoadSample:
+        """Ground force; see `ground_sample`."""
+        return ground_sample(message, self.parameters.ground, data, arrived)
+
+    def sense(self, pair: PairedSample) -> tuple[Joints, Motion, Ground]:
+        """Joints, motion and ground force at a pair's stamp. To be called for every pair in order.
+
+        The motion follows from the measured angles: interpolated or held ones would distort it.
+        """
+        if pair.status & TIME_RESET:
+            self._motion.forget()
+        for angle in pair.angles:
+            self._motion.see(angle.stamp, joints_of(angle.angle, angle.others))
+        joints, wrench = joints_of(pair.angle, pair.others), pair.load.wrench
+        assert wrench is not None  # noqa: S101  (by `ground_sample`)
+        ground = ground_of(wrench, self.parameters.ground, joints, inclination(joints))
+        return joints, self._motion.now(pair.load.stamp), ground
+
+    def compute(self, pair: PairedSample) -> list[bytes]:
+        """Estimate the joint reaction; return the bytes of its WrenchStamped and of its `LoadEstimate`."""
+        load = pair.load
+        self.estimate = estimate = self._estimator.at(*self.sense(pair), pair.status)
+        self.ticks += 1
+        frame = self.parameters.frame.tibia
+        force, torque = (0.0, -estimate.axial_force, 0.0), (estimate.frontal_moment, 0.0, 0.0)
+        return [
+            encode_wrench_stamped(WrenchStamped(load.stamp, frame, force, torque)),
+            encode_estimate(load.stamp, frame, estimate),
+        ]
+
+    def answer(self, pair: PairedSample, messages: Sequence[bytes], latency: float = 0.0) -> Answer:  # noqa: ARG002
+        """Answer with the inputs and messages of the last estimate; it has no row, and no latency."""
+        stamp, (reaction, estimate) = pair.load.stamp, messages
+        records: tuple[Record, ...] = (
+            *((JOINT_STATES, angle.came_at, angle.data) for angle in pair.angles),
+            (GROUND_REACTION_FORCE, stamp, pair.load.data),
+            (JOINT_REACTION_FORCE, stamp, reaction),
+            (LOAD_ESTIMATE, stamp, estimate),
+        )
+        return Answer(b"", records, sum(len(data) for _, _, data in records))
+
+    def retune(self, parameters: LoadParameters) -> None:
+        """Continue with other numbers among the parameters, between two ticks."""
+        if _offsets(parameters) != _offsets(self.parameters):  # the jump of the angles is no motion
+            self._motion.forget()
+        self.parameters, self.level = parameters, parameters.chosen_level
+        self._estimator = Estimator(self.level, parameters.person.constants, parameters.trust)
+
+
+def encode_estimate(stamp: int, frame_id: str, estimate: Estimate) -> bytes:
+    """Bytes of a `LoadEstimate` message with a stamp [ns].
+
+    Raises:
+        ValueError: the stamp is beyond what ROS can hold.
+    """
+    return header(stamp, frame_id) + PACKING.pack(*estimate)
+
+
+def _offsets(parameters: LoadParameters) -> tuple[float, ...]:
+    return parameters.knee.offset, parameters.hip.offset, parameters.ankle.offset

@@ -1,0 +1,531 @@
+"""Bytes of messages to contents and back, one by one; what cannot be used is refused.
+
+Messages with the same texts and lengths differ in their stamps and numbers only. So a `Layout`, made from the
+declaration (`FIELDS`), texts and lengths, knows all offsets: as a `struct` for one message, as a NumPy type for many
+(`columns.py`). Messages are written as little-endian CDR (XCDR1) with zeros as padding, as `rosbags` does; whatever ROS
+sends is read. An answer is written as a header and the part of its row that the message consists of.
+"""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections.abc import Callable, Sequence
+from functools import cache, lru_cache
+from operator import itemgetter
+from typing import Any, Generic, Literal, NamedTuple, TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+from rosbags.typesys import get_types_from_msg
+from rosbags.typesys.store import Typestore
+
+from knee_contact_ros.model.types import MESSAGE
+from knee_contact_ros.model.types import WRENCH as WRENCH_BYTES
+from knee_contact_ros.streams.topics import (
+    DYNAMIC_JOINT_STATE,
+    JOINT_STATES,
+    NANOSECONDS,
+    check_stamp,
+    stamp_to_ns,
+    typestore,
+)
+from knee_contact_ros.system.printable import listed, printable
+
+Bytes = NDArray[np.uint8]
+Stamps = NDArray[np.int64]
+Order = Literal["<", ">"]
+HEADER = b"\x00\x01\x00\x00"
+"""Encapsulation of little-endian CDR without options; alignment counts from its end"""
+LITTLE_ENDIAN = HEADER[:2]
+BYTE_ORDERS: dict[bytes, Order] = {b"\x00\x01": "<", b"\x00\x00": ">"}
+"""Byte order by the first two bytes of the encapsulation. The other two are options, which ROS ignores on reading."""
+STAMPS = {kind: struct.Struct(f"{order}4xiI").unpack_from for kind, order in BYTE_ORDERS.items()}
+"""Readers of the seconds and nanoseconds of a message's header, by the first two bytes of the encapsulation"""
+STAMP_END = 12
+"""Offset [B] behind encapsulation and stamp, with which all messages begin"""
+MOST_TRAILING = 12
+"""Largest surplus [B] of ROS's `serialize_message`, which makes room to align numbers even where none follow"""
+LONGEST = 65536
+"""Largest message [B] that is read here, so that the remembered layouts stay small"""
+MOST_LAYOUTS = 16
+"""Largest number of layouts remembered at a time"""
+UNKNOWN = (struct.error, ValueError, KeyError)
+"""Errors that reading raises if the bytes are no such message"""
+
+
+class JointState(NamedTuple):
+    """Content of a sensor_msgs/msg/JointState."""
+
+    stamp: int
+    """Stamp [ns]"""
+    frame_id: str
+    name: tuple[str, ...]
+    """Names of the joints"""
+    position: tuple[float, ...]
+    """Positions [rad] or [m]; empty if they are not given"""
+    velocity: tuple[float, ...]
+    """Velocities [rad/s] or [m/s]; empty if they are not given"""
+    effort: tuple[float, ...]
+    """Efforts [N m] or [N]; empty if they are not given"""
+
+
+class WrenchStamped(NamedTuple):
+    """Content of a geometry_msgs/msg/WrenchStamped."""
+
+    stamp: int
+    """Stamp [ns]"""
+    frame_id: str
+    force: tuple[float, float, float]
+    """Force x, y, z [N]"""
+    torque: tuple[float, float, float]
+    """Torque x, y, z [N m]"""
+
+
+TEXT, TEXTS, NUMBERS, VECTOR = "a text", "a sequence of texts", "a sequence of numbers", "three numbers"
+FIELDS: dict[type, dict[str, str]] = {
+    JointState: {"frame_id": TEXT, "name": TEXTS, "position": NUMBERS, "velocity": NUMBERS, "effort": NUMBERS},
+    WrenchStamped: {"frame_id": TEXT, "force": VECTOR, "torque": VECTOR},
+}
+"""Fields behind the stamp by name, and their kinds, for each type of message"""
+Content = TypeVar("Content", JointState, WrenchStamped)
+Shape = tuple[Any, ...]
+"""Shape of a message: for each field its text or texts, or the number of its numbers"""
+
+
+class Layout:
+    """Layout of messages of one shape.
+
+    The parts of a message are the first half of the encapsulation, seconds, nanoseconds, and then constants, which the
+    shape fixes (`known`), and numbers; between them is padding.
+    """
+
+    def __init__(self, kind: type, shape: Shape, order: Order = "<", trailing: int = 0) -> None:
+        """Lay out a message of a kind and shape in a byte order, followed by `trailing` bytes."""
+        self.written = self
+        """Layout in which such messages are written"""
+        self.known: dict[int, bytes] = {}
+        """Bytes of the constant parts, by the number of the part"""
+        self._form, self._end, self._parts = [f"{order}2s2xiI"], STAMP_END, 3
+        self.texts: list[Any] = []
+        """Values of the fields that are text or texts, which come before the fields of numbers"""
+        self._slots: list[slice] = []  # the parts of each field of numbers
+        self._order, self._types = order, {"seconds": ("i4", 4), "nanoseconds": ("u4", 8)}
+        for (name, form), given in zip(FIELDS[kind].items(), shape, strict=True):
+            if form in (NUMBERS, VECTOR):
+                self._slots.append(self._numbers(name, given, counted=form == NUMBERS))
+            else:
+                self._texts(given if form == TEXTS else [given], counted=form == TEXTS)
+                self.texts.append(given)
+        self.length = self._end
+        """Length [B] of a message without trailing bytes"""
+        self.numbers_in: Callable[[tuple[Any, ...]], tuple[tuple[float, ...], ...]] = itemgetter(*self._slots)
+        """Takes the numbers of each field out of the parts of a message"""
+        self._pick = itemgetter(0, *self.known)
+        self._fixed = (b"\x00\x01" if order == "<" else b"\x00\x00", *self.known.values())
+        packing = struct.Struct("".join(self._form) + f"{trailing}x")
+        self.unpack: Callable[[bytes], tuple[Any, ...]] = packing.unpack
+        """Splits the bytes of a message into its parts; padding, in which ROS leaves old memory, is skipped"""
+        self.pack = packing.pack
+        """Joins parts to the bytes of a message; padding becomes zeros"""
+
+    @property
+    def numbers(self) -> np.dtype[Any]:
+        """NumPy type of a written message: `seconds`, `nanoseconds`, and its numbers by the names of the fields."""
+        formats, offsets = zip(*self._types.values(), strict=True)
+        names = list(self._types)
+        return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": self.length})
+
+    def fits(self, parts: tuple[Any, ...]) -> bool:
+        """Whether the parts of a message, from `unpack`, have this shape."""
+        return bool(self._pick(parts) == self._fixed)
+
+    def parts(self, content: JointState | WrenchStamped) -> list[Any]:
+        """Parts, for `pack`, of a content of this shape."""
+        parts: list[Any] = [HEADER[:2], *divmod(content.stamp, NANOSECONDS), *[None] * (self._parts - 3)]
+        for number, known in self.known.items():
+            parts[number] = known
+        numbers: Sequence[Any] = content[1 + len(self.texts) :]
+        for slot, value in zip(self._slots, numbers, strict=True):
+            parts[slot] = value
+        return parts
+
+    def _numbers(self, name: str, count: int, counted: bool) -> slice:
+        if counted:
+            self._constant(struct.pack(f"{self._order}I", count))
+        begin = self._parts
+        if count:  # without any there is no padding either
+            self._align(8)
+            self._types[name] = (f"({count},)f8", self._end)
+            self._form.append(f"{count}d")
+            self._end += 8 * count
+            self._parts += count
+        return slice(begin, self._parts)
+
+    def _texts(self, texts: Sequence[str], counted: bool) -> None:
+        if counted:
+            self._constant(struct.pack(f"{self._order}I", len(texts)))
+        for text in texts:
+            encoded = text.encode()
+            self._constant(struct.pack(f"{self._order}I{len(encoded)}sx", len(encoded) + 1, encoded))
+
+    def _constant(self, content: bytes) -> None:
+        self._align(4)
+        self._form.append(f"{len(content)}s")
+        self.known[self._parts] = content
+        self._parts += 1
+        self._end += len(content)
+
+    def _align(self, size: int) -> None:
+        padding = (len(HEADER) - self._end) % size
+        self._form.append(f"{padding}x")
+        self._end += padding
+
+
+class Coder(Generic[Content]):
+    """Reader and writer for one type of message; remembers the last layouts, by the length of the bytes."""
+
+    def __init__(self, kind: type[Content]) -> None:
+        self.kind: Any = kind
+        self._layouts: dict[int, Layout] = {}
+
+    def decode(self, data: bytes | bytearray | memoryview) -> tuple[Content, bytes] | None:
+        """Content of a message, and the bytes to record; None if ROS's own deserializer has to read it."""
+        try:
+            received = data if type(data) is bytes else bytes(data)
+            layout = self._layouts.get(len(received))
+            parts = layout.unpack(received) if layout else ()
+            if layout is None or not layout.fits(parts):
+                layout = self._read(received)
+                parts = layout.unpack(received)
+            content: Content = self.kind(parts[1] * NANOSECONDS + parts[2], *layout.texts, *layout.numbers_in(parts))
+            if parts[0] == LITTLE_ENDIAN and parts[2] < NANOSECONDS:
+                return content, layout.written.pack(*parts)
+            return content, layout.written.pack(*layout.written.parts(content))
+        except UNKNOWN:
+            return None
+
+    def encode(self, content: Content) -> bytes:
+        """Bytes of a message with this content.
+
+        Raises:
+            ValueError: the stamp is beyond what ROS can hold.
+        """
+        check_stamp(content.stamp)
+        layout = written_layout(self.kind, shape_of(content))
+        return layout.pack(*layout.parts(content))
+
+    def _read(self, data: bytes) -> Layout:
+        """Find the layout of a message, and remember it; raises one of `UNKNOWN`."""
+        if len(data) > LONGEST:
+            raise ValueError("too long")
+        order = BYTE_ORDERS[data[:2]]
+        shape, end = _Walk(data, order).shape(FIELDS[self.kind])
+        if not 0 <= len(data) - end <= MOST_TRAILING:
+            raise ValueError("truncated, or something behind the message")
+        if len(self._layouts) >= MOST_LAYOUTS:
+            self._layouts.clear()
+        self._layouts[len(data)] = layout = Layout(self.kind, shape, order, len(data) - end)
+        layout.written = written_layout(self.kind, shape)
+        return layout
+
+
+class _Walk:
+    """Single pass through the bytes of a message; raises one of `UNKNOWN`."""
+
+    def __init__(self, data: bytes, order: Order) -> None:
+        self._data, self._order, self._at = data, order, STAMP_END
+
+    def shape(self, fields: dict[str, str]) -> tuple[Shape, int]:
+        """Shape of the message, and the offset [B] of its end."""
+        return tuple([self._field(form) for form in fields.values()]), self._at
+
+    def _field(self, form: str) -> Any:
+        if form == TEXT:
+            return self._text()
+        if form == TEXTS:
+            return tuple([self._text() for _ in range(self._length())])
+        count = self._length() if form == NUMBERS else 3
+        if count:
+            self._at += (len(HEADER) - self._at) % 8 + 8 * count
+        return count
+
+    def _length(self) -> int:
+        self._at += (len(HEADER) - self._at) % 4
+        (length,) = struct.unpack_from(f"{self._order}I", self._data, self._at)
+        self._at += 4
+        return int(length)
+
+    def _text(self) -> str:
+        length = self._length()
+        text = self._data[self._at : self._at + length]
+        if text.index(0) != length - 1:
+            raise ValueError("no text, or not all of it")
+        self._at += length
+        return text[:-1].decode()
+
+
+def shape_of(content: JointState | WrenchStamped) -> Shape:
+    """Shape of a message with this content."""
+    forms = FIELDS[type(content)].values()
+    pairs = zip(forms, content[1:], strict=True)
+    return tuple([value if form in (TEXT, TEXTS) else len(value) for form, value in pairs])
+
+
+@lru_cache(maxsize=MOST_LAYOUTS)
+def written_layout(kind: type, shape: Shape) -> Layout:
+    """Layout in which messages of a shape are written."""
+    return Layout(kind, shape)
+
+
+def stamp_in(data: bytes) -> int:
+    """Stamp [ns] of a message that begins with a header.
+
+    Raises:
+        ValueError: the bytes are too short, or no plain CDR.
+    """
+    stamp = STAMPS.get(data[:2])
+    if stamp is None or len(data) < STAMP_END:
+        raise ValueError("no stamp in these bytes")
+    seconds, nanoseconds = stamp(data)
+    return int(seconds * NANOSECONDS + nanoseconds)
+
+
+JOINT_STATE, WRENCH = Coder(JointState), Coder(WrenchStamped)
+encode_joint_state = JOINT_STATE.encode
+encode_wrench_stamped = WRENCH.encode
+
+
+def decode_joint_state(data: bytes | bytearray | memoryview) -> JointState | None:
+    """Content of a JointState; None if ROS's own deserializer has to read the bytes."""
+    decoded = JOINT_STATE.decode(data)
+    return decoded and decoded[0]
+
+
+def decode_wrench_stamped(data: bytes | bytearray | memoryview) -> WrenchStamped | None:
+    """Content of a WrenchStamped; None if ROS's own deserializer has to read the bytes."""
+    decoded = WRENCH.decode(data)
+    return decoded and decoded[0]
+
+
+LAST_STAMP = 2**31 * NANOSECONDS - 1
+"""Latest stamp [ns] that a ROS message can hold"""
+
+
+class RefusedSampleError(Exception):
+    """A sample cannot be used; `reason` is the name of its counter, the text says what is wrong."""
+
+    def __init__(self, reason: str, text: str) -> None:
+        super().__init__(printable(text))
+        self.reason = reason
+
+
+Deserialize = Callable[[bytes, str], Any]
+"""General deserializer: returns a message from its bytes and its topic; raises anything if they are no such message"""
+
+
+class Decoder:
+    """Reader of the input messages: our own coder, or the general deserializer for messages that it cannot read."""
+
+    def __init__(self, deserialize: Deserialize) -> None:
+        self.ordinary = 0
+        """Number of messages for the general deserializer"""
+        self._deserialize = deserialize
+
+    def joint_state(self, data: bytes) -> tuple[JointState, bytes]:
+        """Content of a JointState, and the bytes in which it is recorded.
+
+        Raises:
+            RefusedSampleError: the bytes are no such message.
+        """
+        return JOINT_STATE.decode(data) or self._deserialized(data, JOINT_STATES, JOINT_STATE, joint_state_of)
+
+    def force(self, data: bytes, topic: str) -> tuple[WrenchStamped, bytes]:
+        """Content of a WrenchStamped of a topic, and the bytes in which it is recorded.
+
+        Raises:
+            RefusedSampleError: the bytes are no such message.
+        """
+        return WRENCH.decode(data) or self._deserialized(data, topic, WRENCH, wrench_of)
+
+    def _deserialized(
+        self, data: bytes, topic: str, coder: Coder[Content], content_of: Callable[[Any], Content]
+    ) -> tuple[Content, bytes]:
+        self.ordinary += 1
+        try:
+            content = content_of(self._deserialize(data, topic))
+        except Exception as error:  # whatever broken bytes provoke in a deserializer
+            text = f"{topic}: {len(data)} bytes are no message of its type ({' '.join(str(error).split())})"
+            raise RefusedSampleError("undecodable", text) from None
+        checked_stamp(content.stamp, topic)
+        return content, coder.encode(content)
+
+
+def joint_state_of(message: Any) -> JointState:
+    """Content of a JointState, of ROS's own class or that of rosbags."""
+    return JointState(
+        stamp_to_ns(message.header.stamp), message.header.frame_id, tuple(message.name),
+        *(tuple(map(float, numbers)) for numbers in (message.position, message.velocity, message.effort)),
+    )  # fmt: skip
+
+
+def wrench_of(message: Any) -> WrenchStamped:
+    """Content of a WrenchStamped, of ROS's own class or that of rosbags."""
+    force, torque = message.wrench.force, message.wrench.torque
+    return WrenchStamped(
+        stamp_to_ns(message.header.stamp), message.header.frame_id,
+        (force.x, force.y, force.z), (torque.x, torque.y, torque.z),
+    )  # fmt: skip
+
+
+def number_of(message: JointState, joint: str, quantity: str) -> float:
+    """Position [rad or m] or effort [N m] of a joint in a JointState.
+
+    Raises:
+        RefusedSampleError: the joint is missing, or has no finite value.
+    """
+    if joint not in message.name:
+        known = listed(message.name)
+        raise RefusedSampleError("joint_missing", f"joint_states has no joint {joint!r}; it has {known}")
+    index, numbers = message.name.index(joint), message.position if quantity == "position" else message.effort
+    if index >= len(numbers):
+        raise RefusedSampleError("joint_missing", f"joint_states gives no {quantity} for joint {joint!r}")
+    if not math.isfinite(numbers[index]):
+        raise RefusedSampleError("not_finite", f"joint_states: {quantity} of joint {joint!r} is {numbers[index]}")
+    return numbers[index]
+
+
+def checked_stamp(stamp: int, topic: str) -> int:
+    """Return a stamp [ns] of a message of a topic, if a recording can hold it.
+
+    Raises:
+        RefusedSampleError: the stamp is out of range.
+    """
+    if not 0 <= stamp <= LAST_STAMP:
+        raise RefusedSampleError("bad_stamp", f"{topic}: stamp {stamp} ns is not within 0 and {LAST_STAMP} ns")
+    return stamp
+
+
+def encode_answer(stamp: int, frame_id: str, row: bytes) -> bytes:
+    """Bytes of the `KneeContact` message of an answer, with a stamp [ns] that replaces the one in the row.
+
+    Raises:
+        ValueError: the stamp is beyond what ROS can hold.
+    """
+    return header(stamp, frame_id) + row[MESSAGE]
+
+
+def encode_answer_wrench(stamp: int, frame_id: str, row: bytes) -> bytes:
+    """Bytes of the `WrenchStamped` of an answer, the contact force on the tibia; see `encode_answer`."""
+    return header(stamp, frame_id) + row[WRENCH_BYTES]
+
+
+def header(stamp: int, frame_id: str) -> bytes:
+    """Encapsulation, stamp [ns] and frame of a message, padded to where numbers of 8 B begin.
+
+    Raises:
+        ValueError: the stamp is beyond what ROS can hold.
+    """
+    check_stamp(stamp)
+    pack, frame = _packer(frame_id)
+    return pack(HEADER, *divmod(stamp, NANOSECONDS), len(frame), frame)
+
+
+@lru_cache(maxsize=16)
+def _packer(frame_id: str) -> tuple[Callable[..., bytes], bytes]:
+    frame = frame_id.encode() + b"\x00"
+    padding = -(STAMP_END - len(HEADER) + 4 + len(frame)) % 8
+    return struct.Struct(f"<4siII{len(frame)}s{padding}x").pack, frame
+
+
+POSITION = "position"
+"""Name of the interface whose value is an angle [rad] or a height [m]"""
+DEFINITIONS = {
+    DYNAMIC_JOINT_STATE: (
+        "std_msgs/Header header\nstring[] joint_names\ncontrol_msgs/InterfaceValue[] interface_values\n"
+    ),
+    "control_msgs/msg/InterfaceValue": "string[] interface_names\nfloat64[] values\n",
+}
+"""Message definitions by type, as in control_msgs"""
+
+
+@cache
+def _types() -> Typestore:
+    store = typestore()
+    for name, definition in DEFINITIONS.items():
+        store.register(get_types_from_msg(definition, name))
+    return store
+
+
+def as_joint_state(data: bytes) -> bytes:
+    """Bytes of a JointState with the joints that have a position; empty if `data` is no DynamicJointState.
+
+    Velocities and efforts are left out, as they are not used.
+    """
+    try:
+        message: Any = _types().deserialize_cdr(data, DYNAMIC_JOINT_STATE)
+        positions: dict[str, float] = {}
+        for joint, interface in zip(message.joint_names, message.interface_values, strict=True):
+            known = dict(zip(interface.interface_names, interface.values, strict=False))  # a joint may lack values
+            if POSITION in known:
+                positions.setdefault(joint, float(known[POSITION]))
+        header = message.header
+        content = JointState(
+            stamp_to_ns(header.stamp), header.frame_id, tuple(positions), tuple(positions.values()), (), ()
+        )
+        return encode_joint_state(content)
+    except Exception:  # whatever broken bytes provoke
+        return b""
+
+
+TF_STATIC = "/tf_static"
+TF_MESSAGE = "tf2_msgs/msg/TFMessage"
+
+
+class Transform(NamedTuple):
+    """Pose of a child frame in its parent frame: p_parent = rotation · p_child + translation."""
+
+    parent: str
+    """Name of the parent frame"""
+    child: str
+    """Name of the child frame"""
+    translation: tuple[float, float, float]
+    """Translation x, y, z [m]"""
+    rotation: tuple[float, float, float, float]
+    """Rotation as a quaternion x, y, z, w"""
+
+
+def decode_transforms(data: bytes) -> list[Transform]:
+    """Transforms in the bytes of a TFMessage.
+
+    Raises:
+        ValueError: the bytes are no such message.
+    """
+    try:
+        message: Any = typestore().deserialize_cdr(data, TF_MESSAGE)
+        return [_transform(one.header.frame_id, one.child_frame_id, one.transform) for one in message.transforms]
+    except Exception as error:  # whatever broken bytes provoke
+        raise ValueError(f"{len(data)} bytes are no {TF_MESSAGE} ({' '.join(str(error).split())})") from None
+
+
+def encode_transforms(transforms: list[Transform], stamp: int) -> bytes:
+    """Bytes of a TFMessage with transforms that share a stamp [ns]."""
+    types = typestore().types
+    vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
+    transform, stamped = types["geometry_msgs/msg/Transform"], types["geometry_msgs/msg/TransformStamped"]
+    time, header = types["builtin_interfaces/msg/Time"], types["std_msgs/msg/Header"]
+    message = types[TF_MESSAGE]([
+        stamped(
+            header(time(*divmod(stamp, NANOSECONDS)), one.parent), one.child,
+            transform(vector(*one.translation), quaternion(*one.rotation)),
+        )
+        for one in transforms
+    ])  # fmt: skip
+    return bytes(typestore().serialize_cdr(message, TF_MESSAGE))
+
+
+def _transform(parent: str, child: str, transform: Any) -> Transform:
+    place, turn = transform.translation, transform.rotation
+    return Transform(
+        parent.removeprefix("/"), child.removeprefix("/"), (place.x, place.y, place.z), (turn.x, turn.y, turn.z, turn.w)
+    )

@@ -1,0 +1,509 @@
+"""Pairs loads and angles by stamp: every load gets the angle at its own stamp, interpolated between its two neighbours.
+
+The `Timeline` of each stream decides by the stamps which samples to believe: one that continues the stream at once,
+others later. A sample whose stamp lies far ahead of the one before is wrong, or the stream has paused; far behind, it
+is wrong, or the clock was set back, or a bag begins anew. The following samples show which. Until then such samples are
+kept aside, and none is lost by that: they are believed as soon as the other stream is at the same time, or if for a
+while no sample continues the stream from the last one believed; they are refused once one does.
+
+No clock is used: pairs depend on the samples and their order alone, and the caller decides when an angle is late
+(`give_up`).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Sequence
+from itertools import pairwise
+from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+
+from knee_contact_ros.model.types import Status
+from knee_contact_ros.parameters.sections import Pairing
+from knee_contact_ros.streams.messages import WrenchStamped
+from knee_contact_ros.streams.topics import NANOSECONDS
+
+STEPS = 8
+"""Number of past steps that show how far the next one may go; the second longest counts, as one may be a pause"""
+FAR = 3
+"""Multiple of the second longest step beyond which a step is far"""
+SILENT = 4
+"""Multiple of that step, or of the longest step of those kept aside, after which samples kept aside are believed"""
+ENOUGH = 3
+"""Number of samples of both streams that make a jump of both: a pair of wrong stamps does not. More samples than this
+of one stream, after a pause, are not a burst of wrong stamps either: samples from within the pause are wrong then"""
+# Plain numbers: combining flags of an enumeration takes as long as the rest of a pairing.
+OK, STALE_INPUT, TIME_RESET = int(Status.OK), int(Status.STALE_INPUT), int(Status.TIME_RESET)
+INPUT_HELD, INPUT_REJECTED = int(Status.INPUT_HELD), int(Status.INPUT_REJECTED)
+
+
+class AngleSample(NamedTuple):
+    """Flexion angle at a stamp, and femoral height with the displacement drive."""
+
+    stamp: int
+    """Stamp [ns] at which the angle holds: that of the message minus `delay`, which may be negative"""
+    angle: float
+    """Flexion angle [rad], positive in flexion"""
+    data: bytes = b""
+    """Bytes of the message as it is recorded; those that came may hold old memory of the sender between fields"""
+    height: float | None = None
+    """Height of the femoral reference point [m]; None with the force drive"""
+    delay: int = 0
+    """Delay of the angles `pairing.angle_delay` [ns]"""
+    others: tuple[float, ...] = ()
+    """Further numbers of the leg's joints [rad] or [N m], in the order of `leg_sample`"""
+
+    @property
+    def came_at(self) -> int:
+        """Stamp [ns] of the message, under which it is recorded."""
+        return self.stamp + self.delay
+
+
+class LoadSample(NamedTuple):
+    """Joint reaction at a stamp, which is split between the compartments when the flexion angle is known."""
+
+    stamp: int
+    """Stamp [ns]"""
+    axial: float
+    """Axial force -force.y [N], positive when it presses the femur onto the tibia"""
+    moment: float
+    """Frontal moment about x [N m]; NaN if it is not needed and was not given"""
+    frame_id: str
+    """Name of the tibia frame"""
+    data: bytes = b""
+    """Bytes of the message as it is recorded"""
+    arrived: float = 0.0
+    """Time of arrival by the caller's clock [s]"""
+    wrench: WrenchStamped | None = None
+    """The whole wrench, where more is used than the axial force"""
+
+
+class Stamped(Protocol):
+    """Sample with a stamp."""
+
+    @property
+    def stamp(self) -> int:
+        """Stamp [ns]."""
+
+
+S = TypeVar("S", bound=Stamped)
+
+
+class Timeline(Generic[S]):
+    """Decides which samples of one stream to believe."""
+
+    def __init__(self, max_gap: int, most: int, refuse: Callable[[str], None], name: str) -> None:
+        """Begin a stream.
+
+        Args:
+            max_gap: Largest time [ns] by which a sample that lies behind is merely late.
+            most: Largest number of samples that are kept aside.
+            refuse: Called with the reason for each sample that is refused.
+            name: Name of the stream, with which the reasons begin.
+        """
+        self.last: int | None = None
+        """Stamp [ns] of the last sample that was believed"""
+        self.pending: list[S] = []
+        """Samples that may be believed later, in increasing order of their stamps"""
+        self.jumps = 0
+        """Number of jumps of the stream"""
+        self.steps: deque[int] = deque(maxlen=STEPS)
+        """Last steps forward [ns]"""
+        self.far = max_gap
+        """Longest step [ns] that is not far"""
+        self._max_gap, self._most, self._refuse, self._name = max_gap, most, refuse, name
+
+    def take(self, sample: S, other: Timeline[Any]) -> list[S]:
+        """Take a sample; return those that are believed now, oldest first. `other` is the stream that it pairs with.
+
+        If the stream has jumped back, the stamp of the first one is not later than `last` was.
+        """
+        stamp, last = sample.stamp, self.last
+        if last is not None:
+            step = stamp - last
+            near = 0 < step <= self.far
+            if near or (step > 0 and other.has_reached(stamp)):
+                passed = [] if not self.pending or (near and self._is_alone(other)) else self._pass_by(stamp)
+                self._go_to(stamp)
+                return [*passed, sample]
+            if -self._max_gap <= step <= 0 and not (self.pending and stamp > self.pending[-1].stamp):
+                self._refuse(f"{self._name}_not_in_order")
+                return []
+        return self._hold_back(sample, other)
+
+    def look_again(self, other: Timeline[Any], jumped: bool) -> list[S]:
+        """Return samples kept aside that are believed now that the other stream has new samples, or has `jumped`."""
+        if not self.pending:
+            return []
+        if jumped and other.last is not None and abs(self.pending[-1].stamp - other.last) <= self._max_gap:
+            return self.believe()
+        return self.believe(self._believable(other))
+
+    def has_reached(self, stamp: int) -> bool:
+        """Whether a stamp [ns] is not later than this stream's next sample is expected."""
+        return self.last is not None and stamp <= self.last + self.far // FAR
+
+    def believe(self, number: int | None = None) -> list[S]:
+        """Believe the oldest samples of those kept aside, or all of them; return them."""
+        if number == 0:
+            return []
+        believed, self.pending = self.pending[:number], [] if number is None else self.pending[number:]
+        for sample in believed:
+            self.jumps += self.last is not None and not 0 < sample.stamp - self.last <= self._max_gap
+            if self.last is not None and sample.stamp <= self.last:  # the jumps on the way there are no steps
+                self.go_on(self.last, [step for step in self.steps if step <= self._max_gap])
+            self._go_to(sample.stamp)
+        return believed
+
+    def drop_aside(self) -> None:
+        """Refuse the samples that were kept aside."""
+        for _ in self.pending:
+            self._refuse(f"{self._name}_off_time")
+        self.pending = []
+
+    def go_on(self, last: int | None, steps: Iterable[int]) -> None:
+        """Set the state after samples up to a stamp [ns] with these last steps [ns], and none kept aside."""
+        self.last = last
+        self.steps = deque(steps, maxlen=STEPS)
+        self.far = FAR * _longest_but_one(self.steps) if self.steps else self._max_gap
+
+    def clear(self) -> None:
+        """Forget everything; the samples that were kept aside are refused."""
+        self.drop_aside()
+        self.go_on(None, ())
+
+    def _hold_back(self, sample: S, other: Timeline[Any]) -> list[S]:
+        """Keep a sample for later; return those that are believed because of it."""
+        if self.pending and sample.stamp <= self.pending[-1].stamp:
+            if self._is_late_aside(sample.stamp):
+                self._refuse(f"{self._name}_not_in_order")
+                return []
+            self.drop_aside()
+        self.pending.append(sample)
+        return self.believe(None if len(self.pending) >= self._most else self._believable(other))
+
+    def _is_late_aside(self, stamp: int) -> bool:
+        """Whether a sample belongs to those kept aside, but is late; if not, the stream does not continue there."""
+        first, newest, many = self.pending[0].stamp, self.pending[-1].stamp, len(self.pending) > ENOUGH
+        before = self.last if many and self.last is not None and self.last < first else first - self.far
+        return stamp == newest or (len(self.pending) > 1 and stamp >= max(before, newest - self._max_gap))
+
+    def _believable(self, other: Timeline[Any]) -> int:
+        """Number of samples kept aside, from the oldest on, with which the stream continues."""
+        first, newest, every = self.pending[0].stamp, self.pending[-1].stamp, len(self.pending)
+        enough = self.last is None or every + len(other.pending) >= ENOUGH
+        if other.pending and enough and abs(newest - other.pending[-1].stamp) <= self._max_gap:
+            return every
+        if every > 1 and (newest - first >= self._silence() or self._is_alone(other)):
+            return every
+        return self._near(other)
+
+    def _near(self, other: Timeline[Any]) -> int:
+        """Number of the oldest samples kept aside that are not far from each other or from the other stream."""
+        at = self.last
+        for number, sample in enumerate(self.pending):
+            goes_on = at is not None and at < sample.stamp <= at + self.far
+            if not (goes_on or ((at is None or at < sample.stamp) and other.has_reached(sample.stamp))):
+                return number
+            at = sample.stamp
+        return len(self.pending)
+
+    def _pass_by(self, stamp: int) -> list[S]:
+        """Continue the stream at a later stamp: believe the samples kept aside before it, and refuse the others."""
+        last = -1 if self.last is None else self.last
+        between = [sample for sample in self.pending if last < sample.stamp < stamp]
+        self.pending = [sample for sample in self.pending if not last < sample.stamp < stamp]
+        self.drop_aside()
+        for sample in between:
+            self._go_to(sample.stamp)
+        return between
+
+    def _silence(self) -> int:
+        """Time [ns] without a sample that continues the stream, after which samples kept aside are believed."""
+        if not self.steps:
+            return 0
+        own = (after.stamp - before.stamp for before, after in pairwise(self.pending))
+        return min(SILENT * max(_longest_but_one(self.steps), *own), self._max_gap)
+
+    def _is_alone(self, other: Timeline[Any]) -> bool:
+        """Whether the samples kept aside are at the other stream's time, and those believed are not."""
+        if self.last is None or other.last is None:
+            return False
+        return abs(self.pending[-1].stamp - other.last) <= self._max_gap < abs(self.last - other.last)
+
+    def _go_to(self, stamp: int) -> None:
+        if self.last is not None and stamp > self.last:
+            step, steps = stamp - self.last, self.steps
+            gone = steps[0] if len(steps) == STEPS else 0
+            steps.append(step)
+            if FAR * step >= self.far or FAR * gone >= self.far or len(steps) <= 2:  # else it stays as it is
+                self.far = FAR * _longest_but_one(steps)
+        self.last = stamp
+
+
+def _longest_but_one(steps: deque[int]) -> int:
+    """Second longest step [ns]; the only one if there is one."""
+    return sorted(steps)[-2:][0]
+
+
+class PairedSample(NamedTuple):
+    """Input of one tick."""
+
+    load: LoadSample
+    angle: float
+    """Flexion angle [rad] at the load's stamp"""
+    height: float | None
+    """Femoral height [m] at the load's stamp, with the displacement drive"""
+    status: int
+    """Bits of `Status`"""
+    angles: tuple[AngleSample, ...]
+    """Angle samples up to this stamp that belong to no earlier pair"""
+    others: tuple[float, ...] = ()
+    """Further numbers of the joints at the load's stamp; see `AngleSample`"""
+
+
+class Steady(NamedTuple):
+    """State of a synchroniser between two samples while nothing unusual happens."""
+
+    angles: tuple[AngleSample, ...]
+    """Angles from the last one before the next load on, or earlier"""
+    fresh: tuple[AngleSample, ...]
+    """Angles that belong to no pair yet"""
+    loads: tuple[LoadSample, ...]
+    """Loads that wait for an angle"""
+    last_angle: int | None
+    """Stamp of the last angle [ns]"""
+    last_load: int | None
+    """Stamp of the last load [ns]"""
+    last_pair: int | None
+    """Stamp of the last pair [ns]"""
+    angle_steps: tuple[int, ...]
+    """Last steps [ns] of the angles; see `Timeline`"""
+    load_steps: tuple[int, ...]
+    """Last steps [ns] of the loads; see `Timeline`"""
+
+
+class Synchroniser:
+    """Takes the samples of two streams, and makes pairs in the order of the loads' stamps.
+
+    The `Timeline` of each stream decides which samples are believed, and when the stream has jumped. After a jump back
+    of the loads the run starts anew; after one of the angles, the earlier angles are forgotten.
+    """
+
+    def __init__(self, pairing: Pairing) -> None:
+        self.refused: Counter[str] = Counter()
+        """Number of refused samples by reason"""
+        self._max_gap, self._queue = round(pairing.max_gap * NANOSECONDS), pairing.queue
+        self.angle_delay = round(pairing.angle_delay * NANOSECONDS)
+        """Time [ns] by which the stamps of angles have been moved earlier"""
+        self.angle_time: Timeline[AngleSample] = Timeline(self._max_gap, self._queue, self.refuse, "angle")
+        self.load_time: Timeline[LoadSample] = Timeline(self._max_gap, self._queue, self.refuse, "load")
+        self.unrecorded = 0
+        """Number of angles that no pair will contain, as more than `pairing.queue` came between two loads"""
+        self._loads: deque[LoadSample] = deque()  # that wait for an angle
+        self._angles: deque[AngleSample] = deque(maxlen=self._queue)  # from the last one before the next load on
+        self._fresh: deque[AngleSample] = deque()  # that belong to no pair yet
+        self._left: list[AngleSample] = []  # likewise, from before a jump: they go to the next pair
+        self._last_load: int | None = None
+        self._last_pair: int | None = None
+        self._met = False  # loads before all angles are due to the clocks, and not to the beginning
+        self._flags = OK
+
+    @property
+    def waiting(self) -> int:
+        """Number of loads that wait for an angle."""
+        return len(self._loads)
+
+    @property
+    def fill(self) -> float:
+        """Fill of the fuller one of the queues, from 0 to 1 at `pairing.queue`."""
+        return max(len(self._loads), len(self._left) + len(self._fresh)) / self._queue
+
+    @property
+    def lead(self) -> float | None:
+        """Difference [s] of the last load's stamp and the last angle's, as they came; None if it is not known."""
+        angle, load = self.angle_time.last, self.load_time.last
+        return None if angle is None or load is None else (load - angle - self.angle_delay) / NANOSECONDS
+
+    def steady(self) -> Steady | None:
+        """Current state; None after something unusual, until a pair has been flagged with it."""
+        if self._flags or self._left or self.angle_time.pending or self.load_time.pending:
+            return None
+        return Steady(
+            tuple(self._angles), tuple(self._fresh), tuple(self._loads),
+            self.angle_time.last, self.load_time.last, self._last_pair,
+            tuple(self.angle_time.steps), tuple(self.load_time.steps),
+        )  # fmt: skip
+
+    def go_on(self, steady: Steady) -> None:
+        """Continue from a state; only allowed while `steady` returns one."""
+        self._angles = deque(steady.angles, maxlen=self._queue)
+        self._fresh, self._loads = deque(steady.fresh), deque(steady.loads)
+        self.angle_time.go_on(steady.last_angle, steady.angle_steps)
+        self.load_time.go_on(steady.last_load, steady.load_steps)
+        self._last_load, self._last_pair, self._met = steady.last_load, steady.last_pair, True
+
+    def refuse(self, reason: str) -> None:
+        """Count a sample that cannot be used; the next tick is flagged with it."""
+        self.refused[reason] += 1
+        self._flags |= INPUT_REJECTED
+
+    def start_anew(self) -> None:
+        """Let the next tick start from rest, as after a jump back in time."""
+        self._last_pair = None
+        self._flags |= TIME_RESET
+
+    def forget(self) -> None:
+        """Forget the last stamps, so that the streams may continue anywhere; to be called after `finish`."""
+        self.angle_time.clear()
+        self.load_time.clear()
+        self._last_load = None
+
+    def forget_angles(self) -> None:
+        """Use no earlier angle any more; to be called after `forget` if the streams are interrupted."""
+        self._left += self._fresh
+        self._angles.clear()
+        self._fresh.clear()
+        self._met = False
+
+    def push_angle(self, sample: AngleSample) -> list[PairedSample]:
+        """Take an angle; return the pairs that it makes possible."""
+        jumps = self.angle_time.jumps
+        pairs = self._take_angles(self.angle_time.take(sample, self.load_time))
+        if not self.load_time.pending:
+            return pairs
+        jumped = self.angle_time.jumps > jumps
+        return pairs + self._take_loads(self.load_time.look_again(self.angle_time, jumped))
+
+    def push_load(self, sample: LoadSample) -> list[PairedSample]:
+        """Take a load; return the pairs that it makes possible."""
+        jumps = self.load_time.jumps
+        believed = self.load_time.take(sample, self.angle_time)
+        if not self.angle_time.pending:
+            return self._take_loads(believed)
+        # The angles first: the loads may have to be answered with them.
+        jumped = self.load_time.jumps > jumps
+        pairs = self._take_angles(self.angle_time.look_again(self.load_time, jumped))
+        return pairs + self._take_loads(believed)
+
+    def give_up(self, arrived_by: float = math.inf) -> list[PairedSample]:
+        """Pair the waiting loads that arrived until a time [s] with the last angle before them.
+
+        No angle at or after their stamps has come in time. Loads that were kept aside for so long are believed.
+        """
+        pending = self.load_time.pending
+        if pending and pending[0].arrived <= arrived_by < math.inf:
+            jumped = self.load_time.believe()
+            angles = self._take_angles(self.angle_time.look_again(self.load_time, jumped=True))
+            return angles + self._take_loads(jumped) + self.give_up(arrived_by)
+        number = sum(1 for _ in itertools.takewhile(lambda load: load.arrived <= arrived_by, self._loads))
+        return self._pairs(hold=True, most=number)
+
+    def finish(self) -> list[PairedSample]:
+        """Pair everything that came, as no more samples will come; samples that were kept aside are believed.
+
+        Loads that waited before are not paired with angles that were kept aside.
+        """
+        pairs = self.give_up() if self.angle_time.pending else []
+        pairs += self._take_angles(self.angle_time.believe())
+        return pairs + self._take_loads(self.load_time.believe()) + self.give_up()
+
+    def rest(self) -> list[AngleSample]:
+        """Take out the angle samples that belong to no pair, at the end of a stream."""
+        rest = [*self._left, *self._fresh]
+        self._fresh.clear()
+        self._left = []
+        return rest
+
+    def _take_angles(self, samples: Sequence[AngleSample]) -> list[PairedSample]:
+        pairs = []
+        for sample in samples:
+            if self._angles and sample.stamp <= self._angles[-1].stamp:
+                pairs += self.give_up()
+                self.forget_angles()
+            self._angles.append(sample)
+            self._fresh.append(sample)
+        while len(self._left) + len(self._fresh) > self._queue:
+            self._left.pop(0) if self._left else self._fresh.popleft()
+            self.unrecorded += 1
+        return pairs + self._pairs() if self._loads else pairs
+
+    def _take_loads(self, samples: Sequence[LoadSample]) -> list[PairedSample]:
+        pairs = []
+        for sample in samples:
+            if self._last_load is not None and sample.stamp <= self._last_load:
+                pairs += self.give_up()
+                self.start_anew()
+            self._last_load = sample.stamp
+            self._met |= bool(self._angles) and sample.stamp < self._angles[0].stamp - self._max_gap
+            self._loads.append(sample)
+        pairs += self._pairs()
+        if (surplus := len(self._loads) - self._queue) > 0:
+            pairs += self._pairs(hold=True, most=surplus)
+        return pairs
+
+    def _pairs(self, hold: bool = False, most: int | None = None) -> list[PairedSample]:
+        """Pair the oldest loads, at most `most` of them; with `hold` also those whose angle is not known."""
+        pairs: list[PairedSample] = []
+        for _ in range(len(self._loads) if most is None else most):
+            load = self._loads[0]
+            result = self._angle_at(load.stamp, hold)
+            if result is None:
+                break
+            self._loads.popleft()
+            pose, status = result
+            if pose is None:
+                self.refuse("no_angle_before")
+                continue
+            self._met = True
+            if self._last_pair is not None and load.stamp - self._last_pair > self._max_gap:
+                status |= STALE_INPUT
+            self._last_pair = load.stamp
+            taken = self._taken(max(load.stamp, pose.stamp))
+            pairs.append(PairedSample(load, pose.angle, pose.height, status | self._flags, taken, pose.others))
+            self._flags = OK
+        return pairs
+
+    def _taken(self, until: int) -> tuple[AngleSample, ...]:
+        """Take out the angles up to a stamp [ns] that belong to no pair yet."""
+        taken, self._left = self._left, []
+        while self._fresh and self._fresh[0].stamp <= until:
+            taken.append(self._fresh.popleft())
+        return tuple(taken)
+
+    def _angle_at(self, stamp: int, hold: bool) -> tuple[AngleSample | None, int] | None:
+        """Angle at a stamp [ns], and its status bits; stamps of successive calls do not decrease.
+
+        None while the angle is not known; with `hold` the last one is returned then. If there is no angle for the load
+        at all, the first part of the result is None.
+        """
+        angles = self._angles
+        while len(angles) > 1 and angles[1].stamp <= stamp:
+            angles.popleft()
+        if not angles:
+            return (None, OK) if hold else None
+        before, after = angles[0], angles[1] if len(angles) > 1 else None
+        if before.stamp > stamp:  # the loads have jumped back alone, or began sooner
+            return (angles[-1], INPUT_HELD | STALE_INPUT) if self._met else (None, OK)
+        if before.stamp == stamp:
+            return before, OK
+        if after is not None:
+            return _between(before, after, stamp), self._stale(after.stamp - before.stamp)
+        return (before, INPUT_HELD | self._stale(stamp - before.stamp)) if hold else None
+
+    def _stale(self, gap: int) -> int:
+        return STALE_INPUT if gap > self._max_gap else OK
+
+
+def _between(before: AngleSample, after: AngleSample, stamp: int) -> AngleSample:
+    """Interpolate between two samples at a stamp [ns], linear in time."""
+    part = (stamp - before.stamp) / (after.stamp - before.stamp)
+    height = before.height
+    if height is not None and after.height is not None:
+        height += part * (after.height - height)
+    angle = before.angle + part * (after.angle - before.angle)
+    if not before.others:
+        return before._replace(stamp=stamp, angle=angle, height=height)
+    others = tuple([old + part * (new - old) for old, new in zip(before.others, after.others, strict=True)])
+    return before._replace(stamp=stamp, angle=angle, height=height, others=others)

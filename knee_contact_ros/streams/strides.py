@@ -1,0 +1,167 @@
+"""Strides, from a heel strike to the next of the same leg: sliding distance and impulse in each."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from knee_contact_ros.model.types import ContactState
+from knee_contact_ros.streams.gait_events import HEEL_STRIKE, SECOND, TOE_OFF, GaitEvents
+
+Floats = NDArray[np.float64]
+Stamps = NDArray[np.int64]
+SHORTEST, LONGEST = 0.4, 2.5
+"""Range of plausible durations of a stride [s]"""
+CERTAIN = round(2.2 * SECOND)
+"""Time [ns] after which all events are certain: a toe-off may wait for a slow flexion and a slow extension"""
+KEPT = round((LONGEST + 3.0) * SECOND)
+"""Time [ns] that samples must be kept: a stride, and the time until events are certain"""
+
+
+class Span(NamedTuple):
+    """Times of a stride."""
+
+    start: int
+    """Stamp of the heel strike [ns]"""
+    toe_off: int
+    """Stamp of the toe-off [ns]"""
+    end: int
+    """Stamp of the next heel strike [ns]"""
+
+    @property
+    def duration(self) -> float:
+        """Duration of the stride [s]."""
+        return (self.end - self.start) / SECOND
+
+    @property
+    def stance(self) -> float:
+        """Part of the stride from heel strike to toe-off [%]."""
+        return 100.0 * (self.toe_off - self.start) / (self.end - self.start)
+
+    def percent(self, stamp: int) -> float:
+        """Position of a stamp [ns] in the stride [%]."""
+        return 100.0 * (stamp - self.start) / (self.end - self.start)
+
+
+class Sliding(NamedTuple):
+    """Sliding of the femur in a stride."""
+
+    span: Span
+    distance: float
+    """Sliding distance along the tibia [m], forward and backward, while in contact"""
+
+
+class Impulse(NamedTuple):
+    """Impulse of the contact force in a stride."""
+
+    span: Span
+    impulse: float
+    """Impulse from heel strike to heel strike [N s]"""
+    stance_impulse: float
+    """Impulse from heel strike to toe-off [N s]"""
+
+
+def spans(strikes: Sequence[int], toe_offs: Sequence[int]) -> list[Span]:
+    """Strides between heel strikes [ns], in order: those of a plausible duration, with one toe-off [ns]."""
+    strides = []
+    for start, end in pairwise(strikes):
+        between = [stamp for stamp in toe_offs if start < stamp < end]
+        if len(between) == 1 and SHORTEST <= (end - start) / SECOND <= LONGEST:
+            strides.append(Span(start, between[0], end))
+    return strides
+
+
+def cut(stamps: Stamps, values: Floats, start: int, end: int, held: int) -> tuple[Floats, Floats]:
+    """Samples between two stamps [ns], with the values of `at_stamps` at both.
+
+    Returns:
+        Time [s] since `start`, shape (n,), and values, shape (n, columns).
+    """
+    inner = slice(*np.searchsorted(stamps, (start + 1, end)))
+    at = np.concatenate(([start], stamps[inner], [end]))
+    edges = at_stamps(stamps, values, np.array([start, end]), held)
+    return (at - start) / SECOND, np.concatenate((edges[:1], values[inner], edges[1:]))
+
+
+def at_stamps(stamps: Stamps, values: Floats, at: Stamps, held: int) -> Floats:
+    """Values at stamps [ns], shape (n, columns): interpolated, except for the last `held` columns, which are held."""
+    since = (stamps - stamps[0]).astype(np.float64)
+    wanted = (at - stamps[0]).astype(np.float64)
+    last = values[np.clip(np.searchsorted(stamps, at, "right") - 1, 0, None)]
+    between = [np.interp(wanted, since, column) for column in values.T[: values.shape[1] - held]]
+    return np.column_stack((*between, *last.T[values.shape[1] - held :]))
+
+
+def sliding_distance(time: Floats, sliding_velocity: Floats, contact_state: Floats) -> float:
+    """Integral of the sliding speed over the time in contact [m]: ∫ |v| dt, v linear between ticks.
+
+    Args:
+        time: Times of the ticks [s], shape (n,), not decreasing.
+        sliding_velocity: Sliding velocities [m/s], shape (n,).
+        contact_state: `ContactState`, shape (n,); that of a tick holds for the interval before it.
+
+    Returns:
+        The distance; NaN if a velocity is NaN.
+    """
+    touching = contact_state[1:] != ContactState.SEPARATED
+    begin, end = sliding_velocity[:-1][touching], sliding_velocity[1:][touching]
+    speeds = np.abs(begin) + np.abs(end)
+    turned = begin * end < 0.0  # then two triangles
+    mean = np.where(turned, (begin * begin + end * end) / np.where(turned, speeds, 1.0), speeds) / 2.0
+    return float(np.sum(mean * np.diff(time)[touching]))
+
+
+def integral(time: Floats, values: Floats) -> float:
+    """Integrate values over time [s], both of shape (n,), by trapezoids; `np.trapezoid` has another name in NumPy 1."""
+    return float(np.sum(0.5 * (values[1:] + values[:-1]) * np.diff(time)))
+
+
+def sliding_per_stride(time: ArrayLike, series: NDArray[np.void], body_weight: float) -> list[Sliding]:
+    """Find the strides in flexion angle and load (see `GaitEvents`), with their sliding distances. Needs no ROS.
+
+    Args:
+        time: Times [s], shape (n,), increasing, as they were given to `KneeModel.run`.
+        series: Result of `KneeModel.run` for them, shape (n,).
+        body_weight: Body weight [N].
+
+    Returns:
+        One entry per whole stride, in order; none where there is no gait.
+    """
+    stamps = np.rint(np.asarray(time, dtype=np.float64) * SECOND).astype(np.int64)
+    values = np.column_stack((series["sliding_velocity"], series["contact_state"]))
+    strides = []
+    for span in _strides(stamps, series, body_weight):
+        since, (velocity, state) = (columns.T for columns in cut(stamps, values, span.start, span.end, held=1))
+        strides.append(Sliding(span, sliding_distance(since, velocity, state)))
+    return strides
+
+
+def impulse_per_stride(series: NDArray[np.void], body_weight: float) -> list[Impulse]:
+    """Find the strides in flexion angle and load (see `GaitEvents`), with the impulses of the contact force.
+
+    Args:
+        series: Answers, shape (n,), with increasing stamps.
+        body_weight: Body weight [N].
+
+    Returns:
+        One entry per whole stride, in order; none where there is no gait.
+    """
+    stamps, force = np.asarray(series["stamp"]), np.asarray(series["contact_force"])
+    return [impulse_of(span, stamps, force) for span in _strides(stamps, series, body_weight)]
+
+
+def impulse_of(span: Span, stamps: Stamps, force: Floats) -> Impulse:
+    """Impulse of a stride, from increasing stamps [ns] and contact forces [N], both of shape (n,)."""
+    parts = [cut(stamps, force[:, np.newaxis], span.start, end, held=0) for end in (span.end, span.toe_off)]
+    return Impulse(span, *(integral(since, forces[:, 0]) for since, forces in parts))
+
+
+def _strides(stamps: Stamps, series: NDArray[np.void], body_weight: float) -> list[Span]:
+    finder = GaitEvents(body_weight)
+    events = finder.add(stamps, series["flexion_angle"], series["load"]) + finder.finish()
+    strikes, toe_offs = (sorted(event.stamp for event in events if event.kind == k) for k in (HEEL_STRIKE, TOE_OFF))
+    return spans(strikes, toe_offs)

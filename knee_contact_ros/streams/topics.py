@@ -1,0 +1,139 @@
+"""Names, types, stamps and definitions of the messages, and what is recorded of a tick.
+
+The process of a recorder works with these alone, so nothing large is imported here.
+"""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any, NamedTuple
+
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from knee_contact_ros.system.resources import PACKAGE, share_folder
+
+JOINT_STATES = "joint_states"
+JOINT_REACTION_FORCE = "joint_reaction_force"
+GROUND_REACTION_FORCE = "ground_reaction_force"
+"""Force of the ground on the foot; from it and the angles the load node estimates the joint reaction force"""
+LOAD_ESTIMATE = "load_estimate"
+"""Estimate of the joint reaction force with its level and uncertainty"""
+KNEE_CONTACT = "knee_contact"
+KNEE_CONTACT_LATERAL = "knee_contact/lateral"
+"""Answers of the lateral compartment, where both are modelled; `knee_contact` has those of the medial one then"""
+KNEE_CONTACT_WRENCH = "knee_contact/wrench"
+KNEE_CONTACT_MARKERS = "knee_contact/markers"
+"""Markers for RViz; not recorded, as they follow from the answers"""
+MESSAGE_TYPES = {
+    JOINT_STATES: "sensor_msgs/msg/JointState",
+    JOINT_REACTION_FORCE: "geometry_msgs/msg/WrenchStamped",
+    GROUND_REACTION_FORCE: "geometry_msgs/msg/WrenchStamped",
+    LOAD_ESTIMATE: "knee_contact_ros/msg/LoadEstimate",
+    KNEE_CONTACT: "knee_contact_ros/msg/KneeContact",
+    KNEE_CONTACT_LATERAL: "knee_contact_ros/msg/KneeContact",
+    KNEE_CONTACT_WRENCH: "geometry_msgs/msg/WrenchStamped",
+}
+MEDIAL, LATERAL = "medial", "lateral"
+KNEE = "knee"
+"""Name of a knee without a namespace"""
+DYNAMIC_JOINT_STATES = "dynamic_joint_states"
+DYNAMIC_JOINT_STATE = "control_msgs/msg/DynamicJointState"
+"""Joint states of ros2_control, from which the angles may come in place of `joint_states`"""
+INPUTS = (JOINT_STATES, JOINT_REACTION_FORCE)
+LOAD_INPUTS = (JOINT_STATES, GROUND_REACTION_FORCE)
+LOAD_RECORDED = (*LOAD_INPUTS, JOINT_REACTION_FORCE, LOAD_ESTIMATE)
+"""Topics of a recording of the load node"""
+RECORDED = (*INPUTS, KNEE_CONTACT, KNEE_CONTACT_WRENCH)
+"""Topics of a recording of the contact node with one compartment"""
+
+
+def recorded_topics(has_both: bool) -> tuple[str, ...]:
+    """Topics of a recording of the contact node, with one compartment or with both."""
+    return (*RECORDED, KNEE_CONTACT_LATERAL) if has_both else RECORDED
+
+
+def is_lateral(topic: str) -> bool:
+    """Whether a topic, given by its absolute name, has the answers of a lateral compartment."""
+    return topic.endswith(KNEE_CONTACT_LATERAL)
+
+
+def knee_name(topic: str) -> str:
+    """Name of the knee whose answers are on a topic, given by its absolute name: its namespace, or `knee`."""
+    return topic.removesuffix(KNEE_CONTACT_LATERAL).removesuffix(KNEE_CONTACT).strip("/") or KNEE
+
+
+def compartment_name(knee: str, compartment: str) -> str:
+    """Name of a compartment of a knee; without the knee if this has no namespace."""
+    return compartment if knee == KNEE else f"{knee}_{compartment}"
+
+
+NANOSECONDS = 1_000_000_000
+"""Number of nanoseconds in a second"""
+
+
+def stamp_to_ns(stamp: Any) -> int:
+    """Convert the stamp of a message to nanoseconds."""
+    return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
+
+
+def check_stamp(stamp: int) -> None:
+    """Check that a message can hold a stamp [ns].
+
+    Raises:
+        ValueError: its seconds are not within int32.
+    """
+    if not -(2**31) <= stamp // NANOSECONDS < 2**31:
+        raise ValueError(f"stamp {stamp} ns is beyond the int32 seconds of a ROS time")
+
+
+Record = tuple[str, int, bytes]
+"""Message as it is recorded: topic, stamp [ns] and CDR bytes"""
+
+
+class Answer(NamedTuple):
+    """Results of one tick."""
+
+    row: bytes
+    """Bytes of a `ROW` for each compartment, the medial one first"""
+    records: tuple[Record, ...]
+    """Messages of the tick: the angles up to its stamp, the load, the answers, the wrench"""
+    size: int
+    """Size [B] of these messages"""
+
+
+class Ending(NamedTuple):
+    """End of a stream of answers."""
+
+    inputs: tuple[Record, ...]
+    """Input messages that belong to no answer"""
+    refused: dict[str, int]
+    """Number of refused samples by reason"""
+
+
+@cache
+def typestore() -> Typestore:
+    """Types of the messages of ROS 2 Jazzy and of this package's `msg/` folder."""
+    store = get_typestore(Stores.ROS2_JAZZY)
+    for path in sorted((share_folder() / "msg").glob("*.msg")):
+        store.register(get_types_from_msg(path.read_text(encoding="utf-8"), f"{PACKAGE}/msg/{path.stem}"))
+    return store
+
+
+@cache  # the next file of a recording must be open at once
+def definition(type_name: str) -> bytes:
+    """Definition of a message and of the messages in it; this package's own with comments and in their order.
+
+    The comments have the units, and Foxglove names a field's values by the constants right before it.
+    """
+    text = typestore().generate_msgdef(type_name, ros_version=2)[0]
+    if type_name.startswith(f"{PACKAGE}/"):
+        source = share_folder() / "msg" / f"{type_name.rpartition('/')[2]}.msg"
+        _, rule, parts = text.partition("=" * 80 + "\n")
+        text = source.read_text(encoding="utf-8") + rule + parts
+    return text.encode()
+
+
+def deserialize(data: bytes, topic: str) -> Any:
+    """Read the bytes of a message of one of this package's topics, without ROS."""
+    return typestore().deserialize_cdr(data, MESSAGE_TYPES[topic])

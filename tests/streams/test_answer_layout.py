@@ -1,0 +1,111 @@
+"""Numbers of answers among their bytes, by whatever definition they came with."""
+
+from __future__ import annotations
+
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from knee_contact_ros.model.types import FLAT, MESSAGE, ROW, TOLD, blank
+from knee_contact_ros.streams.columns import ADDED, PRESENT, TYPE, decode_answers, layout_of, places_of
+from knee_contact_ros.streams.messages import encode_answer
+from knee_contact_ros.streams.topics import NANOSECONDS, definition
+
+TEXT = definition(TYPE).decode()
+STAMPS = [3 * NANOSECONDS + 5, 4 * NANOSECONDS, 2**31 * NANOSECONDS - 1]
+
+
+def described(text: str) -> MessageDefinition:
+    return MessageDefinition(MessageDefinitionFormat.MSG, text)
+
+
+def message(stamp: int, frame: str) -> bytes:
+    rows = blank(1)
+    for number, name in enumerate(TOLD):
+        rows.view(FLAT)[name] = number
+    return encode_answer(stamp, frame, rows.tobytes())
+
+
+def test_the_row_is_what_the_definition_says() -> None:
+    """Name, type and place of every number, in the order of `KneeContact.msg`."""
+    layout = layout_of(places_of(PRESENT)[0], "<", 4)  # an empty frame ends at a multiple of 8 B
+    ours = [(name, FLAT.fields[name][0], FLAT.fields[name][1]) for name in TOLD]
+    begin = layout.fields[TOLD[0]][1]
+    assert [(name, *layout.fields[name][:2]) for name in layout.names[2:]] == [
+        (name, kind, begin + place) for name, kind, place in ours
+    ]
+    assert layout.itemsize == begin + MESSAGE.stop < begin + ROW.itemsize
+
+
+def without(*names: str) -> str:
+    """The present definition without some fields."""
+    lines = TEXT.splitlines(keepends=True)
+    return "".join(line for line in lines if not any(line.startswith(f"float64 {name} ") for name in names))
+
+
+@pytest.mark.parametrize("definition_", [PRESENT, described(TEXT)])
+def test_trailing_bytes_and_frames_of_other_lengths(definition_: MessageDefinition) -> None:
+    frames, trailing = ("tibia", "tibia", "a long frame"), (b"", b"\1", b"\1\2\3")
+    found = decode_answers(
+        [message(stamp, frame) + more for stamp, frame, more in zip(STAMPS, frames, trailing, strict=True)], definition_
+    )
+    assert found["stamp"].tolist() == STAMPS
+    assert [found.view(FLAT)[name].tolist() for name in TOLD] == [[number] * 3 for number in range(len(TOLD))]
+
+
+@settings(max_examples=40, deadline=None)
+@given(st.sets(st.sampled_from(sorted(ADDED))), st.booleans(), st.text(max_size=9), st.lists(st.booleans(), max_size=2))
+def test_every_definition_is_read_as_rosbags_does(
+    missing: set[str], little_endian: bool, frame: str, more: list[bool]
+) -> None:
+    text, frame = without(*missing), frame.replace("\x00", "")
+    for number, wide in enumerate(more):  # fields that this package does not know, in the middle
+        text = text.replace("float64 gap ", f"{'float32' if wide else 'bool'} unknown{number}\nfloat64 gap ")
+    store = get_typestore(Stores.EMPTY)
+    store.register(get_types_from_msg(text, TYPE))
+    values = {name: float(number) for number, name in enumerate(TOLD)}
+    integers = {name: int(values[name]) for name in ("contact_state", "fidelity", "status", "evaluations")}
+    types = {name.rpartition("/")[2]: kind for name, kind in store.types.items()}
+    point = types["Point"](*(values[f"contact_point_{axis}"] for axis in "xyz"))
+    fields = values | integers | {"contact_point": point} | {f"unknown{n}": True for n in range(len(more))}
+    fields["header"] = types["Header"](types["Time"](-7, 5), frame)
+    names = [name for name, _ in store.fielddefs[TYPE][1]]
+    data = bytes(
+        store.serialize_cdr(store.types[TYPE](*(fields[name] for name in names)), TYPE, little_endian=little_endian)
+    )
+    rows = decode_answers([data, data], described(text))
+    assert rows["stamp"].tolist() == [-7 * NANOSECONDS + 5] * 2
+    for name, value in values.items():
+        assert np.array_equal(rows.view(FLAT)[name], [np.nan if name in missing else value] * 2, equal_nan=True), name
+
+
+def test_fields_of_no_fixed_size_end_what_is_read() -> None:
+    text = TEXT.replace("uint32 evaluations ", "uint32 evaluations\nstring words\nfloat64 later ")
+    data = message(1, "tibia")
+    (row,) = decode_answers([data + b"\0" * 50], described(text)).view(FLAT)
+    assert [row[name] for name in TOLD] == list(range(len(TOLD)))
+    with pytest.raises(ValueError, match="has no evaluations"):
+        places_of(described(TEXT.replace("uint32 evaluations ", "string words\nuint32 evaluations ")))
+
+
+@pytest.mark.parametrize(
+    ("data", "text", "words"),
+    [
+        (b"short", TEXT, "no CDR"),
+        (b"\x01" + message(1, "tibia")[1:], TEXT, "no CDR"),
+        (message(1, "tibia")[:12] + struct.pack("<I", 2**31) + b"x", TEXT, "no CDR"),
+        (message(1, "tibia")[:-1], TEXT, "longer or shorter"),
+        (message(1, "tibia") + b"x" * 16, TEXT, "longer or shorter"),
+        (message(1, "tibia"), without(*ADDED), "longer or shorter"),
+        (message(1, "tibia"), without("load"), "has no load"),
+        (message(1, "tibia"), "float64 load\n" + TEXT, "does not begin with a header"),
+    ],
+)
+def test_what_does_not_fit_is_refused(data: bytes, text: str, words: str) -> None:
+    with pytest.raises(ValueError, match=words):
+        decode_answers([data], described(text))

@@ -1,0 +1,219 @@
+"""Medial and lateral contact from one stream: each as if it were alone, and their wrenches added."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import knee_contact_ros
+from knee_contact_ros.bags.provenance import read_provenance
+from knee_contact_ros.bags.reader import read_bag
+from knee_contact_ros.model.laws import CONTACT_LAWS
+from knee_contact_ros.model.types import FLAT, ROW, Rows
+from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.offline.solve_blocks import take
+from knee_contact_ros.parameters.build import build_model
+from knee_contact_ros.parameters.lateral import lateral_knee
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.streams.columns import Column
+from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.messages import (
+    JointState,
+    WrenchStamped,
+    decode_wrench_stamped,
+    encode_joint_state,
+    encode_wrench_stamped,
+)
+from knee_contact_ros.streams.topics import MESSAGE_TYPES, Answer, recorded_topics
+from knee_contact_ros.system.errors import UsageError
+from tests.helpers.scenes import quick
+
+STEP = 5_000_000
+"""[ns]"""
+TICKS = 60
+BOTH = {"load.compartment": "both", "load.compartment_spacing": 0.05}
+ROUNDINGS = 4 * np.finfo(float).eps
+"""Relative, of a difference and a sum of numbers of one size"""
+
+
+def messages(moment: float = 0.0) -> Iterator[tuple[bytes, bytes]]:
+    """A stance and a half: joint states and forces."""
+    for i in range(TICKS):
+        angle, force = 0.4 + 0.4 * np.sin(0.1 * i), 700.0 - 800.0 * np.cos(0.2 * i)
+        state = JointState(i * STEP, "", ("knee",), (angle,), (), ())
+        yield (
+            encode_joint_state(state),
+            encode_wrench_stamped(WrenchStamped(i * STEP, "tibia_r", (0.0, -force, 0.0), (moment, 0.0, 0.0))),
+        )
+
+
+def one_by_one(pipeline: ContactStream, moment: float = 0.0) -> tuple[list[Answer], list[Rows]]:
+    """All answers, and the rows of each compartment."""
+    answers = []
+    for state, force in messages(moment):
+        answers += [*pipeline.joint_state(state), *pipeline.force(force)]
+    answers += pipeline.finish()
+    rows = np.frombuffer(b"".join(answer.row for answer in answers), ROW)
+    number = len(pipeline.compartments)
+    return answers, [rows[first::number] for first in range(number)]
+
+
+def pipeline_of(values: dict[str, Any]) -> ContactStream:
+    return quick_pipeline([BOTH, values])
+
+
+def quick_pipeline(sources: Any) -> ContactStream:
+    """Compiled, as the knees are many."""
+    return ContactStream(load_parameters(sources), compiled=True)
+
+
+def without_place(rows: Rows) -> list[tuple[Any, ...]]:
+    """All numbers but those that tell where the compartment lies."""
+    names = [name for name in FLAT.names or () if name not in
+             ("contact_point_z", "contact_wrench_torque_x", "contact_wrench_torque_y")]  # fmt: skip
+    return list(zip(*(rows.view(FLAT)[name].tolist() for name in names), strict=True))
+
+
+KNEES: list[dict[str, Any]] = [
+    *({"contact.law": law} for law in CONTACT_LAWS),
+    {"lateral.contact.law": "two_layer_viscoelastic", "lateral.femur.radius": 0.028},
+    {"lateral.tibia.geometry": "circle", "lateral.tibia.radius": 0.08, "lateral.contact.stiffness": 5e7},
+    {"femur.geometry": "profile", "femur.profile": "femur_medial.csv", "lateral.femur.profile": "femur_lateral.csv"},
+    *({"fidelity.level": level} for level in ("quasi_static", "dynamic")),
+    {"translation.mechanism": "parallel_mechanism", "tibia.slope": 0.1, "lateral.tibia.slope": -0.05},
+]
+
+
+@pytest.mark.parametrize("values", KNEES, ids=str)
+def test_each_compartment_answers_as_if_it_were_alone(values: dict[str, Any]) -> None:
+    """The medial one the same bits as with `fixed_share`; the lateral one those of its own model."""
+    _, (medial, lateral) = one_by_one(pipeline_of(values | {"load.share": 0.6}))
+    parameters = load_parameters([BOTH, values, {"load.share": 0.6}])
+    _, (expected,) = one_by_one(quick_pipeline([values, {"load.share": 0.6}]))
+    assert without_place(medial) == without_place(expected)
+    own = lateral_knee(parameters)
+    texts = {name: (Path(knee_contact_ros.__file__).parents[1] / "config" / file).read_text()
+             for name, file in (("femur.profile", own.femur.profile),) if file}  # fmt: skip
+    stream = quick(build_model(own, curves=texts)).stream()
+    again = [stream.tick_ns(int(row["stamp"]), float(row["flexion_angle"]), float(row["load"])) for row in lateral]
+    assert without_place(np.array(again, ROW)) == without_place(lateral)
+
+
+@settings(deadline=None, max_examples=25)
+@given(
+    share=st.floats(0.01, 1.0), moment=st.floats(-10.0, 10.0), split=st.sampled_from(["fixed_share", "moment_balance"])
+)
+def test_medial_and_lateral_load_are_the_axial_load(share: float, moment: float, split: str) -> None:
+    _, (medial, lateral) = one_by_one(
+        pipeline_of({"load.share": share, "load.split": split, "fidelity.level": "quasi_static"}), moment
+    )
+    axial = 700.0 - 800.0 * np.cos(0.2 * np.arange(TICKS))
+    largest = np.maximum(np.abs(medial["load"]), np.abs(lateral["load"]))
+    assert (np.abs(medial["load"] + lateral["load"] - axial) <= ROUNDINGS * np.maximum(largest, np.abs(axial))).all()
+
+
+def test_the_wrench_is_that_of_both_forces_at_the_origin() -> None:
+    """On planes without slope the forces point down: their moment about x is d (lateral - medial)."""
+    answers, (medial, lateral) = one_by_one(pipeline_of({"load.share": 0.7}))
+    wrenches = [decode_wrench_stamped(answer.records[-1][2]) for answer in answers]
+    total = medial["contact_force"] + lateral["contact_force"]
+    assert [wrench.force[1] for wrench in wrenches if wrench] == pytest.approx((-total).tolist(), rel=ROUNDINGS)
+    moment = 0.025 * (lateral["contact_force"] - medial["contact_force"])
+    found = [wrench.torque[0] for wrench in wrenches if wrench]
+    assert found == pytest.approx(moment.tolist(), abs=ROUNDINGS * 0.025 * float(total.max()))
+    assert set(medial["contact_point"]["z"]) == {-0.025}
+    assert set(lateral["contact_point"]["z"]) == {0.025}
+
+
+def test_the_moment_that_splits_the_load_comes_out_again() -> None:
+    """At rest: what the femur exerts is what the contact passes on."""
+    values = {"load.split": "moment_balance", "fidelity.level": "quasi_static"}
+    answers, (medial, lateral) = one_by_one(pipeline_of(values), 4.0)
+    pressed = (medial["load"] > 0.0) & (lateral["load"] > 0.0)
+    assert pressed.sum() > TICKS // 3
+    wrenches = [decode_wrench_stamped(answer.records[-1][2]) for answer in answers]
+    moments = np.array([wrench.torque[0] for wrench in wrenches if wrench])
+    # The statics ends within its tolerance of the depth, 1e-6 m of 7e-4 m under 1000 N: some 2 N of either force.
+    assert moments[pressed] == pytest.approx(4.0, abs=0.025 * 4.0)
+
+
+@pytest.mark.parametrize("values", KNEES[-3:], ids=str)
+def test_a_block_gives_the_same_bytes(values: dict[str, Any]) -> None:
+    many, pipeline = pipeline_of(values), pipeline_of(values)
+    (state, force), *rest = messages()
+    first = [*many.joint_state(state), *many.force(force)]
+    states, forces = zip(*rest, strict=True)
+    taken = take(many, Column.of(states), Column.of(forces))
+    assert taken is not None
+    expected = [record for answer in one_by_one(pipeline)[0][len(first) :] for record in answer.records]
+    found = [
+        (place, number, part.topic, stamp, data.tobytes())
+        for number, part in enumerate(taken.messages)
+        for place, stamp, data in zip(part.place.tolist(), part.stamps.tolist(), part.data, strict=True)
+    ]
+    assert [record for _, _, *record in sorted(found)] == list(map(list, expected))
+
+
+def test_a_recording_of_both_is_computed_again_from_itself(right_bag: Path, tmp_path: Path) -> None:
+    types = {f"/{topic}": MESSAGE_TYPES[topic] for topic in recorded_topics(has_both=True)}
+    parameters = load_parameters(["healthy", "both_compartments", {"lateral.contact.damping": 900.0}])
+    summary = solve(right_bag, parameters, tmp_path / "one.mcap", lambda _done, _total: None, compiled=True)
+    assert summary.lateral is not None
+    assert summary.lateral.ticks == summary.ticks == 387
+    provenance = read_provenance(tmp_path / "one.mcap")
+    assert provenance is not None
+    assert provenance.parameters == parameters
+    solve(tmp_path / "one.mcap", provenance, tmp_path / "two.mcap", lambda _done, _total: None, compiled=True)
+    one, two = ([(m.topic, m.log_time, str(m.message)) for m in read_bag(tmp_path / name, types)]
+                for name in ("one.mcap", "two.mcap"))  # fmt: skip
+    assert one == two
+    assert len(one) == 2 * 387 + 3 * 387
+
+
+def test_results_in_memory_have_the_lateral_ones(right_bag: Path) -> None:
+    results = knee_contact_ros.solve(right_bag, ["healthy", BOTH], {"load.share": 0.75}, compiled=True)
+    assert results.lateral is not None
+    assert results.lateral.load == pytest.approx(results.load / 3.0, rel=1e-15 * 8)
+    assert knee_contact_ros.solve(right_bag, compiled=True).lateral is None
+
+
+def test_time_that_goes_back_starts_both_anew() -> None:
+    pipeline = pipeline_of({})
+    one_by_one(pipeline)
+    pipeline.reset()
+    _, both = one_by_one(pipeline)
+    _, fresh = one_by_one(pipeline_of({}))
+    for again, expected in zip(both, fresh, strict=True):
+        assert again["penetration_depth"].tolist() == expected["penetration_depth"].tolist()
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({**BOTH, "drive": "displacement"}, "load.compartment: 'both' is not allowed; drive displacement has no load"),
+        ({**BOTH, "lateral.femur.geometry": "profile"}, "parameter lateral.femur.profile is empty"),
+        ({**BOTH, "lateral.tibia.slope": 2.0}, "lateral.tibia.slope: 2.0 is not allowed"),
+        ({**BOTH, "lateral.femur.radios": 0.03}, "did you mean lateral.femur.radius"),
+        ({**BOTH, "load.split": "total"}, "load.split: 'total' is not allowed"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_a_line(values: dict[str, Any], words: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        load_parameters(values)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_load_that_no_knee_has_is_refused_on_either_side() -> None:
+    pipeline = pipeline_of({"load.split": "moment_balance"})
+    states = list(messages())
+    list(pipeline.joint_state(states[0][0]))
+    force = encode_wrench_stamped(WrenchStamped(0, "tibia_r", (0.0, -10.0, 0.0), (6e4, 0.0, 0.0)))
+    assert list(pipeline.force(force)) == []
+    assert pipeline.synchroniser.refused == {"out_of_range": 1}

@@ -1,0 +1,237 @@
+"""Forces in their frames: turned by static transforms, refused by name, and held to one frame."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+from scipy.spatial.transform import Rotation
+
+from knee_contact_ros.streams.frames import FROM_REP_103, ForceFrame, StaticTransforms, isb_transform, turned_wrench
+from knee_contact_ros.streams.messages import (
+    RefusedSampleError,
+    Transform,
+    WrenchStamped,
+    decode_wrench_stamped,
+    encode_wrench_stamped,
+)
+
+Vector = tuple[float, float, float]
+NOWHERE = (0.0, 0.0, 0.0)
+UPRIGHT = (0.0, 0.0, 0.0, 1.0)
+ROUNDING = 1e-12
+"""A few products of numbers of order 1: 1e-16 each"""
+vectors = arrays(float, 3, elements=st.floats(-1.0, 1.0))
+quaternions = arrays(float, 4, elements=st.floats(-1.0, 1.0)).filter(lambda q: np.linalg.norm(q) > 0.1)
+
+
+def wrench(
+    frame: str, force: tuple[float, float, float], torque: tuple[float, float, float] = NOWHERE
+) -> WrenchStamped:
+    return WrenchStamped(7, frame, force, torque)
+
+
+def take(frame: ForceFrame, given: WrenchStamped) -> WrenchStamped:
+    """What comes of a force that is taken; the bytes must be its own."""
+    turned, data = frame.turned(given, encode_wrench_stamped(given))
+    assert decode_wrench_stamped(data) == turned
+    if not frame.is_held:
+        frame.hold(given.frame_id)
+    return turned
+
+
+def told(frame: ForceFrame, *transforms: Transform) -> None:
+    assert frame.learn(transforms) == []
+
+
+def refusal(frame: ForceFrame, given: WrenchStamped) -> RefusedSampleError:
+    with pytest.raises(RefusedSampleError) as refused:
+        frame.turned(given, b"")
+    return refused.value
+
+
+def test_by_default_a_force_is_taken_as_it_comes() -> None:
+    frame = ForceFrame()
+    for name in ("tibia_r", "tibia_r"):
+        given = wrench(name, (1.0, -700.0, 2.0))
+        assert take(frame, given) is given
+
+
+def test_a_stream_that_changes_its_frame_is_refused_until_it_is_forgotten() -> None:
+    frame = ForceFrame()
+    take(frame, wrench("left", NOWHERE))
+    refused = refusal(frame, wrench("right", NOWHERE))
+    assert refused.reason == "frame_changed"
+    assert str(refused) == "joint_reaction_force is in frame 'right', and was in 'left' before"
+    take(frame, wrench("left", NOWHERE))
+    frame.forget()
+    take(frame, wrench("right", NOWHERE))
+
+
+@pytest.mark.parametrize("wanted", ["", "tibia_isb"])
+def test_a_turned_stream_holds_its_frame_too(wanted: str) -> None:
+    frame = ForceFrame(wanted)
+    take(frame, wrench("tibia", NOWHERE))
+    assert refusal(frame, wrench("tibia_isb", NOWHERE)).reason == "frame_changed"
+
+
+def test_a_frame_that_nothing_leads_from_is_refused_by_name_until_it_is_known() -> None:
+    frame = ForceFrame("tibia_isb")
+    refused = refusal(frame, wrench("sensor", NOWHERE))
+    assert refused.reason == "frame_unknown"
+    assert "frame 'sensor', and no static transform leads to 'tibia_isb'" in str(refused)
+    told(frame, Transform("tibia", "sensor", NOWHERE, UPRIGHT))
+    assert take(frame, wrench("sensor", (0.0, 0.0, -700.0))).frame_id == "tibia_isb"
+
+
+def test_a_frame_by_rep_103_is_turned_upright() -> None:
+    """Up is z there and y here, left is y there and -z here."""
+    turned = take(ForceFrame("tibia_isb"), wrench("tibia", (1.0, 2.0, 3.0), (4.0, 5.0, 6.0)))
+    assert turned.force == pytest.approx((1.0, 3.0, -2.0), abs=ROUNDING)
+    assert turned.torque == pytest.approx((4.0, 6.0, -5.0), abs=ROUNDING)
+    assert isb_transform("tibia_isb") == Transform("tibia", "tibia_isb", NOWHERE, FROM_REP_103)
+    assert isb_transform("tibia_r") is None
+
+
+def test_a_force_beside_the_origin_turns_about_it() -> None:
+    """700 N down, 20 mm to the left: the moment about x is that of -z × -y, in the tibia frame."""
+    frame = ForceFrame("tibia_isb")
+    told(frame, Transform("tibia", "sensor", (0.0, 0.02, 0.0), UPRIGHT))
+    turned = take(frame, wrench("sensor", (0.0, 0.0, -700.0)))
+    assert turned.force == pytest.approx((0.0, -700.0, 0.0), abs=1e3 * ROUNDING)
+    assert turned.torque == pytest.approx((-14.0, 0.0, 0.0), abs=1e3 * ROUNDING)
+
+
+@given(quaternions, vectors, vectors, vectors, vectors)
+def test_a_wrench_does_the_same_work_in_every_frame(
+    turn: np.ndarray, place: np.ndarray, force: np.ndarray, torque: np.ndarray, twist: np.ndarray
+) -> None:
+    """Power on a body that turns by `twist` [rad/s] about the old origin, which lies at `place`."""
+    rotation = Rotation.from_quat(turn)
+    pose = np.eye(4)
+    pose[:3, :3], pose[:3, 3] = rotation.as_matrix(), place
+    turned = turned_wrench(wrench("a", tuple(force), tuple(torque)), pose, "b")
+    spin = rotation.apply(twist)
+    velocity_of_new_origin = -np.cross(spin, place)
+    there = np.dot(turned.torque, spin) + np.dot(turned.force, velocity_of_new_origin)
+    assert there == pytest.approx(np.dot(torque, twist), abs=100 * ROUNDING)
+
+
+@given(quaternions, quaternions, vectors, vectors, vectors)
+def test_a_tree_takes_a_point_up_and_down(
+    left: np.ndarray, right: np.ndarray, up: np.ndarray, down: np.ndarray, point: np.ndarray
+) -> None:
+    """From one arm to the other: by SciPy's own rotations."""
+    left, right = left / np.linalg.norm(left), right / np.linalg.norm(right)
+    tree = StaticTransforms()
+    tree.add(Transform("root", "a", tuple(up), tuple(left)))
+    tree.add(Transform("root", "b", tuple(down), tuple(right)))
+    pose = tree.between("a", "b")
+    assert pose is not None
+    in_root = Rotation.from_quat(left).apply(point) + up
+    expected = Rotation.from_quat(right).inv().apply(in_root - down)
+    assert (pose @ [*point, 1.0])[:3] == pytest.approx(expected, abs=100 * ROUNDING)
+
+
+def test_a_circle_of_frames_leads_nowhere_and_ends() -> None:
+    tree = StaticTransforms()
+    for parent, child in (("a", "b"), ("b", "c"), ("c", "a")):
+        tree.add(Transform(parent, child, NOWHERE, UPRIGHT))
+    assert tree.between("a", "elsewhere") is None
+    assert tree.between("a", "c") is not None
+
+
+@pytest.mark.parametrize(
+    "transform",
+    [
+        Transform("a", "b", (math.nan, 0.0, 0.0), UPRIGHT),
+        Transform("a", "b", NOWHERE, (0.0, 0.0, 0.0, 0.0)),
+        Transform("a", "b", NOWHERE, (0.0, 0.0, 0.0, math.inf)),
+        Transform("a", "b", NOWHERE, (0.0, 0.0, 0.0, 2.0)),
+        Transform("a", "b", (0.0, 1e308, 0.0), UPRIGHT),
+        Transform("a", "a", NOWHERE, UPRIGHT),
+        Transform("", "b", NOWHERE, UPRIGHT),
+        Transform("a", "", NOWHERE, UPRIGHT),
+    ],
+)
+def test_what_is_no_pose_changes_nothing(transform: Transform) -> None:
+    tree = StaticTransforms()
+    tree.add(Transform("a", "b", NOWHERE, UPRIGHT))
+    with pytest.raises(ValueError, match="transform"):
+        tree.add(transform)
+    assert tree.between("b", "a") == pytest.approx(np.eye(4))
+
+
+def test_a_transform_that_changes_holds_from_then_on_and_is_told_once() -> None:
+    frame = ForceFrame("tibia")
+    told(frame, Transform("tibia", "sensor", NOWHERE, UPRIGHT))
+    take(frame, wrench("sensor", (0.0, -1.0, 0.0)))
+    assert frame.take_turn_note()["from"] == "sensor"
+    told(frame, Transform("tibia", "sensor", NOWHERE, UPRIGHT))  # said again
+    told(frame, Transform("tibia", "camera", NOWHERE, UPRIGHT))  # of no concern
+    take(frame, wrench("sensor", (0.0, -1.0, 0.0)))
+    assert not frame.take_turn_note()
+    told(frame, Transform("tibia", "sensor", NOWHERE, (0.0, 0.0, 1.0, 0.0)))
+    assert take(frame, wrench("sensor", (0.0, -1.0, 0.0))).force == pytest.approx((0.0, 1.0, 0.0), abs=ROUNDING)
+    assert frame.take_turn_note()["rotation_xyzw"].split() == ["0.0", "0.0", "1.0", "0.0"]
+
+
+def test_frames_without_end_are_not_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("knee_contact_ros.streams.frames.MOST_FRAMES", 3)
+    tree = StaticTransforms()
+    for name in ("a", "b", "c", "b"):
+        tree.add(Transform("root", name, NOWHERE, UPRIGHT))
+    with pytest.raises(ValueError, match="one more than the 3"):
+        tree.add(Transform("root", "d", NOWHERE, UPRIGHT))
+
+
+def test_a_force_that_is_refused_for_something_else_tells_of_no_frame() -> None:
+    """Neither a frame that is right as it is, nor one that would have to be turned."""
+    for wanted in ("", "tibia_isb"):
+        frame = ForceFrame(wanted)
+        frame.turned(wrench("tibia", (math.nan, math.nan, math.nan)), b"")
+        take(frame, wrench(wanted or "other", (0.0, -1.0, 0.0)))
+        assert refusal(frame, wrench("tibia", NOWHERE)).reason == "frame_changed"
+        assert not frame.take_turn_note()
+
+
+def test_a_bad_transform_costs_itself_alone() -> None:
+    frame = ForceFrame("tibia")
+    (problem,) = frame.learn(
+        [Transform("a", "b", NOWHERE, (*NOWHERE, 0.0)), Transform("tibia", "cell", NOWHERE, UPRIGHT)]
+    )
+    assert problem.startswith("transform from 'a' to 'b': ")
+    take(frame, wrench("cell", NOWHERE))
+
+
+def test_a_transform_that_changes_lets_nobody_else_in() -> None:
+    frame = ForceFrame("tibia")
+    told(frame, Transform("tibia", "a", NOWHERE, UPRIGHT), Transform("tibia", "b", NOWHERE, UPRIGHT))
+    take(frame, wrench("a", NOWHERE))
+    told(frame, Transform("tibia", "a", (0.1, 0.0, 0.0), UPRIGHT))
+    assert refusal(frame, wrench("b", NOWHERE)).reason == "frame_changed"
+    assert take(frame, wrench("a", (0.0, -1.0, 0.0))).torque == pytest.approx((0.0, 0.0, -0.1), abs=ROUNDING)
+
+
+def test_a_chain_without_end_leads_nowhere_and_is_learned_at_once() -> None:
+    frame = ForceFrame("tibia")
+    told(frame, Transform("tibia", "cell", NOWHERE, UPRIGHT))
+    take(frame, wrench("cell", NOWHERE))
+    chain = [Transform("f0", "tibia", NOWHERE, UPRIGHT)]
+    chain += [Transform(f"f{i + 1}", f"f{i}", (0.0, 0.0, 1e6), UPRIGHT) for i in range(9000)]
+    told(frame, *chain)
+    assert take(frame, wrench("cell", (0.0, -1.0, 0.0))).force == (0.0, -1.0, 0.0)
+    frame.forget()
+    assert refusal(frame, wrench("f9000", NOWHERE)).reason == "frame_unknown"
+
+
+def test_nothing_is_checked_of_a_recording() -> None:
+    frame = ForceFrame("tibia")
+    frame.is_known = True
+    for name in ("a", "b"):
+        given = wrench(name, NOWHERE)
+        assert take(frame, given) is given

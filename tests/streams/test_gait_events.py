@@ -1,0 +1,198 @@
+"""Gait events from angle and load, against what the ground reaction says of the shipped gaits."""
+
+from __future__ import annotations
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
+from knee_contact_ros.streams.gait_events import HEEL_STRIKE, LOAD_PEAK, TOE_OFF, GaitEvent, GaitEvents, points
+from knee_contact_ros.streams.topics import stamp_to_ns
+from knee_contact_ros.system.resources import share_folder
+
+BODY_WEIGHT = 737.068
+Samples = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]
+GROUND_REACTION = {"right": {HEEL_STRIKE: [0.618, 1.853], TOE_OFF: [1.410]},
+                   "left": {HEEL_STRIKE: [1.247, 2.460], TOE_OFF: [0.788, 2.018]}}  # fmt: skip
+"""[s] at which the vertical ground reaction passes 20 N; bags/README.md"""
+LARGEST_ERROR = 0.005
+"""[s] measured 4.1 ms"""
+STRIDE = 1.235
+"""[s] of the right leg, from one heel strike to the next"""
+
+
+def gait(side: str) -> Samples:
+    bag = read_bag(share_folder() / "bags" / f"gait2354_{side}", INPUT_TYPES)
+    angles = {stamp_to_ns(m.message.header.stamp): m.message.position[0] for m in bag if m.topic == "/joint_states"}
+    forces = {stamp_to_ns(m.message.header.stamp): m.message.wrench.force.y for m in bag if m.topic != "/joint_states"}
+    assert angles.keys() == forces.keys()
+    stamps = sorted(angles)
+    return (np.array(stamps), np.array([angles[stamp] for stamp in stamps]),
+            np.array([-0.5 * forces[stamp] for stamp in stamps]))  # fmt: skip
+
+
+RIGHT, LEFT = gait("right"), gait("left")
+
+
+def walking(rate: float, seconds: float) -> Samples:
+    """The right leg's gait cycle over and over; its last 0.1 s goes over into the first one's beginning."""
+    time, (stamps, angle, load) = np.arange(round(rate * seconds)) / rate, RIGHT
+    phase, recorded, begin = time % STRIDE, stamps / 1e9, GROUND_REACTION["right"][HEEL_STRIKE][0] - 0.08
+    again = np.clip((phase - STRIDE + 0.08) / 0.08, 0.0, 1.0)
+    signals = [
+        (1.0 - again) * np.interp(begin + phase, recorded, signal)
+        + again * np.interp(np.maximum(begin + phase - STRIDE, recorded[0]), recorded, signal)
+        for signal in (angle, load)
+    ]
+    return np.round(1e9 * time).astype(np.int64) + 1_700_000_000_000_000_000, signals[0], signals[1]
+
+
+def found(samples: Samples, cuts: tuple[int, ...] = ()) -> list[GaitEvent]:
+    """Events of samples that come in batches."""
+    finder, events = GaitEvents(BODY_WEIGHT), []
+    edges = [0, *sorted(cuts), len(samples[0])]
+    for begin, end in pairwise(edges):
+        events += finder.add(samples[0][begin:end], samples[1][begin:end], samples[2][begin:end])
+    return events + finder.finish()
+
+
+def times(events: list[GaitEvent], kind: str) -> list[float]:
+    return [event.stamp / 1e9 for event in sorted(events) if event.kind == kind]
+
+
+@pytest.mark.parametrize(("side", "samples"), [("right", RIGHT), ("left", LEFT)])
+@pytest.mark.parametrize("kind", [HEEL_STRIKE, TOE_OFF])
+@pytest.mark.parametrize("share", [1.0, 2.0], ids=["half of the load", "all of it"])
+def test_events_of_the_shipped_gait_are_those_of_the_ground_reaction(side, samples: Samples, kind, share) -> None:
+    stamps, angle, load = samples
+    assert times(found((stamps, angle, share * load)), kind) == pytest.approx(
+        GROUND_REACTION[side][kind], abs=LARGEST_ERROR
+    )
+
+
+def test_load_peaks_are_samples() -> None:
+    events = [event for event in found(RIGHT) if event.kind == LOAD_PEAK]
+    assert times(events, LOAD_PEAK) == [0.785, 1.205, 2.015, 2.430]
+    assert [event.text for event in events][2] == "load peak 1.81 BW (1337.7 N)"
+    assert times(found(LEFT), LOAD_PEAK) == [0.6, 1.395, 1.835]
+
+
+def test_events_say_what_they_are() -> None:
+    texts = {event.kind: event.text for event in found(RIGHT)}
+    assert texts[TOE_OFF] == "toe-off at 49° of flexion"
+    assert texts[HEEL_STRIKE] == "heel strike at 2° of flexion"
+
+
+@pytest.mark.parametrize("rate", [37.0, 100.0, 200.0, 1000.0])
+def test_every_step_is_found_at_any_rate(rate: float) -> None:
+    events = found(walking(rate, 60.0))
+    # 60 s are 48.6 strides: the last one has come to its second peak of stance, and not to its toe-off.
+    strikes, steps = times(events, HEEL_STRIKE), times(events, TOE_OFF)
+    assert len(strikes) == len(steps) + 1 == 49
+    # Smoothing, and at 37 Hz straight lines of 27 ms between samples; the seam is at no event
+    assert np.diff(strikes) == pytest.approx(STRIDE, abs=0.012)
+    assert np.diff(steps) == pytest.approx(STRIDE, abs=0.012)
+    assert len(times(events, LOAD_PEAK)) == 2 * 49
+
+
+@given(st.lists(st.integers(0, 1500), max_size=30), st.integers(0, 3), st.sampled_from([100.0, 333.0, 1000.0]))
+def test_batches_make_no_difference(cuts: list[int], noise: int, rate: float) -> None:
+    stamps, angle, load = walking(rate, 1500 / rate)
+    random = np.random.default_rng(noise)
+    angle = angle + np.radians(noise) * random.standard_normal(len(angle))
+    load = load + 30.0 * noise * random.standard_normal(len(load))
+    stamps[700:] -= 100_000_000 * (noise == 2)  # goes back
+    stamps[900:] += 2_000_000_000 * (noise == 3)  # leaves a gap
+    assert found((stamps, angle, load), tuple(cuts)) == found((stamps, angle, load))
+
+
+def test_sample_by_sample_is_the_same() -> None:
+    assert found(LEFT, tuple(range(1, len(LEFT[0])))) == found(LEFT)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_noise_does_not_multiply_events(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    stamps, angle, load = walking(200.0, 20.0)
+    clean = found((stamps, angle, load))
+    noisy = found((stamps, angle + np.radians(1.0) * random.standard_normal(len(angle)),
+                   load + 30.0 * random.standard_normal(len(load))))  # fmt: skip
+    for kind, error in ((HEEL_STRIKE, 0.015), (TOE_OFF, 0.04)):  # five times the spread that 200 seeds have
+        inner, expected = ([time for time in times(events, kind) if 0.5 < time - stamps[0] / 1e9 < 19.5]
+                           for events in (noisy, clean))  # fmt: skip
+        assert inner == pytest.approx(expected, abs=error)
+    assert abs(len(times(noisy, LOAD_PEAK)) - len(times(clean, LOAD_PEAK))) <= 1  # that at the end
+
+
+def still(seconds: float = 30.0, rate: float = 1000.0) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    time = np.arange(round(seconds * rate)) / rate
+    return np.round(1e9 * time).astype(np.int64), time
+
+
+STAMPS, TIME = still()
+
+
+def noise(size: float) -> NDArray[np.float64]:
+    return size * np.random.default_rng(0).standard_normal(len(TIME))
+
+
+NO_GAIT = {
+    "nothing moves": (0.0 * TIME + 0.1, 0.0 * TIME + 900.0),
+    "standing": (0.05 + noise(np.radians(1.0)), 370.0 + noise(30.0)),
+    "on one leg": (0.05 + noise(np.radians(1.0)), 950.0 + noise(30.0)),
+    "swaying": (np.radians(5.0 + 4.0 * np.sin(2.0 * TIME)), 400.0 + 200.0 * np.sin(3.0 * TIME)),
+    "kicking in the air": (np.radians(45.0 - 45.0 * np.cos(6.0 * TIME)), np.abs(noise(60.0))),
+}
+
+
+@pytest.mark.parametrize("name", NO_GAIT)
+def test_no_gait_has_no_events(name: str) -> None:
+    assert found((STAMPS, *NO_GAIT[name])) == []
+
+
+@pytest.mark.parametrize("period", [1.2, 2.0, 4.0])
+def test_squats_are_no_steps(period: float) -> None:
+    down = 0.5 - 0.5 * np.cos(2.0 * np.pi / period * TIME)
+    events = found((STAMPS, np.radians(90.0 * down), 200.0 + 900.0 * down))  # the load is largest in deep flexion
+    assert {event.kind for event in events} <= {LOAD_PEAK}
+
+
+def test_time_that_goes_back_starts_anew() -> None:
+    stamps, angle, load = RIGHT
+    again = (np.append(stamps, stamps), np.append(angle, angle), np.append(load, load))
+    assert found(again) == [*found(RIGHT), *found(RIGHT)]
+
+
+def test_a_gap_starts_anew_and_a_short_one_does_not() -> None:
+    stamps, angle, load = walking(200.0, 10.0)
+    steps = len(times(found((stamps, angle, load)), HEEL_STRIKE))
+    hole = (stamps < stamps[0] + 4_300_000_000) | (stamps > stamps[0] + 4_330_000_000)
+    assert len(times(found((stamps[hole], angle[hole], load[hole])), HEEL_STRIKE)) == steps
+    late = stamps + np.where(hole.cumsum() > 1200, 700_000_000, 0)
+    assert len(times(found((late, angle, load)), HEEL_STRIKE)) in {steps - 1, steps}
+
+
+def test_nothing_and_a_few_samples_have_no_events() -> None:
+    finder = GaitEvents(BODY_WEIGHT)
+    nothing = np.empty(0)
+    assert finder.add(np.empty(0, dtype=np.int64), nothing, nothing) == []
+    assert finder.finish() == []
+    assert found((RIGHT[0][:3], RIGHT[1][:3], RIGHT[2][:3])) == []
+
+
+def test_memory_is_bounded() -> None:
+    finder = GaitEvents(BODY_WEIGHT)
+    stamps, angle, load = walking(1000.0, 30.0)
+    sizes = set()
+    for begin in range(0, len(stamps), 500):
+        finder.add(stamps[begin : begin + 500], angle[begin : begin + 500], load[begin : begin + 500])
+        run = finder._run  # what it holds
+        sizes.add(len(run._smooth.values))
+        assert len(run._stamps) <= 5 * len(run._smooth.values) + 500  # 5 samples to a grid point
+        assert len(run._waiting) < 50
+    assert max(sizes) <= points(3.0)

@@ -1,0 +1,85 @@
+"""Strides, and the way that the femur slides in them."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+
+from knee_contact_ros.model.types import ContactState
+from knee_contact_ros.streams.strides import impulse_per_stride, sliding_distance, sliding_per_stride, spans
+from tests.helpers.scenes import RADIUS, law, model
+from tests.streams.test_gait_events import BODY_WEIGHT, STRIDE, walking
+
+SECOND = 1_000_000_000
+START = 1_700_000_000 * SECOND
+
+
+@pytest.mark.parametrize(
+    ("strikes", "toe_offs", "number"),
+    [
+        ((1.0, 2.2, 3.4), (1.7, 2.9), 2),
+        ((1.0, 2.2, 3.4), (1.7,), 1),  # no toe-off in the second one
+        ((1.0, 3.4), (1.7, 2.9), 0),  # a heel strike was missed
+        ((1.0, 4.0), (1.7,), 0),  # stood still
+        ((1.0, 1.3), (1.2,), 0),
+        ((1.0,), (1.7,), 0),
+        ((), (), 0),
+    ],
+)
+def test_a_stride_has_one_toe_off_and_a_plausible_duration(strikes, toe_offs, number: int) -> None:
+    found = spans(*([START + round(SECOND * time) for time in times] for times in (strikes, toe_offs)))
+    assert len(found) == number
+    for each in found:
+        assert each.duration == pytest.approx(1.2, abs=1e-9)
+        assert each.stance == pytest.approx(70.0 / 1.2, abs=1e-6)
+
+
+def test_the_distance_is_the_integral_of_the_speed() -> None:
+    time = np.arange(0.0, 2.0, 1e-3)
+    velocity, touching = 0.1 * np.cos(math.pi * time), np.ones(len(time))
+    # Straight lines between ticks: h^2/12 (b - a) max|v''| = 1e-6 / 12 x 2 x 0.1 pi^2 = 2e-7
+    assert sliding_distance(time, velocity, touching) == pytest.approx(4.0 * 0.1 / math.pi - 1e-4, abs=1e-6)
+    apart = np.where((time > 0.5) & (time <= 1.5), 0.0, 2.0)
+    assert sliding_distance(time, velocity, apart) == pytest.approx(2.0 * 0.1 / math.pi - 1e-4, abs=1e-6)
+    assert math.isnan(sliding_distance(time, np.where(time > 1.0, np.nan, velocity), touching))
+    assert sliding_distance(time[:1], velocity[:1], touching[:1]) == 0.0
+
+
+@pytest.mark.parametrize(
+    ("velocities", "distance"), [((1.0, -1.0), 0.5), ((3.0, -1.0), 1.25), ((0.0, 2.0), 1.0), ((-1.0, -2.0), 1.5)]
+)
+def test_a_turn_between_two_ticks_is_two_triangles(velocities: tuple[float, float], distance: float) -> None:
+    assert sliding_distance(np.array([0.0, 1.0]), np.array(velocities), np.ones(2)) == pytest.approx(distance)
+
+
+def test_the_sliding_of_a_walking_knee() -> None:
+    """A circle on a fixed axis slides by its radius times all turns, to and fro; where it is apart, not at all."""
+    stamps, angle, load = walking(200.0, 8.0)
+    time = (stamps - stamps[0]) / SECOND
+    series = model(law("kelvin_voigt"), level="quasi_static").run(time, angle, load)
+    found = sliding_per_stride(time, series, BODY_WEIGHT)
+    assert len(found) == 6
+    for span, distance in found:
+        assert span.duration == pytest.approx(STRIDE, abs=0.002)  # straight lines of 10 ms between samples
+        inside = (stamps - stamps[0] >= span.start) & (stamps - stamps[0] <= span.end)
+        # The rate of a tick is that of the interval before it, half a tick of 5 ms late; and the stride's ends
+        assert distance == pytest.approx(RADIUS * np.abs(np.diff(angle[inside])).sum(), rel=0.01)
+    assert sliding_per_stride(time[:100], series[:100], BODY_WEIGHT) == []
+    series.contact_state = ContactState.SEPARATED
+    assert [distance for _, distance in sliding_per_stride(time, series, BODY_WEIGHT)] == [0.0] * 6
+
+
+def test_the_impulse_of_a_walking_knee() -> None:
+    """At rest the contact force is the load, whose impulse is known; strides and stance are as for the sliding."""
+    stamps, angle, load = walking(200.0, 8.0)
+    series = model(law("kelvin_voigt"), level="quasi_static").run((stamps - stamps[0]) / SECOND, angle, load)
+    found = impulse_per_stride(series, BODY_WEIGHT)
+    assert len(found) == 6
+    for span, whole, stance in found:
+        inside = (series.stamp >= span.start) & (series.stamp < span.end)
+        # a sum of samples 5 ms apart: off by half a sample of the load at both ends; damping carries up to 1 N
+        assert whole == pytest.approx(0.005 * series.load[inside].sum(), rel=0.01)
+        assert 0.8 * whole < stance <= whole
+    assert impulse_per_stride(series[:100], BODY_WEIGHT) == []
