@@ -13,18 +13,18 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks import reference
+from benchmarks import reference as femora
+from benchmarks import reference as laws
+from benchmarks.report import Section, machine, save
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw
 from knee_contact_ros.model.mechanisms import hinge, table
 from knee_contact_ros.model.surfaces import Circle, ContactPair, Cup, Plane
 from knee_contact_ros.model.ticks import LEVELS
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.tools.work_precision import reference
-from knee_contact_ros.tools.work_precision import reference_femur as femora
-from knee_contact_ros.tools.work_precision import reference_laws as laws
 from studies.ellipse import Ellipse, SmoothFemur
 from studies.gait import gait
-from studies.report import Section, machine, save
 
 TOLERANCES = (1e-6, 1e-8, 1e-10)
 K1, K2, EXPONENT, DAMPING, LAYER, MASS = 7.905694e7, 3.112e9, 1.5, 5000.0, 5e-4, 9.3014

@@ -16,13 +16,13 @@ from typing import NamedTuple
 import click
 import numpy as np
 
+from benchmarks.report import Section, machine, save
 from studies.honesty.judging import judge
 from studies.honesty.ours import model
 from studies.honesty.scenes import ARTHRITIC, FEMUR, HEALTHY, Scene, draw, shipped
 from studies.honesty.scenes import TICKS as DRAWN
 from studies.honesty.tally import Tally, not_finite, percentile
 from studies.honesty.truth import reference
-from studies.report import Section, machine, save
 
 BUDGETS = (100, 200, 400, 1000)
 PULLS = (1.02, 1.1, 1.2, 1.4, 1.7, 2.0)

@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from scipy.stats import beta
 from scipy.stats import t as student
 
+from benchmarks.report import Section, machine, save
 from knee_contact_ros import calibrate
 from knee_contact_ros.lab.calibrate import Calibration
 from knee_contact_ros.lab.calibrate.contact import fittable_of, measured_from, problem_of
@@ -27,7 +28,6 @@ from knee_contact_ros.lab.calibrate.fit import unknowns_of
 from knee_contact_ros.parameters.reading import load_parameters
 from studies.calibration_cases import CASES, DEPTH, DOUBTFUL, FORCE, GAP, Case
 from studies.reference import LAWS, Knee, Solution, solve
-from studies.report import Section, machine, save
 
 Floats = NDArray[np.float64]
 LEVEL = 0.95

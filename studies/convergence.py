@@ -15,6 +15,10 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks import reference
+from benchmarks import reference as laws
+from benchmarks.reference import ByDepth, circle
+from benchmarks.report import Section, machine, save
 from knee_contact_ros.model import laws as model_laws
 from knee_contact_ros.model import solver
 from knee_contact_ros.model.error_estimate import EXACT, spectral_radius
@@ -24,10 +28,6 @@ from knee_contact_ros.model.mechanisms import hinge
 from knee_contact_ros.model.solver import NOWHERE, Femur, Interval, Stage, Step
 from knee_contact_ros.model.surfaces import Circle, ContactPair, Plane
 from knee_contact_ros.model.ticks import LEVELS
-from knee_contact_ros.tools.work_precision import reference
-from knee_contact_ros.tools.work_precision import reference_laws as laws
-from knee_contact_ros.tools.work_precision.reference_femur import ByDepth, circle
-from studies.report import Section, machine, save
 
 RADIUS, MASS, K1, K2, DAMPING, LAYER = 0.034, 9.3014, 7.905694e7, 3.112e9, 5000.0, 5e-4
 LINEAR_K1, LINEAR_K2 = 2e6, 3e7

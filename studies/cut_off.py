@@ -29,15 +29,14 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
+from benchmarks.latency.driver import CHECK, PARAMETERS, Driver, joined
+from benchmarks.report import Section, machine, save
 from knee_contact_ros.parameters.sections import Record
 from knee_contact_ros.streams.messages import stamp_in
 from knee_contact_ros.streams.topics import KNEE_CONTACT
 from knee_contact_ros.system.output_files import partial_name
 from knee_contact_ros.system.processes import Child, child_process
 from knee_contact_ros.system.ros_graph import private_graph
-from knee_contact_ros.tools.latency.candidates import PARAMETERS
-from knee_contact_ros.tools.latency.driver import CHECK, Driver, joined
-from studies.report import Section, machine, save
 
 RATE = 1000.0
 """Rate of the samples [Hz]"""

@@ -24,6 +24,8 @@ from geometry_msgs.msg import WrenchStamped
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
+from benchmarks.latency.driver import PARAMETERS, QOS, Driver, joined, rests, samples
+from benchmarks.report import Section, machine, save
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.model.types import Status
@@ -40,11 +42,7 @@ from knee_contact_ros.streams.topics import (
     deserialize,
 )
 from knee_contact_ros.system.ros_graph import private_graph
-from knee_contact_ros.tools.latency.candidates import PARAMETERS
-from knee_contact_ros.tools.latency.driver import QOS, Driver, joined
-from knee_contact_ros.tools.latency.samples import rests, samples
 from studies.cut_off import busy
-from studies.report import Section, machine, save
 from tests.helpers.messages import RosMessages, header
 from tests.ros.conftest import call
 from tests.ros.faults import FAULTS, Fault

@@ -19,12 +19,12 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 from scipy.stats import t as student
 
+from benchmarks.report import Section, machine, save
 from knee_contact_ros.joint_reaction.leg import STILL, UNKNOWN, Ground, Joints
 from knee_contact_ros.lab.calibrate.fit import LINEAR, correlations, fitted, intervals, samples_per_value, unknowns_of
 from knee_contact_ros.lab.calibrate.load import AXIAL_FORCE, LoadProblem, Referenced, fittable_in, load_problem_of
 from knee_contact_ros.offline.sensed import Sensed
 from knee_contact_ros.parameters.load_schema import LOAD_READING
-from studies.report import Section, machine, save
 
 Floats = NDArray[np.float64]
 TRUE = {"person.moment_arm_scale": 0.9, "person.co_contraction": 0.35, "person.tone": 0.25}

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import lfilter
 
+from benchmarks.report import Section, machine, save
 from studies.honesty.judging import Judged, judge
 from studies.honesty.loads import STRIDE, bag
 from studies.honesty.ours import knee
@@ -25,7 +26,6 @@ from studies.honesty.study import LEVELS
 from studies.honesty.tally import Tally, not_finite, percentile
 from studies.honesty.truth import knee_of
 from studies.reference import Reference
-from studies.report import Section, machine, save
 
 Floats = NDArray[np.float64]
 Random = np.random.Generator

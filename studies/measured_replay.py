@@ -21,6 +21,7 @@ import click
 import numpy as np
 import rclpy
 
+from benchmarks.report import Section, machine, save
 from knee_contact_ros.bags.mcap_metadata import metadata_records
 from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader, RawMessage
 from knee_contact_ros.bags.recorded_answers import answer_blocks
@@ -32,7 +33,6 @@ from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.streams.messages import JOINT_STATE, encode_joint_state
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.ros_graph import private_graph
-from studies.report import Section, machine, save
 from tests.ros.conftest import NodeProcess, Peer
 
 TRIAL = "ngait_tm_fast1"

@@ -20,6 +20,8 @@ import numpy as np
 import rclpy
 from rclpy.node import Node
 
+from benchmarks.latency.driver import read
+from benchmarks.report import Section, machine, save
 from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader, RawMessage
 from knee_contact_ros.bags.writer import BagWriter
 from knee_contact_ros.offline.replay.keyboard import Keyboard
@@ -31,8 +33,6 @@ from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.ros_graph import private_graph
 from knee_contact_ros.system.terminal import progress
-from knee_contact_ros.tools.latency.usage import read
-from studies.report import Section, machine, save
 
 PERIOD = 1_000_000
 """Time [ns] from one sample of a topic to the next"""

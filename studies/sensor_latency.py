@@ -21,17 +21,14 @@ from typing import NamedTuple
 import click
 from tabulate import tabulate
 
+from benchmarks.latency.driver import DISTRIBUTIONS, Candidate, Driver, Feed, Sample, figures, joined, ratios, running
+from benchmarks.report import machine
 from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.streams.topics import GROUND_REACTION_FORCE, JOINT_REACTION_FORCE, NANOSECONDS
 from knee_contact_ros.system import machine
 from knee_contact_ros.system.processes import Child, child_process
 from knee_contact_ros.system.resources import share_folder
 from knee_contact_ros.system.ros_graph import private_graph
-from knee_contact_ros.tools.latency.candidates import Candidate, running
-from knee_contact_ros.tools.latency.driver import Driver, Feed, joined
-from knee_contact_ros.tools.latency.figures import figures, ratios
-from knee_contact_ros.tools.latency.run import DISTRIBUTIONS
-from knee_contact_ros.tools.latency.samples import Sample
 
 CONFIG = share_folder() / "config"
 JOINTS = ("hip", "knee", "ankle")
@@ -117,7 +114,7 @@ def main(rate: float, rounds: int, duration: float) -> None:
     for name, each in found.items():
         times, parts = figures(each), ratios(figures(each), alone)
         rows.append([name, *(f"{time:.3f}" for time in times[:3]), *(f"{part:.2f}" for part in parts[:3])])
-    click.echo(f"{machine.describe(DISTRIBUTIONS)}; {rate:g} Hz, {rounds} rounds of {duration:g} s")
+    click.echo(f"{machine(*DISTRIBUTIONS)}; {rate:g} Hz, {rounds} rounds of {duration:g} s")
     click.echo(tabulate(rows, ["", "median [ms]", "p99", "p99.9", "median over alone", "p99", "p99.9"]))
 
 

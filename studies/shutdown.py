@@ -16,9 +16,9 @@ import click
 import numpy as np
 import rclpy
 
+from benchmarks.report import Section, machine, save
 from knee_contact_ros.system.ros_graph import private_graph
 from studies.cut_off import busy
-from studies.report import Section, machine, save
 from tests.ros.conftest import NodeProcess, Peer
 
 STEP = 1_000_000

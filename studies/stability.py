@@ -17,12 +17,12 @@ from typing import NamedTuple
 import click
 import numpy as np
 
+from benchmarks import reference
+from benchmarks import reference as laws
+from benchmarks.reference import ByDepth, circle, ellipse
+from benchmarks.report import Section, machine, save
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.tools.work_precision import reference
-from knee_contact_ros.tools.work_precision import reference_laws as laws
-from knee_contact_ros.tools.work_precision.reference_femur import ByDepth, circle, ellipse
 from studies import stability_families
-from studies.report import Section, machine, save
 from studies.stability_checks import FINE_BUDGET, FINER, ROUNDING, TRUSTED, Outcome, judge, signed_depth
 from studies.stability_scenes import BUDGET, HALF_AXES, Scene, law_of, run
 

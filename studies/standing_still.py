@@ -22,15 +22,14 @@ from typing import NamedTuple
 import click
 import psutil
 
+from benchmarks.latency.driver import PARAMETERS, joined
+from benchmarks.report import Section, machine, save
 from knee_contact_ros.offline.stage import node_process
 from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.ros_graph import private_graph
-from knee_contact_ros.tools.latency.candidates import PARAMETERS
-from knee_contact_ros.tools.latency.driver import joined
 from studies.fault_soak import PATIENCE, Peered
-from studies.report import Section, machine, save
 
 LOOK = 5.0
 """Time [s] between two looks at the memory"""

@@ -12,9 +12,9 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.report import Section, machine, save
 from knee_contact_ros import uncertainty
 from knee_contact_ros.system.resources import share_folder
-from studies.report import Section, machine, save
 
 KNEES: dict[str, list[str]] = {
     "circle, Kelvin-Voigt (healthy)": ["healthy"],

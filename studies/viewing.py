@@ -21,6 +21,8 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.latency.driver import Snapshot, samples, snapshot
+from benchmarks.report import Section, machine, save
 from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES
 from knee_contact_ros.model.types import ROW
 from knee_contact_ros.node.outputs import Outputs
@@ -31,13 +33,10 @@ from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.topics import KNEE_CONTACT, NANOSECONDS, Ending
 from knee_contact_ros.system.ports import free_port
 from knee_contact_ros.system.resources import share_folder
-from knee_contact_ros.tools.latency.samples import samples
-from knee_contact_ros.tools.latency.usage import Snapshot, snapshot
 from knee_contact_ros.view.anatomy import KneeOutlines, drawing_of
 from knee_contact_ros.view.output import RerunFile
 from knee_contact_ros.view.scene import Scene
 from knee_contact_ros.view.viewer import address, connect_command
-from studies.report import Section, machine, save
 
 RATE = 1000
 """Rate of the ticks [Hz]"""

@@ -18,8 +18,8 @@ from typing import NamedTuple
 
 import click
 
+from benchmarks.report import Section, machine, save
 from knee_contact_ros.system.resources import share_folder
-from studies.report import Section, machine, save
 
 HERE = Path(__file__).parents[1]
 BAG = share_folder() / "bags" / "gait2354_right"

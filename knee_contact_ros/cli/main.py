@@ -29,7 +29,7 @@ def knee_contact() -> None:
 for command in (
     live.demo, live.node, live.load, offline.estimate_load, live.replay, offline.solve, offline.recover, look.view,
     look.report, imports.import_opensim, imports.import_csv, imports.align, fit.fit_profile, fit.fit_share,
-    fit.calibrate, cohort.sweep, cohort.sensitivity, measure.trade, measure.latency, warm.warm,
+    fit.calibrate, cohort.sweep, cohort.sensitivity, measure.trade, warm.warm,
 ):  # fmt: skip
     knee_contact.add_command(command)
 

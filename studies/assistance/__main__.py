@@ -9,6 +9,7 @@ from string import Template
 import click
 import numpy as np
 
+from benchmarks.report import machine
 from knee_contact_ros import load_model
 from knee_contact_ros.joint_reaction.estimator import LEVELS
 from knee_contact_ros.offline.demo_sensors import FORCE_LIMIT, LOAD_FILE, RECORDED, largest
@@ -17,7 +18,6 @@ from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE
 from knee_contact_ros.system.resources import share_folder
 from studies.assistance.figure import MM, draw
 from studies.assistance.walks import LAWS, Walk, constant_in_stance, person, sensors, walk, walks
-from studies.report import machine
 
 PAGE = Path(__file__).with_name("page.txt")
 TORQUES = [float(torque) for torque in range(41)]

@@ -20,12 +20,12 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
+from benchmarks.report import Section, machine, save
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw
 from knee_contact_ros.model.ticks import LEVELS
 from knee_contact_ros.model.types import blank
 from studies.accuracy import CIRCLE, DAMPING, EXPONENT, K1, K2, LAYER, MASS, TOLERANCES, A
-from studies.report import Section, machine, save
 
 FLAGS = ("-O3", "-march=native", "-ffp-contract=off", "-fno-math-errno", "-shared", "-fPIC", "-lm")
 TICK = 1e-3

@@ -7,8 +7,7 @@ import random
 from collections.abc import Callable, Hashable, Mapping
 from typing import TypeVar
 
-from knee_contact_ros.tools.work_precision.solver import stopwatch
-from knee_contact_ros.tools.work_precision.timing import Times, runs_for, summed_up
+from benchmarks.peers.measure import Times, runs_for, stopwatch, summed_up
 
 Key = TypeVar("Key", bound=Hashable)
 SEED = 16

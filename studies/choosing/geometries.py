@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from knee_contact_ros.tools.work_precision import reference_femur as femora
+from benchmarks import reference as femora
 from studies.choosing.surfaces import OnPlane, OnPlateau, femur_through, plateau_through, read_points
 
 CONFIG = Path(__file__).parents[2] / "config"

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.tools.work_precision.problems import bump, thrown
+from benchmarks.peers.problems import bump, thrown
 from studies.accuracy import lift_off
 from studies.gait import gait
 

@@ -9,10 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from benchmarks.peers.measure import Times, pin
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.tools.work_precision.timing import Times
-from knee_contact_ros.tools.work_precision.worker import pin
 from studies.choosing.costs import costs
 from studies.choosing.errors import COARSER, Answer, Apart, answer_of, apart, exact, model_of, run
 from studies.choosing.geometries import MRI_KNEE, Geometry, geometries

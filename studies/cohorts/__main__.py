@@ -13,13 +13,13 @@ from pathlib import Path
 
 import click
 
+from benchmarks.report import save
 from studies.cohorts.measure import Finalist, Timed, timed
 from studies.cohorts.page import TITLE, measured_on, sections
 from studies.cohorts.peers import OURS, PEERS, Peer
 from studies.cohorts.problem import Cohort, Floats, cohort, truth
 from studies.cohorts.search import Setting
 from studies.cohorts.worker import Workers, search_setting
-from studies.report import save
 
 SEARCH_CASES = 256
 BEST = 2

@@ -7,6 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from benchmarks.report import Section
 from knee_contact_ros.system.machine import business, describe
 from studies.cohorts.measure import CORES, Timed
 from studies.cohorts.method import STEPS
@@ -15,7 +16,6 @@ from studies.cohorts.ours import TOOL as OUR_TOOL
 from studies.cohorts.peers import OURS, PEERS
 from studies.cohorts.problem import SPREAD, Floats
 from studies.cohorts.search import LIMIT, Setting
-from studies.report import Section
 
 TARGET = 20.0
 """Times quicker than the quickest peer (issue 22)"""

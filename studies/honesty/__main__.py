@@ -11,11 +11,11 @@ import click
 import numpy as np
 from tabulate import tabulate
 
+from benchmarks.report import machine, save
 from studies.honesty.page import TITLE, sections
 from studies.honesty.scenes import draw
 from studies.honesty.study import LEVELS, SETTINGS, runs, study
 from studies.honesty.truth import reference
-from studies.report import machine, save
 
 SPACING = 1_000_000
 """Distance between the scenes of two seeds"""

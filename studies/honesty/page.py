@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any
 
+from benchmarks.report import Section
 from studies.honesty.scenes import FAMILIES, WIDE
 from studies.honesty.study import BadTick, Key, Outcome
 from studies.honesty.tally import Quantity, Tally, percentile
-from studies.report import Section
 
 TITLE = "How honest the error estimates are"
 TEXT = (

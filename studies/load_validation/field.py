@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from benchmarks.report import Section
 from studies.load_validation.answers import FITTED, Answer
 from studies.load_validation.scores import score
-from studies.report import Section
 
 ROWS = (
     ("Grand Challenge 2010 to 2012, four winners (Kinney et al. 2013, doi:10.1115/1.4023255)",

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from benchmarks.report import Section
 from knee_contact_ros.joint_reaction.estimator import LEVELS
 from knee_contact_ros.joint_reaction.leg import SHANK_LENGTH
 from studies.load_validation.answers import BY_DEFAULT, Answer
@@ -23,7 +24,6 @@ from studies.load_validation.tables import (
     variant_rows,
 )
 from studies.load_validation.walks import DEFAULTS, Floats, Walk, axial
-from studies.report import Section
 
 MODEL_SHANK = 0.425
 """Distance [m] between the centres of knee and ankle of the scaled model, on average over the walk"""

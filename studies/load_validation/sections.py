@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from benchmarks.report import Section
 from knee_contact_ros.joint_reaction.estimator import LEVELS, Deviation
 from studies.load_validation import field
 from studies.load_validation.answers import BY_DEFAULT, FITTED, Answer, answers, lines
@@ -37,7 +38,6 @@ from studies.load_validation.tables import (
     variant_rows,
 )
 from studies.load_validation.walks import DEFAULTS, PUBLISHED, Walk, axial
-from studies.report import Section
 from studies.validation.data import BODY_WEIGHT, ON_PLATE
 
 TITLE = "A load from sensors, against an instrumented knee"

@@ -14,9 +14,9 @@ from pathlib import Path
 
 import click
 
+from benchmarks.report import Section, machine, save
 from studies.pairing.judging import IN_A_WORLD, Breach, Judged, judged
 from studies.pairing.world import KINDS, LATENCIES, MAX_GAP, MS, PERIODS, WAIT
-from studies.report import Section, machine, save
 
 SHOWN = 3
 """Number of breaches of a world that are shown"""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from studies.report import machine, save
+from benchmarks.report import machine, save
 from studies.reproduction.sections import COMMAND, TITLE, sections
 
 

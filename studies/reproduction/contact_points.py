@@ -6,7 +6,7 @@ from itertools import product
 
 import numpy as np
 
-from studies.report import Section
+from benchmarks.report import Section
 from studies.reproduction.page import figure
 from studies.reproduction.phases import Moment, at, passages, phases
 from studies.reproduction.scenes import (

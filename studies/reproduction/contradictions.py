@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from studies.report import Section
+from benchmarks.report import Section
 from studies.reproduction.healthy import height_range, needed, second_peak_depths
 from studies.reproduction.loads import load_peak
 from studies.reproduction.numerics import evaluations, linearised

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from benchmarks.report import Section
 from studies.gait import BODY_WEIGHT
-from studies.report import Section
 from studies.reproduction.loads import PAPER_PEAKS
 from studies.reproduction.page import COMPARISON, compare, figure, unprinted
 from studies.reproduction.phases import CYCLE, at, peak, second_stance, within

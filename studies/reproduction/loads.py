@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from benchmarks.report import Section
 from knee_contact_ros.tools.report.published import COMPUTED, Range
 from studies.gait import BODY_WEIGHT
-from studies.report import Section
 from studies.reproduction.page import COMPARISON, compare, unprinted
 from studies.reproduction.phases import at, load_peaks, peak, second_stance
 from studies.reproduction.scenes import ARTHRITIC, HEALTHY, MM, MRI, body_weights, gait, run

@@ -6,9 +6,9 @@ import math
 
 import numpy as np
 
+from benchmarks.report import Section
 from knee_contact_ros.model.laws import relative_radius
 from studies.gait import BODY_WEIGHT
-from studies.report import Section
 from studies.reproduction.loads import PAPER_PEAKS
 from studies.reproduction.phases import at, second_stance
 from studies.reproduction.scenes import HEALTHY, MM, MRI, gait, model, parameters, static_depth

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from studies.report import Section
+from benchmarks.report import Section
 from studies.reproduction.phases import CYCLE
 from studies.reproduction.scenes import ARTHRITIC, HEALTHY, MRI, TOLERANCE, Changes, gait, model, run, static_depth
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from benchmarks.report import Section
 from studies.gait import BODY_WEIGHT
-from studies.report import Section
 from studies.reproduction.loads import PAPER_PEAKS
 from studies.reproduction.page import COMPARISON, compare, figure, thousands, unprinted
 from studies.reproduction.phases import peak, second_stance

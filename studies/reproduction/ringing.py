@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from studies.report import Section
+from benchmarks.report import Section
 from studies.reproduction.page import figure
 from studies.reproduction.phases import CYCLE, passages, within
 from studies.reproduction.scenes import ARTHRITIC, BOTH_LAYERS_DAMPED, FINE, MRI, Changes, gait, parameters, run

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from studies.report import Section
+from benchmarks.report import Section
 from studies.reproduction import (
     contact_points,
     contradictions,

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
+from benchmarks.report import Section
 from knee_contact_ros.model.laws import hertz_stiffness, relative_radius
 from studies.gait import BODY_WEIGHT
-from studies.report import Section
 from studies.reproduction.page import thousands
 from studies.reproduction.scenes import ARTHRITIC, HEALTHY, MM, N_MM, parameters, static_depth
 

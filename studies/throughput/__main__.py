@@ -17,8 +17,8 @@ from typing import NamedTuple
 
 import click
 
+from benchmarks.report import Section, machine, save
 from knee_contact_ros.system.regular_file import sha256_of
-from studies.report import Section, machine, save
 from studies.throughput.ways import ONE_BY_ONE, RATE, SOLVE, WAYS, make_bag
 
 MB = 1e6

@@ -16,6 +16,7 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 
+from benchmarks.latency.driver import samples
 from knee_contact_ros.bags.batch import Batch
 from knee_contact_ros.bags.chunked_mcap import CHUNK_SIZE
 from knee_contact_ros.bags.reader import INPUT_TYPES
@@ -36,7 +37,6 @@ from knee_contact_ros.streams.topics import (
     typestore,
 )
 from knee_contact_ros.system.resources import share_folder
-from knee_contact_ros.tools.latency.samples import samples
 
 RATE = 1000
 """Rate of angle and force [Hz]"""

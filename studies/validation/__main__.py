@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from studies.report import machine, save
+from benchmarks.report import machine, save
 from studies.validation.data import is_there, read
 from studies.validation.sections import COMMAND, TITLE, sections
 

@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from benchmarks.report import Section
 from knee_contact_ros.streams.gait_events import HEEL_STRIKE, TOE_OFF, GaitEvents
-from studies.report import Section
 from studies.validation.data import BODY_WEIGHT, ON_PLATE, Measured
 
 NANOSECONDS, MS = 1e9, 1e3

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from studies.report import Section
+from benchmarks.report import Section
 
 ROWS = (
     ("Grand Challenge 2010 to 2012, winners (Kinney et al. 2013, doi:10.1115/1.4023255)",

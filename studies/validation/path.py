@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from benchmarks.report import Section
 from knee_contact_ros.parameters.build import load_model
-from studies.report import Section
 from studies.validation.data import BODY_WEIGHT, Floats, Measured
 from studies.validation.shares import shipped
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from studies.report import Section
+from benchmarks.report import Section
 from studies.validation import events, field, path, shares
 from studies.validation.data import BODY_WEIGHT, Measured
 

@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from benchmarks.report import Section
 from knee_contact_ros.lab.shares import constant, fit
 from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.parameters.compartments import COMPARTMENTS
 from knee_contact_ros.parameters.curves import curve_texts
 from knee_contact_ros.parameters.measured_share import MeasuredShare
 from knee_contact_ros.parameters.reading import load_parameters
-from studies.report import Section
 from studies.validation.data import BODY_WEIGHT, ON_PLATE, Floats, Measured
 
 MS = 1e3

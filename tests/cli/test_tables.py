@@ -8,7 +8,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from knee_contact_ros.tools.work_precision import run as trade
 
+from benchmarks.peers.problems import problems
 from knee_contact_ros.bags.recover import Recovery, TopicCount
 from knee_contact_ros.cli import load_table
 from knee_contact_ros.cli.main import main
@@ -18,8 +20,6 @@ from knee_contact_ros.lab.opensim.pipeline import Check as Quality
 from knee_contact_ros.offline import summary_table
 from knee_contact_ros.system.terminal import natural_width
 from knee_contact_ros.tools.latency import report as latency
-from knee_contact_ros.tools.work_precision import run as trade
-from knee_contact_ros.tools.work_precision.problems import problems
 from tests.helpers.terminals import Terminal
 from tests.helpers.walking import walk, walking_bag
 from tests.lab.opensim.storages import kinematics, reactions

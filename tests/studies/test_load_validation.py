@@ -15,6 +15,7 @@ from tests import ROOT
 
 pytest.importorskip("tabulate", reason="the studies' tables")
 
+from benchmarks.report import save
 from studies import moment_arms
 from studies.load_validation import legs as opensim
 from studies.load_validation.__main__ import main
@@ -25,7 +26,6 @@ from studies.load_validation.scores import covered, peaks, score
 from studies.load_validation.sections import COMMAND, TITLE, sections
 from studies.load_validation.variants import VARIANTS, force_by
 from studies.load_validation.walks import Constants, Walk, axial
-from studies.report import save
 from studies.validation.data import is_there
 
 PAGE = ROOT / "docs" / "load-validation.md"

@@ -9,9 +9,9 @@ import pytest
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from knee_contact_ros.tools.work_precision import reference as by_scipy
-from knee_contact_ros.tools.work_precision import reference_femur as femora
-from knee_contact_ros.tools.work_precision import reference_laws
+from benchmarks import reference as by_scipy
+from benchmarks import reference as femora
+from benchmarks import reference as reference_laws
 from studies.accuracy import lift_off
 from studies.gait import gait
 from studies.reference import LAWS, Knee, Law, Reference, solve

@@ -10,7 +10,7 @@ from tests import ROOT
 
 pytest.importorskip("tabulate", reason="the studies' tables")
 
-from studies.report import save
+from benchmarks.report import save
 from studies.reproduction.healthy import static_depths
 from studies.reproduction.loads import load_peak
 from studies.reproduction.osteoarthritis import arthritic_depth, bone_stiffness_needed, load_needed

@@ -12,7 +12,7 @@ from tests import ROOT
 
 pytest.importorskip("tabulate", reason="the studies' tables")
 
-from studies.report import save
+from benchmarks.report import save
 from studies.validation.__main__ import main
 from studies.validation.data import Measured, is_there, read
 from studies.validation.events import errors_of, found_in

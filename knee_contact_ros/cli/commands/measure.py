@@ -1,80 +1,64 @@
-"""Commands that measure: trade, latency."""
+"""The command that measures: trade."""
 
 from __future__ import annotations
 
+import warnings
 from pathlib import Path
 
 import click
 
-from knee_contact_ros.cli.options import Output
+from knee_contact_ros.cli.options import FILE, Output, names_in_bag_options, parameter_files, parameter_values
 
 
 @click.command()
+@click.argument("bag", type=FILE)
+@parameter_files
+@parameter_values
+@names_in_bag_options
 @click.option(
-    "--output",
-    type=Output(folder=True),
-    default="knee_contact_trade",
+    "--worth",
+    type=click.FloatRange(min=0.0, min_open=True),
+    metavar="METRES",
+    help="Error of the depth that the measured data leave anyway. [default: what 1 % of the load makes of it]",
+)
+@click.option(
+    "--picture",
+    type=Output(".png"),
+    default="knee_contact_trade.png",
     show_default=True,
-    metavar="DIR",
-    help="Where trade.md, trade.csv and trade.png go.",
+    metavar="FILE.png",
+    help="Picture to write; an earlier one is replaced.",
 )
-@click.option("--problem", "problems", multiple=True, metavar="NAME", help="Can be given several times. [default: all]")
-@click.option(
-    "--solver",
-    "solvers",
-    multiple=True,
-    metavar="NAME",
-    help="Name or its beginning, as SciPy; can be given several times. [default: all that are installed]",
-)
-@click.option(
-    "--repeat",
-    type=click.IntRange(1, 100),
-    default=5,
-    show_default=True,
-    help="In how many turns runs are timed; those that take long in fewer, but two.",
-)
-def trade(output: Path, problems: tuple[str, ...], solvers: tuple[str, ...], repeat: int) -> None:
-    """Measure what precision costs.
+def trade(
+    bag: Path,
+    parameter_files: tuple[Path, ...],
+    parameter_values: tuple[str, ...],
+    remaps: tuple[str, ...],
+    namespace: str,
+    worth: float | None,
+    picture: Path,
+) -> None:
+    """Show what accuracy costs on your own bag and knee.
 
-    Work and precision of this model and of what could be taken instead (SciPy, CVODE, MuJoCo, Exudyn, Drake, OpenSim:
-    the extra trade; CyRK, numbalsoda, diffrax: the extra peers). All of it takes a quarter of an hour.
+    Computes BAG at every fidelity.level and at tolerances from 1e-3 to 1e-9 m. Prints the largest errors against the
+    tightest tolerance, the cost of a tick and the share of flagged ticks, draws them, and recommends a setting. A
+    recording of ours is computed with the parameters stored in it, unless --params is given.
     """
-    from knee_contact_ros.tools.work_precision.run import run_trade
+    from knee_contact_ros.lab.trade import advice, draw, measure, show
+    from knee_contact_ros.offline.in_memory import solve
+    from knee_contact_ros.system.extras import require
+    from knee_contact_ros.system.ros_arguments import parameters_of, split
+    from knee_contact_ros.system.terminal import progress, say, warn
 
-    run_trade(output, problems, solvers, repeat)
-
-
-@click.command()
-@click.option(
-    "--output",
-    type=Output(folder=True),
-    default="knee_contact_latency",
-    show_default=True,
-    metavar="DIR",
-    help="Where the pages and their data go; those of an earlier run are replaced.",
-)
-@click.option(
-    "--rate", type=click.FloatRange(10.0, 20_000.0), default=1000.0, show_default=True, help="Samples per second."
-)
-@click.option(
-    "--duration", type=click.FloatRange(0.5, 3600.0), default=20.0, show_default=True, help="Seconds of a run."
-)
-@click.option(
-    "--rounds", type=click.IntRange(1, 100), default=3, show_default=True, help="How often all candidates take turns."
-)
-@click.option("--sustained", is_flag=True, help="Search the highest rate that each candidate sustains instead.")
-@click.option(
-    "--soak",
-    type=click.IntRange(1, 1_000_000_000),
-    metavar="TICKS",
-    help="Run the node alone for so many ticks at --rate instead: its memory, and what it recorded.",
-)
-def latency(output: Path, rate: float, duration: float, rounds: int, sustained: bool, soak: int | None) -> None:
-    """Measure the node beside a bare one.
-
-    Latency, losses and CPU time of the node, recording and drawing, and of bare rclpy nodes that compute nothing, over
-    real topics on this machine only. Writes latency.md and latency.csv (sustained.*, soak.*).
-    """
-    from knee_contact_ros.tools.latency.run import LatencyOptions, run_latency
-
-    run_latency(output, LatencyOptions(rate, duration, rounds, sustained, soak or 0))
+    require("trade", "matplotlib")
+    remap = dict(split(rule, "--remap") for rule in remaps)
+    with warnings.catch_warnings(record=True) as doubts:
+        warnings.simplefilter("always")
+        results = solve(bag, parameter_files or None, parameters_of(parameter_values), remap=remap, namespace=namespace)
+    with progress("Measuring") as advance:
+        found = measure(results, worth, advance)
+    draw(found, picture)
+    show(found)
+    say(advice(found))
+    say(f"Picture: {picture}")
+    warn(str(doubt.message) for doubt in doubts)

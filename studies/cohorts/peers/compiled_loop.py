@@ -11,9 +11,8 @@ from typing import Any
 import numpy as np
 from numba import njit, prange, set_num_threads
 
-from knee_contact_ros.tools.work_precision.compiled.motion import series_numbers, set_ramp, tick_numbers
-from knee_contact_ros.tools.work_precision.compiled.runs import ANYTHING
-from knee_contact_ros.tools.work_precision.motion import DEPTH_SCALE
+from benchmarks.peers.compiled import ANYTHING, series_numbers, set_ramp, tick_numbers
+from benchmarks.peers.motion import DEPTH_SCALE
 from studies.cohorts.method import COUNTS, STEPS, TOLERANCE, TOLERANCES, Method, Run
 from studies.cohorts.problem import Cohort, Floats
 

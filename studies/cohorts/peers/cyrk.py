@@ -8,8 +8,8 @@ import numpy as np
 from CyRK import nbsolve_ivp
 from numba import njit
 
-from knee_contact_ros.tools.work_precision.compiled.cyrk import advance, callback, series
-from knee_contact_ros.tools.work_precision.compiled.motion import in_series, in_tick
+from benchmarks.peers.compiled import in_series, in_tick
+from benchmarks.peers.cyrk import advance, callback, series
 from studies.cohorts.method import Method
 from studies.cohorts.peers.compiled_loop import described, tick_by_tick, whole_series
 

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from knee_contact_ros.tools.work_precision.compiled.diffrax import (
+from benchmarks.peers.diffrax import (
     FIRST_STEPS,
     by_tolerance,
     by_tolerance_with_jumps,

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from knee_contact_ros.tools.work_precision.compiled.motion import in_series, in_tick
-from knee_contact_ros.tools.work_precision.compiled.numbalsoda import METHODS, advance, callback, equal_steps, series
+from benchmarks.peers.compiled import in_series, in_tick
+from benchmarks.peers.numbalsoda import METHODS, advance, callback, equal_steps, series
 from studies.cohorts.method import Method
 from studies.cohorts.peers.compiled_loop import described, tick_by_tick, whole_series
 

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from scipy.integrate import odeint, solve_ivp
 
-from knee_contact_ros.tools.work_precision.motion import DEPTH_SCALE, RATE_SCALE
+from benchmarks.peers.motion import DEPTH_SCALE, RATE_SCALE
 from studies.cohorts.method import COUNTS, STEPS, TOLERANCE, TOLERANCES, Method, Run
 from studies.cohorts.problem import Cohort, Floats
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from knee_contact_ros.tools.work_precision.timing import Times
+from benchmarks.peers.measure import Times
 from studies.choosing import page, words
 from studies.choosing.costs import costs
 from studies.choosing.errors import Answer, Apart, answer_of, apart, exact, model_of, run

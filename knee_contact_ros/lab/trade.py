@@ -1,0 +1,223 @@
+"""What accuracy costs: a recorded gait and its knee at every level and tolerance, against the tightest tolerance.
+
+The reference is the same model at `dynamic` and `REFERENCE`. So the errors are those of level and tolerance. What the
+model itself leaves out, they do not show; docs/choosing-fidelity.md compares with code of others.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from rich import box
+from rich.console import Console
+from rich.table import Table
+
+from knee_contact_ros.model.knee import KneeModel
+from knee_contact_ros.model.ticks import LEVELS
+from knee_contact_ros.model.types import Rows, Status
+from knee_contact_ros.results import Results
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.terminal import WIDTH
+
+TOLERANCES = tuple(float(f"1e-{exponent}") for exponent in range(3, 10))
+"""Values of `fidelity.tolerance` [m] that are measured"""
+NAMES = ("quasi_static", "dynamic")
+"""Values of `fidelity.level` that are measured"""
+REFERENCE, SECOND = 1e-12, 1e-11
+"""Tolerance of the reference [m], and that of a second run: how far the two lie apart says how sure the first one is"""
+LOAD_ERROR = 0.01
+"""Part of the load by which a good measurement of it may be wrong"""
+FLAGGED = 0.01
+"""Largest part of the ticks that a recommended setting may flag"""
+REPEATS = 3
+"""How often a run is timed; the quickest counts"""
+
+
+class Setting(NamedTuple):
+    """A level and a tolerance, and what they reach and cost."""
+
+    level: str
+    tolerance: float
+    """[m]"""
+    depth: float
+    """Largest error of the signed depth (penetration, or gap) at any tick [m]"""
+    force: float
+    """Largest error of the contact force [N]"""
+    point: float
+    """Largest distance of the contact point from the reference's, in contact [m]"""
+    flagged: float
+    """Part of the ticks that say `NOT_CONVERGED`"""
+    evaluations: float
+    """Contact law evaluations per tick"""
+    microseconds: float
+    """Processor time per tick [µs] of the compiled model, without messages"""
+
+
+class Trade(NamedTuple):
+    """All settings of a recording."""
+
+    settings: list[Setting]
+    ticks: int
+    """Ticks of all compartments"""
+    worth: float
+    """What the measured data are worth [m]: differences of the depth below this say nothing"""
+    reference_error: float
+    """Largest difference of the depth [m] between the reference and the second run"""
+
+
+def measure(
+    results: Results, worth: float | None = None, advance: Callable[[int, int], None] = lambda _done, _total: None
+) -> Trade:
+    """Compute the samples of `results` (of `solve`) again at every setting.
+
+    `worth` [m] is what the measured data are worth; None: how far `LOAD_ERROR` of the load moves the depth.
+
+    Raises:
+        UsageError: it is not known which model computed them.
+    """
+    compartments = [results] if results.lateral is None else [results, results.lateral]
+    models = [compartment.model for compartment in compartments if compartment.model is not None]
+    if len(models) < len(compartments):
+        raise UsageError("parameters changed while this recording was made; say --params FILE")
+    total = len(NAMES) * len(TOLERANCES) + 3
+
+    def answers(level: str, tolerance: float, load: float = 1.0) -> tuple[Rows, float]:
+        rows, seconds = [], 0.0
+        for compartment, model in zip(compartments, models, strict=True):
+            tuned = replace(model, level=LEVELS[level], tolerance=tolerance, force_tolerance=0.0, compiled=True)
+            own, taken = answered(tuned, compartment, load)
+            rows.append(own)
+            seconds += taken
+        return np.concatenate(rows), seconds
+
+    exact, _ = answers("dynamic", REFERENCE)
+    advance(1, total)
+    second = largest(signed_depth(answers("dynamic", SECOND)[0]) - signed_depth(exact))
+    advance(2, total)
+    if worth is None:
+        worth = largest(signed_depth(answers("dynamic", REFERENCE, 1.0 + LOAD_ERROR)[0]) - signed_depth(exact))
+    settings = []
+    for level in NAMES:
+        for tolerance in TOLERANCES:
+            advance(3 + len(settings), total)
+            settings.append(compared(level, tolerance, *answers(level, tolerance), exact))
+    return Trade(settings, len(exact), worth, second)
+
+
+def answered(model: KneeModel, samples: Rows, load: float) -> tuple[Rows, float]:
+    """Answers to the samples of some answers, with `load` times their load, and processor time [s] of the run alone."""
+    starts = np.flatnonzero(samples["status"] & Status.TIME_RESET)
+    parts = [part for part in np.split(np.asarray(samples), starts) if len(part)]
+    seconds = []
+    for _ in range(REPEATS + 1):  # the first run compiles
+        begin = time.process_time()
+        rows = [
+            model.stream().advance_all(
+                part["stamp"], part["flexion_angle"], load * part["load"],
+                part["femoral_height"] if model.height_prescribed else None,
+            )
+            for part in parts
+        ]  # fmt: skip
+        seconds.append(time.process_time() - begin)
+    return np.concatenate(rows), min(seconds[1:])
+
+
+def compared(level: str, tolerance: float, rows: Rows, seconds: float, exact: Rows) -> Setting:
+    """Compare the answers of a setting with those of the reference."""
+    touching = exact["penetration_depth"] > 0.0
+    apart = [rows["contact_point"][axis] - exact["contact_point"][axis] for axis in ("x", "y")]
+    return Setting(
+        level, tolerance, largest(signed_depth(rows) - signed_depth(exact)),
+        largest(rows["contact_force"] - exact["contact_force"]), largest(np.hypot(*apart)[touching]),
+        float(np.mean((rows["status"] & Status.NOT_CONVERGED) != 0)), float(np.mean(rows["evaluations"])),
+        1e6 * seconds / len(rows),
+    )  # fmt: skip
+
+
+def signed_depth(rows: Rows) -> NDArray[np.float64]:
+    """Penetration depth, or minus the gap [m], shape (n,)."""
+    depth: NDArray[np.float64] = rows["penetration_depth"] - rows["gap"]
+    return depth
+
+
+def largest(differences: NDArray[np.float64]) -> float:
+    """Largest size of some differences; 0 if there are none."""
+    return float(np.abs(differences).max(initial=0.0))
+
+
+def advice(trade: Trade) -> str:
+    """Recommend the setting with the fewest evaluations, and of these the largest tolerance, that is good enough."""
+    worth = f"{1e6 * trade.worth:.2g} um"
+    good = [each for each in trade.settings if each.depth <= trade.worth and each.flagged <= FLAGGED]
+    if not good:
+        return f"No setting has errors below {worth} and flags at most 1 % of the ticks; see the table."
+    best = min(good, key=lambda each: (each.evaluations, -each.tolerance))
+    return (
+        f"Take fidelity.level {best.level} and fidelity.tolerance {best.tolerance:g}: the cheapest setting whose largest "
+        f"error of the depth ({1e6 * best.depth:.2g} um) is below what the data are worth ({worth})."
+    )
+
+
+def show(trade: Trade) -> None:
+    """Print the table: a row per setting."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, title_justify="left")
+    table.add_column("level", no_wrap=True)
+    for heading in ("tolerance [m]", "depth [m]", "force [N]", "point [m]", "flagged", "evaluations", "time [us]"):
+        table.add_column(heading, justify="right")
+    for each in trade.settings:
+        errors = [f"{error:.1e}" for error in (each.depth, each.force, each.point)]
+        cost = f"{each.evaluations:.1f}", f"{each.microseconds:.2f}"
+        table.add_row(each.level, f"{each.tolerance:.0e}", *errors, f"{1e2 * each.flagged:.1f} %", *cost)
+    console = Console(width=WIDTH)
+    console.print("Largest errors at any tick, and cost per tick", highlight=False)
+    console.print(table)
+    console.print(
+        f"{trade.ticks} ticks. Errors are those against the same model at a tolerance of {REFERENCE:g} m, which is sure "
+        f"to {trade.reference_error:.1e} m (difference from {SECOND:g} m).", highlight=False
+    )  # fmt: skip
+
+
+def draw(trade: Trade, path: Path) -> None:
+    """Draw errors and cost over the tolerance, a line per level, and write the picture as PNG."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(10.0, 7.0), layout="constrained")
+    FigureCanvasAgg(figure)
+    panels = (
+        ("depth", "largest error of the depth [m]"), ("force", "largest error of the contact force [N]"),
+        ("point", "largest error of the contact point [m]"), ("microseconds", "processor time per tick [µs]"),
+    )  # fmt: skip
+    for axis, (name, title) in zip(figure.subplots(2, 2, sharex=True).ravel(), panels, strict=True):
+        draw_panel(axis, trade.settings, name, title)
+        if name == "depth":
+            axis.plot(TOLERANCES, TOLERANCES, color="0.6", linestyle=":", label="as large as the tolerance")
+            axis.axhline(trade.worth, color="#009e73", linestyle="--", label="what the data are worth")
+        axis.legend(fontsize=9, frameon=False)
+    figure.supxlabel("fidelity.tolerance [m]: coarse to fine")
+    figure.savefig(path, dpi=120, format="png")
+
+
+def draw_panel(axis: Any, settings: Sequence[Setting], name: str, title: str) -> None:
+    """Draw one figure of the settings over the tolerance; hollow marks are settings that flag ticks."""
+    for level, colour in zip(NAMES, ("#e69f00", "#0072b2"), strict=True):
+        own = [each for each in settings if each.level == level]
+        values = [getattr(each, name) for each in own]
+        axis.plot(TOLERANCES, values, color=colour, linewidth=1.8, label=level)
+        for each, value in zip(own, values, strict=True):
+            face = "white" if each.flagged > FLAGGED else colour
+            axis.plot(each.tolerance, value, "o", color=colour, markerfacecolor=face, markersize=6)
+    axis.set(xscale="log", title=title)
+    axis.set_xlim(2.0 * TOLERANCES[0], 0.5 * TOLERANCES[-1])
+    if any(getattr(each, name) > 0.0 for each in settings):
+        axis.set_yscale("log")
+    else:
+        axis.text(0.5, 0.6, "0 at every setting", transform=axis.transAxes, ha="center")
+    axis.grid(visible=True, color="0.92")
+    axis.set_axisbelow(True)

@@ -1,1 +1,0 @@
-"""Layouts of other viewers, which open a recording as it is: Rerun by itself, Foxglove, PlotJuggler."""

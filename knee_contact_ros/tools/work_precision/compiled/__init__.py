@@ -1,1 +1,0 @@
-"""Motion, solvers and runs that are compiled, shared by `peers` here and by `studies.cohorts`."""

@@ -1,0 +1,303 @@
+"""The latency study without a node: statistics, samples, searches and pages."""
+
+from __future__ import annotations
+
+import math
+import os
+import subprocess
+import sys
+import time
+from itertools import islice
+from pathlib import Path
+
+import numpy as np
+import pytest
+from rclpy.qos import QoSProfile
+
+from benchmarks.latency import __main__ as study
+from benchmarks.latency import bare, driver
+from benchmarks.latency.__main__ import NODE, SENDER, SUSTAINED, Moment, Part, Step
+from benchmarks.latency.driver import (
+    BARE,
+    BOTH,
+    BYTES,
+    CANDIDATES,
+    OURS,
+    SINGLE,
+    Figures,
+    Run,
+    Snapshot,
+    Taken,
+    Usage,
+    between,
+    figures,
+    ratios,
+    rotated,
+    samples,
+    snapshot,
+)
+from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.node.session import OUTPUT_DEPTH
+from knee_contact_ros.node.subscription import DEPTH
+from knee_contact_ros.streams.messages import decode_joint_state, decode_wrench_stamped
+from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.processes import child_process
+
+MS = 1_000_000
+
+
+def run_of(*milliseconds: int, published: int | None = None, sending: float = 1.0, tail: float = 0.0) -> Run:
+    latencies = [each * MS for each in milliseconds]
+    return Run(len(latencies) if published is None else published, latencies, [MS], sending, tail)
+
+
+def test_figures_of_known_times() -> None:
+    assert figures([each * MS for each in range(1001)]) == pytest.approx((500.0, 990.0, 999.0, 1000.0))
+    assert figures([2 * MS]) == (2.0, 2.0, 2.0, 2.0)
+    assert all(map(math.isnan, figures([])))
+
+
+def test_ratios_of_nothing_are_none() -> None:
+    assert ratios(Figures(1.0, 2.0, 3.0, 4.0), Figures(2.0, 2.0, 2.0, 2.0)) == (0.5, 1.0, 1.5, 2.0)
+    assert math.isnan(ratios(Figures(1.0, 1.0, 1.0, 1.0), Figures(0.0, 1.0, 1.0, 1.0)).median)
+    assert all(map(math.isnan, ratios(Figures(1.0, 1.0, 1.0, 1.0), figures([]))))
+
+
+def test_samples_are_gait_forth_and_back_without_a_leap() -> None:
+    found = list(islice(samples(1000.0, 7), 9000))
+    states = [decode_joint_state(sample.angle) for sample in found]
+    forces = [decode_wrench_stamped(sample.force) for sample in found]
+    assert [sample.stamp for sample in found] == [7 + number * MS for number in range(9000)]
+    assert [state.stamp for state in states if state] == [sample.stamp for sample in found]
+    assert [force.stamp for force in forces if force] == [sample.stamp for sample in found]
+    angles = np.array([state.position[0] for state in states if state])
+    loads = np.array([-0.5 * force.force[1] for force in forces if force])
+    assert loads.max() == pytest.approx(1613.77, abs=0.01)  # the bag's largest
+    # The largest steps of the bag at 200 Hz, shared by five; where it turns round there is none.
+    assert np.abs(np.diff(angles)).max() < 0.015
+    assert np.abs(np.diff(loads)).max() < 100.0
+
+
+def test_every_candidate_is_first_in_turn() -> None:
+    orders = [rotated(CANDIDATES, number) for number in range(6)]
+    assert [order[0] for order in orders] == [OURS, BOTH, BARE, SINGLE, BYTES, OURS]
+    assert all(set(order) == set(CANDIDATES) for order in orders)
+
+
+def test_a_bare_node_offers_what_the_node_offers() -> None:
+    assert QoSProfile(depth=DEPTH) == bare.INPUT_QOS
+    assert QoSProfile(depth=OUTPUT_DEPTH) == bare.OUTPUT_QOS
+
+
+IDLE = Taken(3e-4, 0.0, 0.0, 10.0)
+
+
+def parts() -> list[Part]:
+    found = []
+    for number in (1, 2):
+        found.append(Part(number, OURS, run_of(1, 2, 3, published=4), Taken(4e-4, 2e-4, 0.5, 10.0)))
+        found.append(Part(number, BOTH, run_of(1, 2, 3, published=4), Taken(4e-4, 2e-4, 0.5, 10.0)))
+        found.append(Part(number, BARE, run_of(2 * number, 4 * number, 6 * number), IDLE))
+        found.append(Part(number, SINGLE, run_of(published=3), IDLE))
+        found.append(Part(number, BYTES, run_of(1, 1, 1), IDLE))
+    return found
+
+
+def test_a_line_for_every_round_and_for_all() -> None:
+    lines = {(line.candidate, line.round): line for line in study.latency_page(parts(), 1000.0, 20.0).lines}
+    assert len(lines) == 15
+    ours, bare_one = lines[OURS.name, "all"], lines[BARE.name, "all"]
+    assert (ours.published, ours.lost, ours.median_ms, ours.max_ms) == (8, 2, 2.0, 3.0)
+    assert (ours.cpu_us, ours.cpu_children_us) == pytest.approx((100.0, 50.0))
+    assert (ours.others_percent, bare_one.others_percent) == (5.0, 0.0)
+    assert (bare_one.median_ms, bare_one.max_ms) == (5.0, 12.0)  # of 2, 4, 6, 4, 8, 12
+    assert lines[BARE.name, "2"].median_ms == 8.0
+    one_round = [part for part in parts() if part.round == 1]
+    assert len(study.latency_page(one_round, 1000.0, 20.0).lines) == 5  # one round says it all
+
+
+def test_ratios_by_round_and_of_all() -> None:
+    rows = {row[0]: row[1] for row in study.ratio_sheet(parts()).rows}
+    assert rows == {
+        f"{OURS.name}, round 1": "0.50", f"{OURS.name}, round 2": "0.25", OURS.name: "0.40",
+        BOTH.name: "0.40", SINGLE.name: "-", BYTES.name: "0.20",
+    }  # fmt: skip
+
+
+def test_a_page_and_its_data_are_written(tmp_path: Path) -> None:
+    for page in (study.latency_page(parts(), 1000.0, 20.0), study.sustained_page(steps()),
+                 study.soak_page(2000.0, MOMENTS, (9, 9, 0))):  # fmt: skip
+        written = study.write(page, tmp_path, "made so")
+        assert [path.name for path in written] == [f"{page.title.lower()}.md", f"{page.title.lower()}.csv"]
+        text = written[0].read_text(encoding="utf-8")
+        assert "Made by `made so`" in text
+        assert "{" not in text
+        assert len(written[1].read_text(encoding="utf-8").splitlines()) == 1 + len(page.lines)
+
+
+def attempts(limit: float, verdict: str, failing_once: tuple[float, ...] = ()) -> list[Step]:
+    """A search where rates up to a limit are sustained; some fail at the first attempt."""
+    left = list(failing_once)
+
+    def attempt(rate: float) -> Step:
+        fails = rate > limit or (rate in left and left.remove(rate) is None)
+        return Step(1, OURS.name, rate, rate, 10, 0, 1.0, 1.0, verdict if fails else SUSTAINED, 0.0)
+
+    return study.search(attempt)
+
+
+def steps() -> list[Step]:
+    theirs = [step._replace(candidate=BARE.name) for step in attempts(2000.0, SENDER)]
+    return attempts(1000.0, NODE) + theirs
+
+
+def test_the_search_rises_and_bisects() -> None:
+    found = attempts(1000.0, NODE)
+    rates = [step.rate for step in found]
+    assert rates[:6] == [500.0, 625.0, 781.25, 976.5625, 1220.703125, 1220.703125]  # a failure is tried again
+    assert rates[6:] == pytest.approx([1091.8, 1091.8, 1032.6, 1032.6], abs=0.1)
+    assert study.highest(found, OURS, 1) == 976.5625
+    assert study.limit(found, OURS, 1) == NODE
+    assert study.highest(attempts(1050.0, NODE), OURS, 1) == pytest.approx(1032.6, abs=0.1)
+
+
+def test_one_failure_is_the_machines() -> None:
+    found = attempts(1000.0, NODE, failing_once=(625.0,))
+    assert [step.verdict for step in found[:3]] == [SUSTAINED, NODE, SUSTAINED]
+    assert study.highest(found, OURS, 1) == 976.5625
+
+
+def test_a_search_that_fails_at_once_ends() -> None:
+    found = attempts(100.0, NODE)
+    assert [step.rate for step in found] == [500.0, 500.0]
+    assert study.highest(found, OURS, 1) == 0.0
+    assert study.limit(found, OURS, 1) == NODE
+
+
+def test_a_search_without_a_limit_ends() -> None:
+    found = attempts(math.inf, NODE)
+    assert found[-1].rate < study.HIGHEST
+    assert study.limit(found, OURS, 1) == "-"
+
+
+def test_rates_over_those_of_the_bare_node() -> None:
+    rows = {row[0]: row for row in study.sustained_page(steps()).sections[0].rows}
+    assert rows[OURS.name][3:5] == [NODE, f"{976.5625 / study.highest(steps(), BARE, 1):.2f}"]
+    assert rows[BARE.name][3:] == [SENDER, "1.00", "0 %"]
+    assert rows[BYTES.name][1] == "0"
+
+
+@pytest.mark.parametrize(
+    ("run", "verdict"),
+    [
+        (run_of(*[1] * 101), SUSTAINED),
+        (run_of(*[1] * 100, published=101), NODE),
+        (run_of(*[1] * 101, tail=0.06), NODE),
+        (run_of(*[60] * 101), NODE),
+        (run_of(*[1] * 101, sending=1.01), SUSTAINED),
+        (run_of(*[1] * 101, sending=1.03), SENDER),
+        (run_of(published=101), NODE),
+    ],
+)
+def test_what_sustained_means(run: Run, verdict: str) -> None:
+    assert study.judged(run, 100.0) == verdict
+
+
+CHILDREN = "11: 80.0, 12: 120.0"
+MOMENTS = [
+    Moment(ticks, memory, CHILDREN, 0, 2000.0, 0.3, 1.0, 2.0, 3.0, 5.0)
+    for ticks, memory in ((10_000, 100.0), (50_000, 120.0), (60_000, 123.5), (70_000, 121.0))
+]
+
+
+def test_memory_counts_after_the_warm_up() -> None:
+    rows = dict(study.soak_page(2000.0, MOMENTS, (9, 9, 0)).sections[0].rows)
+    assert rows["node's memory after 50000 ticks [MB]"] == "120.0"
+    assert rows["its largest growth since then [MB]"] == "3.5"
+    assert rows["its child processes' memory at the end [MB]"] == "11: 80.0, 12: 120.0"
+
+
+def recording(path: Path, *messages: bytes) -> Path:
+    with BagWriter(path) as bag:
+        bag.add_topic(f"/{KNEE_CONTACT}", MESSAGE_TYPES[KNEE_CONTACT])
+        for stamp, data in enumerate(messages):
+            bag.write(f"/{KNEE_CONTACT}", stamp, data)
+    return path
+
+
+def test_recordings_are_compared_byte_by_byte(tmp_path: Path) -> None:
+    one = recording(tmp_path / "one.mcap", b"abcd", b"efgh", b"ijkl")
+    assert study.same_answers(one, one) == (3, 3, 0)
+    assert study.same_answers(one, recording(tmp_path / "two.mcap", b"abcd", b"efgX", b"ijkl")) == (3, 3, 1)
+    assert study.same_answers(one, recording(tmp_path / "three.mcap", b"abcd")) == (3, 1, 2)
+
+
+def test_usage_of_a_process_and_its_child() -> None:
+    script = "import subprocess, sys; subprocess.run([sys.executable, '-c', 'input()'])"
+    with subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
+        while len(family := snapshot(process.pid).family) < 2:
+            assert process.poll() is None
+        assert [usage.process for usage in family[:1]] == [process.pid]
+        assert [usage.parent for usage in family] == [os.getpid(), process.pid]
+        assert process.stdin
+        process.stdin.write(b"\n")
+    assert snapshot(process.pid).family == []
+    assert snapshot(os.getpid()).family[0].resident > 10e6  # Python and NumPy
+
+
+def test_cpu_time_of_all_has_that_of_what_has_ended() -> None:
+    before = snapshot(0)
+    work = "import time\nwhile time.process_time() < 0.5: pass"
+    subprocess.run([sys.executable, "-c", work], check=True)
+    assert between(before, snapshot(0)).others >= 0.4  # the kernel counts in hundredths
+
+
+def test_cpu_time_is_that_of_processes_that_were_there_all_the_time() -> None:
+    def of(*taken: tuple[int, float]) -> list[Usage]:
+        return [Usage(process, 0, cpu, 0.0, 0) for process, cpu in taken]
+
+    before = Snapshot(of((1, 1.0), (2, 5.0), (3, 1.0)), 100.0, 10.0, 0.0)
+    after = Snapshot(of((1, 1.5), (2, 5.25), (4, 9.0)), 103.0, 11.0, 2.0)
+    assert between(before, after)[:3] == (0.5, 0.25, 1.25)
+    assert between(before, after).machine == 2.0 * (os.cpu_count() or 0)
+    assert between(before, after._replace(family=[]))[:2] == (0.0, 0.0)
+
+
+STANDS_IN = """
+import signal, sys
+signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+print("ready", flush=True)
+if {waits}:
+    signal.sigwait([signal.SIGINT])
+sys.exit({code})
+"""
+
+
+@pytest.fixture
+def log(tmp_path: Path) -> Path:
+    """What it says."""
+    return tmp_path / "log"
+
+
+def run_stand_in(log: Path, monkeypatch: pytest.MonkeyPatch, code: int, waits: bool) -> None:
+    """Run a node that ends with a code when it is told to, or before."""
+    program = STANDS_IN.format(code=code, waits=waits)
+    monkeypatch.setattr(driver, "node_process", lambda _files, _work, _: child_process("it", ["-c", program], log))
+    with driver.start_ours([], log.parent, 10.0) as child:
+        while "ready" not in log.read_text():
+            time.sleep(0.01)
+        if not waits:
+            child.process.wait()
+            child.check()
+
+
+@pytest.mark.parametrize("code", [0, 1])
+def test_files_that_are_completed_later_are_no_failure(log: Path, monkeypatch: pytest.MonkeyPatch, code: int) -> None:
+    run_stand_in(log, monkeypatch, code, waits=True)
+
+
+@pytest.mark.parametrize(("code", "waits"), [(2, True), (1, False), (2, False)])
+def test_any_other_end_is_a_failure(log: Path, monkeypatch: pytest.MonkeyPatch, code: int, waits: bool) -> None:
+    with pytest.raises(UsageError, match=f"it ended with code {code}: ready"):
+        run_stand_in(log, monkeypatch, code, waits)

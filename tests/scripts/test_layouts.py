@@ -1,0 +1,192 @@
+"""The layouts for Foxglove and PlotJuggler: every path is a number in a recording of ours, and nothing hangs loose.
+
+The real applications are not here; `docs/decisions/0022-viewers-of-others.md` says what was tried with them by hand.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+from mcap.reader import make_reader
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import get_types_from_msg
+
+from knee_contact_ros.model.types import UNUSABLE, ContactState, Fidelity, Status
+from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.streams.topics import RECORDED
+from scripts.make_layouts import LANES, PLOTS, files
+from tests import ROOT
+
+PLOTJUGGLER_STYLES = {"Lines", "Dots", "LinesAndDots", "Sticks", "Steps", "StepsInv"}
+FOXGLOVE_PANELS = {"Plot", "StateTransitions", "RawMessages", "DiagnosticSummary", "Tab"}
+MADE = dict(files())
+SERIES = sum(len(plot.curves) for plot in PLOTS) + len(LANES) + 1
+"""With one for the joint"""
+
+
+@pytest.fixture(scope="module")
+def schemas(config: Path, right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[str, str]]:
+    """Type and definition by topic, as a recording holds them."""
+    path = tmp_path_factory.mktemp("layouts") / "gait.mcap"
+    solve(right_bag, load_parameters([config / "healthy.yaml"]), path, lambda _done, _total: None)
+    with path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    return {
+        channel.topic: (summary.schemas[channel.schema_id].name, summary.schemas[channel.schema_id].data.decode())
+        for channel in summary.channels.values()
+    }
+
+
+def kind_of(schema: tuple[str, str], field: str) -> str:
+    """Primitive type of a field with dots in its name; `position[0]` is an element of a sequence."""
+    name, definition = schema
+    types = get_types_from_msg(definition, name)
+    for part in field.split("."):
+        bare, index = re.fullmatch(r"(\w+)(\[\d+\])?", part).groups()  # type: ignore[union-attr]
+        node, content = dict(types[name][1])[bare]
+        if index:
+            assert node == Nodetype.SEQUENCE
+            node, content = content[0]
+        name = content if node == Nodetype.NAME else content[0]
+    return str(name)
+
+
+def is_number(kind: str) -> bool:
+    return bool(re.fullmatch(r"u?int\d+|float\d+", kind))
+
+
+def leaves(mosaic: Any) -> Iterator[str]:
+    """The panels of a mosaic."""
+    if isinstance(mosaic, str):
+        yield mosaic
+        return
+    assert set(mosaic) == {"direction", "first", "second", "splitPercentage"}
+    assert mosaic["direction"] in ("row", "column")
+    assert 0.0 < mosaic["splitPercentage"] < 100.0
+    yield from leaves(mosaic["first"])
+    yield from leaves(mosaic["second"])
+
+
+def test_foxglove_every_path_is_a_number_of_the_recording(config: Path, schemas: dict[str, tuple[str, str]]) -> None:
+    layout = json.loads((config / "foxglove" / "knee_contact.json").read_text())
+    assert layout == json.loads(MADE["foxglove/knee_contact.json"]), "make it again: python -m scripts.make_layouts"
+    series = [series for panel in layout["configById"].values() for series in panel.get("paths", [])]
+    assert len(series) == SERIES
+    for value in (item["value"] for item in series):
+        topic, _, field = value.removesuffix(".@log10").partition(".")
+        assert is_number(kind_of(schemas[topic], field)), value
+        assert kind_of(schemas[topic], "header.stamp.sec") == "int32", value  # it is drawn at the header's stamp
+
+
+def test_foxglove_every_panel_is_shown_once(config: Path, schemas: dict[str, tuple[str, str]]) -> None:
+    layout = json.loads((config / "foxglove" / "knee_contact.json").read_text())
+    panels = layout["configById"]
+    assert {panel.split("!")[0] for panel in panels} == FOXGLOVE_PANELS
+    shown = [*leaves(layout["layout"])]
+    for tab in panels[layout["layout"]]["tabs"]:
+        shown += leaves(tab["layout"])
+    assert sorted(shown) == sorted(panels)
+    raw = [panel["topicPath"] for name, panel in panels.items() if name.startswith("RawMessages!")]
+    assert set(raw) <= set(schemas)
+
+
+def test_a_recording_names_the_states_as_foxglove_reads_them(schemas: dict[str, tuple[str, str]]) -> None:
+    """A field's values have the names of the constants of its type that stand right before it."""
+    _, definition = schemas["/knee_contact"]
+    named: dict[str, dict[int, str]] = {}
+    constants: dict[int, str] = {}
+    for line in definition.partition("=" * 80)[0].splitlines():
+        if constant := re.match(r"uint8 (\w+)=(\d+)", line):
+            constants[int(constant[2])] = constant[1]
+        elif field := re.match(r"uint8 (\w+)", line):
+            named[field[1]], constants = constants, {}
+    assert named == {
+        "contact_state": {state.value: state.name for state in ContactState},
+        "fidelity": {level.value: level.name for level in Fidelity},
+        "status": {0: "OK"} | {bit.value: bit.name for bit in Status} | {UNUSABLE.value: "UNUSABLE"},
+    }
+    assert "# [m] >= 0; 0 when apart" in definition  # and the units
+
+
+def test_plotjuggler_every_curve_is_a_number_of_the_recording(
+    config: Path, schemas: dict[str, tuple[str, str]]
+) -> None:
+    text = (config / "plotjuggler" / "knee_contact.xml").read_text()
+    assert text == MADE["plotjuggler/knee_contact.xml"], "make it again: python -m scripts.make_layouts"
+    curves = [curve.attrib["name"] for curve in ET.fromstring(text).iter("curve")]  # noqa: S314  (our own file)
+    assert len(curves) == SERIES
+    for curve in curves:
+        topic = max((topic for topic in schemas if curve.startswith(f"{topic}/")), key=len)
+        field = curve.removeprefix(f"{topic}/").replace("/", ".")
+        if topic == "/joint_states":
+            assert field == "knee.position", curve
+        else:
+            assert is_number(kind_of(schemas[topic], field)), curve
+
+
+def test_plotjuggler_4_has_the_same_curves_by_topic_and_field(config: Path) -> None:
+    text = (config / "plotjuggler" / "knee_contact.pj4.xml").read_text()
+    assert text == MADE["plotjuggler/knee_contact.pj4.xml"], "make it again: python -m scripts.make_layouts"
+    root, before = ET.fromstring(text), ET.fromstring(MADE["plotjuggler/knee_contact.xml"])  # noqa: S314  (our own)
+    assert root.attrib == {"format": "PlotJuggler", "pj4_version": "4", "binding": "generic"}
+    curves = [(curve.attrib["topic"], curve.attrib["field"]) for curve in root.iter("curve")]
+    assert [f"{topic}/{field}" for topic, field in curves] == [curve.attrib["name"] for curve in before.iter("curve")]
+    assert {topic for topic, _ in curves} == {f"/{topic}" for topic in RECORDED}
+    assert not list(root.iter("transform"))
+    titles = [area.attrib["name"] for area in root.iter("DockArea")]
+    assert {"Flexion angle [rad]", "Depth [m]", "Joint position [rad]"} <= set(titles)  # nothing converts them
+
+
+@pytest.mark.parametrize("file", ["knee_contact.xml", "knee_contact.pj4.xml"])
+def test_plotjuggler_every_split_has_its_parts(config: Path, file: str) -> None:
+    root = ET.parse(config / "plotjuggler" / file).getroot()  # noqa: S314  (our own file)
+    assert [tab.attrib["tab_name"] for tab in root.iter("Tab")] == ["Contact", "Load, error and cost"]
+    splitters = list(root.iter("DockSplitter"))
+    assert len(splitters) == 6
+    for splitter in splitters:
+        sizes = [float(size) for size in splitter.attrib["sizes"].split(";")]
+        assert len(splitter) == len(sizes) == int(splitter.attrib["count"])
+        assert sum(sizes) == pytest.approx(1.0, abs=1e-3)  # four decimals
+        assert splitter.attrib["orientation"] in "|-"
+        assert {part.tag for part in splitter} <= {"DockSplitter", "DockArea"}
+    for area in root.iter("DockArea"):
+        (plot,) = area
+        assert plot.attrib["mode"] == "TimeSeries"
+        assert plot.attrib["style"] in PLOTJUGGLER_STYLES
+
+
+def test_plotjuggler_shows_degrees_and_millimetres(config: Path) -> None:
+    root = ET.parse(config / "plotjuggler" / "knee_contact.xml").getroot()  # noqa: S314  (our own file)
+    shown = {}
+    for curve in root.iter("curve"):
+        (transform,) = curve
+        (options,) = transform
+        shown[curve.attrib["name"]] = (transform.attrib["alias"], float(options.attrib["value_scale"]))
+    assert shown["/knee_contact/flexion_angle"] == ("flexion angle [deg]", pytest.approx(57.29578, abs=1e-5))
+    assert shown["/knee_contact/penetration_depth"] == ("penetration [mm]", 1e3)
+    assert shown["/knee_contact/error_estimate"] == ("error estimate [um]", 1e6)
+    assert shown["/knee_contact/contact_force"] == ("contact force [N]", 1.0)
+
+
+def test_a_namespace_by_the_script(tmp_path: Path) -> None:
+    run = [sys.executable, "-m", "scripts.make_layouts", "--output", tmp_path, "--namespace"]
+    subprocess.run([*run, "/robot/left"], check=True, capture_output=True, cwd=ROOT)
+    made = {path.relative_to(tmp_path).as_posix(): path.read_text() for path in tmp_path.rglob("*.*")}
+    assert made == dict(files("/robot/left"))
+    patterns = {"json": r'"(?:value|topicPath)": "([^"]*)"', "xml": r'<curve (?:name|topic)="([^"]*)"'}
+    paths = [re.findall(patterns[name.rpartition(".")[2]], text) for name, text in files("/robot/left")]
+    assert list(map(len, paths)) == [SERIES + 2, SERIES, SERIES]
+    assert all(path.startswith("/robot/left/") for each in paths for path in each)
+    refused = subprocess.run([*run, "1st"], capture_output=True, text=True, check=False, cwd=ROOT)
+    assert refused.returncode == 2
+    assert "'1st': it must be a name, as left or robot/left" in refused.stderr

@@ -1,0 +1,201 @@
+"""Rerun opens our recordings directly: what the shipped blueprint names is there, and is seen."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer
+from numpy.typing import NDArray
+
+pytest.importorskip("rerun", reason="needs the extra viewer")
+import pyarrow as pa
+from rerun.chunk import RrdReader
+
+from knee_contact_ros.model.types import ContactState, Fidelity, Status
+from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.parameters.reading import load_parameters
+from scripts.make_layouts import COLOURS, JOINTS, LANES, PLOTS, STATES
+from scripts.make_rerun_blueprint import APPLICATION, TIMELINE, application_of, blueprint
+from tests import ROOT
+from tests.helpers.viewer import RERUN, Screen, pixels_of, rendered, wait_for
+
+SCRIPT = [sys.executable, "-m", "scripts.make_rerun_blueprint"]
+TICKS, FIRST, LAST = 387, 530_000_000, 2_460_000_000
+"""of the right leg's gait; [ns]"""
+PEAK = 2_430_000_000
+
+
+@pytest.fixture(scope="module")
+def recording(config: Path, right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The right leg's gait in an osteoarthritic knee, whose name Rerun does not take as it is."""
+    path = tmp_path_factory.mktemp("direct") / "gait 2354.right.mcap"
+    parameters = load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"])
+    solve(right_bag, parameters, path, lambda _done, _total: None)
+    return path
+
+
+@pytest.fixture(scope="module")
+def left_recording(recording: Path) -> Path:
+    """The same as a node in the namespace `left` records it."""
+    path = recording.with_name("left.mcap")
+    with recording.open("rb") as source, path.open("wb") as target:
+        writer = Writer(target)
+        writer.start("ros2")
+        channels: dict[int, int] = {}
+        for schema, channel, message in make_reader(source).iter_messages():
+            assert schema is not None
+            if channel.id not in channels:
+                known = writer.register_schema(schema.name, schema.encoding, schema.data)
+                topic = f"/left{channel.topic}"
+                channels[channel.id] = writer.register_channel(topic, channel.message_encoding, known, channel.metadata)
+            writer.add_message(channels[channel.id], message.log_time, message.data, message.publish_time)
+        writer.finish()
+    return path
+
+
+@pytest.fixture(scope="module")
+def shipped(config: Path) -> Path:
+    """The blueprint as it is installed."""
+    return config / "rerun" / "knee_contact.rbl"
+
+
+@pytest.fixture(scope="module")
+def converted(recording: Path) -> Path:
+    """What Rerun's importer makes of the recording."""
+    path = recording.with_name("converted.rrd")
+    rerun("mcap", "convert", recording, "--application-id", APPLICATION, "-o", path)
+    return path
+
+
+def rerun(*arguments: str | Path) -> bytes:
+    """What a command of Rerun writes to standard output."""
+    return subprocess.run([RERUN, *arguments], check=True, capture_output=True).stdout
+
+
+@contextmanager
+def piped(content: bytes, folder: Path) -> Iterator[Path]:
+    """A pipe that gives the content, as a shell's `<(...)` does."""
+    pipe = folder / "pipe"
+    os.mkfifo(pipe)
+    thread = threading.Thread(target=pipe.write_bytes, args=[content], daemon=True)
+    thread.start()
+    yield pipe
+    thread.join(timeout=10.0)
+    pipe.unlink()
+
+
+def sources(blueprint: Path) -> set[tuple[str, str, str]]:
+    """Entity, component and selector of everything that a blueprint plots."""
+    (store,) = RrdReader(blueprint).blueprints()
+    found = set()
+    for chunk in RrdReader(blueprint).stream(store=store):
+        batch = chunk.to_record_batch()
+        if "VisualizerInstruction:component_map" in batch.schema.names:
+            entity = re.fullmatch(r".*/overrides(/.*)/visualizers/[^/]*", chunk.entity_path)
+            assert entity, chunk.entity_path
+            for row in batch.column("VisualizerInstruction:component_map").to_pylist():
+                found |= {(entity[1], mapping["source_component"], mapping["selector"]) for mapping in row}
+    return found
+
+
+def content(blueprint: Path) -> set[str]:
+    """What a blueprint says, without its random names."""
+    (store,) = RrdReader(blueprint).blueprints()
+    found = set()
+    for chunk in RrdReader(blueprint).stream(store=store):
+        batch = chunk.to_record_batch()
+        for name in set(batch.schema.names) - {"rerun.controls.RowId", "log_time", "log_tick", "blueprint"}:
+            if name not in ("ActiveVisualizers:instruction_ids", "ViewportBlueprint:root_container"):
+                said = f"{chunk.entity_path} {name} {batch.column(name).to_pylist()}"
+                found.add(re.sub(r"[0-9a-f]{8}(-[0-9a-f]{4}){3}-[0-9a-f]{12}", "...", said))
+    return found
+
+
+def test_the_shipped_blueprint_is_what_the_module_makes(shipped: Path, tmp_path: Path) -> None:
+    blueprint().save(APPLICATION, tmp_path / "new.rbl")
+    assert content(shipped) == content(tmp_path / "new.rbl"), "make it again: python -m scripts.make_rerun_blueprint"
+    assert RrdReader(shipped).blueprints()[0].application_id == APPLICATION
+    blueprint("left").save(APPLICATION, tmp_path / "left.rbl")
+    assert content(shipped) != content(tmp_path / "left.rbl")
+
+
+def test_all_that_the_blueprint_names_is_in_the_recording(shipped: Path, converted: Path) -> None:
+    named = sources(shipped)
+    assert len(named) == sum(len(plot.curves) for plot in PLOTS) + len(LANES)
+    stamps: dict[str, list[int]] = {}
+    kinds: dict[str, pa.DataType] = {}
+    for chunk in RrdReader(converted).stream():
+        batch = chunk.to_record_batch()
+        if not chunk.is_static and TIMELINE in batch.schema.names:
+            stamps.setdefault(chunk.entity_path, []).extend(batch.column(TIMELINE).cast(pa.int64()).to_pylist())
+            kinds |= {f"{chunk.entity_path} {field.name}": field.type for field in batch.schema}
+    for entity, component, selector in named:
+        kind = kinds[f"{entity} {component}"].value_type
+        for field in selector.removeprefix(".").split("."):
+            kind = kind.field(field).type
+        assert pa.types.is_floating(kind) or pa.types.is_integer(kind), (entity, selector)
+    for entity in {entity for entity, _, _ in named} | {"/joint_states/position"}:
+        assert len(stamps[entity]) == TICKS, entity
+        assert (min(stamps[entity]), max(stamps[entity])) == (FIRST, LAST), entity
+
+
+def seen(screen: Screen) -> None:
+    """Every view shows every one of its curves, or lanes, and Rerun has nothing to complain of."""
+    # The blueprint is a file of its own: until it has come, the viewer shows a layout of its own making
+    wait_for(lambda: len(screen.views()) == len(PLOTS) + 2, "the views of the blueprint")
+    screen.set_time(TIMELINE, PEAK)
+    assert screen.complaints() == []
+    for plot in PLOTS:
+        picture = screen.picture(plot.headline)
+        for curve in plot.curves:
+            # A line across the view has a pixel in each of its 800 columns; edges are blended, and curves cross.
+            assert pixels_of(picture, COLOURS[curve.colour]) > picture.shape[1] / 8, (plot.title, curve.name)
+    lanes = screen.picture(STATES)
+    for word in (ContactState.CARTILAGE, ContactState.BONE):
+        assert darkened(lanes, LANES[0].colours[word]) > 1000
+    assert darkened(lanes, LANES[1].colours[Fidelity.DYNAMIC]) > 1000
+    assert darkened(lanes, LANES[2].colours[Status.OK]) > 1000
+    joints = screen.picture(JOINTS)
+    assert (joints.max(axis=2) > 100).sum() > joints.shape[1] / 2
+
+
+def darkened(picture: NDArray[np.uint8], colour: str) -> int:
+    """How many pixels have a colour in the view of states, which takes a fifth of its light away."""
+    return pixels_of(picture, (*(round(0.785 * part) for part in COLOURS[colour]),), within=3)
+
+
+def test_opened_directly_with_the_shipped_blueprint(recording: Path, shipped: Path, tmp_path: Path) -> None:
+    routed = rerun("rrd", "route", "--application-id", application_of(recording), shipped)
+    with piped(routed, tmp_path) as blueprint, rendered(recording, blueprint) as screen:
+        seen(screen)
+
+
+def test_converted_with_the_shipped_blueprint_beside_it(converted: Path, shipped: Path) -> None:
+    with rendered(converted, shipped) as screen:
+        seen(screen)
+
+
+def test_a_namespace_by_the_script(left_recording: Path, tmp_path: Path) -> None:
+    command = [*SCRIPT, "--namespace", "left", "--recording", left_recording]
+    made = subprocess.run(command, check=True, capture_output=True, cwd=ROOT).stdout
+    with piped(made, tmp_path) as blueprint, rendered(left_recording, blueprint) as screen:
+        seen(screen)
+
+
+def test_a_bad_namespace_is_refused(tmp_path: Path) -> None:
+    command: list[Any] = [*SCRIPT, "--namespace", "le ft", "--output", tmp_path / "x.rbl"]
+    said = subprocess.run(command, capture_output=True, text=True, check=False, cwd=ROOT)
+    assert said.returncode == 2
+    assert "'le ft': it must be a name, as left or robot/left" in said.stderr
+    assert list(tmp_path.iterdir()) == []
