@@ -41,7 +41,7 @@ HEADER = (
 )
 TEXT = (
     "Errors of the signed depth (penetration, or gap) at every tick against SciPy's DOP853 (stiff scenes: Radau) at a "
-    "relative tolerance of 1e-12, split at every event (`tools/work_precision/reference.py`). The estimate's share "
+    "relative tolerance of 1e-12, split at every event (`benchmarks/reference.py`). The estimate's share "
     "is of all ticks, its median ratio of those with an error above 1e-12 m."
 )
 Series = tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]

@@ -52,7 +52,7 @@ published estimate, where that is larger) makes of the fastest motion that the e
 """.strip()
 REFERENCE_TEXT = f"""
 Random scenes on a circle or an ellipse in closed form, from a static start, in ticks of at most 5 ms, against
-SciPy (`tools/work_precision/reference.py`); given up after {PATIENCE} s each, or where SciPy finds no solution.
+SciPy (`benchmarks/reference.py`); given up after {PATIENCE} s each, or where SciPy finds no solution.
 """.strip()
 
 

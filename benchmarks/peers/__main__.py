@@ -1,7 +1,7 @@
 """Measure what precision costs, here and with what a user could take instead: `python -m benchmarks.peers --help`.
 
-Work and precision of this model and of SciPy, CVODE, MuJoCo, Exudyn, Drake, OpenSim (the extra trade), and of CyRK,
-numbalsoda and diffrax (the extra peers). Writes trade.md, trade.csv and trade.png. It takes a quarter of an hour.
+Work and precision of this model and of SciPy, CVODE, MuJoCo, Exudyn, Drake, OpenSim, CyRK and diffrax (the extra peers)
+and of numbalsoda (peers-built). Writes trade.md, trade.csv and trade.png. It takes a quarter of an hour.
 """
 
 from __future__ import annotations

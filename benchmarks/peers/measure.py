@@ -279,7 +279,7 @@ class Peer(NamedTuple):
     """Module that it is imported as"""
     distribution: str
     """Its name on PyPI"""
-    extra: str = "trade"
+    extra: str = "peers"
     """Extra of this package that installs it"""
 
     @property
@@ -314,9 +314,9 @@ PEERS = (
     Peer("Exudyn", "exudyn", "exudyn"),
     Peer("Drake", "pydrake", "drake"),
     Peer("OpenSim", "opensim", "opensim"),
-    Peer("CyRK", "CyRK", "CyRK", "peers"),
-    Peer("numbalsoda", "numbalsoda", "numbalsoda", "peers"),
-    Peer("diffrax", "diffrax", "diffrax", "peers"),
+    Peer("CyRK", "CyRK", "CyRK"),
+    Peer("numbalsoda", "numbalsoda", "numbalsoda", "peers-built"),
+    Peer("diffrax", "diffrax", "diffrax"),
 )
 
 

@@ -23,7 +23,7 @@ from knee_contact_ros.model.ticks import LEVELS
 from knee_contact_ros.model.types import Rows, Status
 from knee_contact_ros.results import Results
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.terminal import WIDTH
+from knee_contact_ros.system.terminal import WIDTH, say, shown
 
 TOLERANCES = tuple(float(f"1e-{exponent}") for exponent in range(3, 10))
 """Values of `fidelity.tolerance` [m] that are measured"""
@@ -102,7 +102,7 @@ def measure(
     advance(2, total)
     if worth is None:
         worth = largest(signed_depth(answers("dynamic", REFERENCE, 1.0 + LOAD_ERROR)[0]) - signed_depth(exact))
-    settings = []
+    settings: list[Setting] = []
     for level in NAMES:
         for tolerance in TOLERANCES:
             advance(3 + len(settings), total)
@@ -152,35 +152,37 @@ def largest(differences: NDArray[np.float64]) -> float:
 
 
 def advice(trade: Trade) -> str:
-    """Recommend the setting with the fewest evaluations, and of these the largest tolerance, that is good enough."""
+    """Recommend the setting with the fewest evaluations that is good enough; of equal ones the largest tolerance.
+
+    The tolerance itself must be within what the data are worth too, so that an answer without a flag is.
+    """
     worth = f"{1e6 * trade.worth:.2g} um"
-    good = [each for each in trade.settings if each.depth <= trade.worth and each.flagged <= FLAGGED]
+    good = [each for each in trade.settings if max(each.depth, each.tolerance) <= trade.worth]
+    good = [each for each in good if each.flagged <= FLAGGED]
     if not good:
-        return f"No setting has errors below {worth} and flags at most 1 % of the ticks; see the table."
+        return f"No setting keeps errors below what the data are worth ({worth}) and flags at most 1 % of the ticks."
     best = min(good, key=lambda each: (each.evaluations, -each.tolerance))
     return (
-        f"Take fidelity.level {best.level} and fidelity.tolerance {best.tolerance:g}: the cheapest setting whose largest "
-        f"error of the depth ({1e6 * best.depth:.2g} um) is below what the data are worth ({worth})."
+        f"Take fidelity.level {best.level} with fidelity.tolerance {best.tolerance:g}: the cheapest setting whose "
+        f"errors of the depth ({1e6 * best.depth:.2g} um at most) are below what the data are worth ({worth})."
     )
 
 
 def show(trade: Trade) -> None:
-    """Print the table: a row per setting."""
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, title_justify="left")
+    """Print the table, a row per setting, what its errors are, and the advice."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
     table.add_column("level", no_wrap=True)
-    for heading in ("tolerance [m]", "depth [m]", "force [N]", "point [m]", "flagged", "evaluations", "time [us]"):
-        table.add_column(heading, justify="right")
+    for heading in ("tolerance", "depth [m]", "force [N]", "point [m]", "flagged", "calls", "time [us]"):
+        table.add_column(shown(heading), justify="right", no_wrap=True)
     for each in trade.settings:
         errors = [f"{error:.1e}" for error in (each.depth, each.force, each.point)]
         cost = f"{each.evaluations:.1f}", f"{each.microseconds:.2f}"
         table.add_row(each.level, f"{each.tolerance:.0e}", *errors, f"{1e2 * each.flagged:.1f} %", *cost)
-    console = Console(width=WIDTH)
-    console.print("Largest errors at any tick, and cost per tick", highlight=False)
-    console.print(table)
-    console.print(
-        f"{trade.ticks} ticks. Errors are those against the same model at a tolerance of {REFERENCE:g} m, which is sure "
-        f"to {trade.reference_error:.1e} m (difference from {SECOND:g} m).", highlight=False
-    )  # fmt: skip
+    say("Largest errors at any tick; calls of the contact law and processor time per tick")
+    Console(width=WIDTH).print(table)
+    say(f"{trade.ticks} ticks. The reference is this same model at a tolerance of {REFERENCE:g} m; a run at")
+    say(f"{SECOND:g} m differs from it by {trade.reference_error:.1e} m at most.")
+    say(advice(trade), hang=0)
 
 
 def draw(trade: Trade, path: Path) -> None:
@@ -199,8 +201,8 @@ def draw(trade: Trade, path: Path) -> None:
         if name == "depth":
             axis.plot(TOLERANCES, TOLERANCES, color="0.6", linestyle=":", label="as large as the tolerance")
             axis.axhline(trade.worth, color="#009e73", linestyle="--", label="what the data are worth")
-        axis.legend(fontsize=9, frameon=False)
-    figure.supxlabel("fidelity.tolerance [m]: coarse to fine")
+        axis.legend(fontsize=9, frameon=False, loc="upper left" if name == "microseconds" else "lower left")
+    figure.supxlabel("fidelity.tolerance [m]; hollow: more than 1 % of the ticks are flagged")
     figure.savefig(path, dpi=120, format="png")
 
 
@@ -215,7 +217,9 @@ def draw_panel(axis: Any, settings: Sequence[Setting], name: str, title: str) ->
             axis.plot(each.tolerance, value, "o", color=colour, markerfacecolor=face, markersize=6)
     axis.set(xscale="log", title=title)
     axis.set_xlim(2.0 * TOLERANCES[0], 0.5 * TOLERANCES[-1])
-    if any(getattr(each, name) > 0.0 for each in settings):
+    if name == "microseconds":
+        axis.set_ylim(bottom=0.0)
+    elif any(getattr(each, name) > 0.0 for each in settings):
         axis.set_yscale("log")
     else:
         axis.text(0.5, 0.6, "0 at every setting", transform=axis.transAxes, ha="center")

@@ -14,7 +14,6 @@ from contextvars import ContextVar
 import click
 from rich.console import Console
 from rich.markup import escape
-from rich.measure import Measurement
 from rich.progress import (
     BarColumn,
     Progress,
@@ -24,7 +23,6 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
-from rich.table import Table
 
 from knee_contact_ros.system.printable import printable
 
@@ -124,12 +122,6 @@ def say(line: str, *, err: bool = False, hang: int | None = None) -> None:
             replace_whitespace=False, drop_whitespace=True,
         )  # fmt: skip
     click.echo(text, err=err)
-
-
-def natural_width(table: Table) -> int:
-    """Number of columns that a table takes without line breaks."""
-    console = Console(width=UNBOUNDED)
-    return Measurement.get(console, console.options, table).maximum
 
 
 def shown(text: str) -> str:

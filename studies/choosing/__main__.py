@@ -31,7 +31,7 @@ COMMAND = "python -m studies.choosing"
 @click.option("--data", type=FILE, default="docs/studies/choosing.csv", show_default=True)
 @click.option("--picture", type=FILE, default="docs/images/choosing_fidelity.png", show_default=True)
 @click.option("--latency", type=FILE, default="docs/studies/latency.csv", show_default=True,
-              help="What `knee-contact latency` found.")  # fmt: skip
+              help="What `benchmarks.latency` found.")  # fmt: skip
 def main(turns: int, page: Path, data: Path, picture: Path, latency: Path) -> None:
     """Measure what level, tolerance and geometry cost and leave out, beside what the inputs leave open."""
     text, end_to_end = page.read_text(encoding="utf-8"), read_latency(latency)

@@ -24,7 +24,7 @@ NODE, ALL_ROUNDS = "this node", "all"
 
 
 class Latency(NamedTuple):
-    """Latency from a published force to its answer, as `knee-contact latency` measured it."""
+    """Latency from a published force to its answer, as `benchmarks.latency` measured it."""
 
     rate: float
     """Rate of the samples [Hz]"""

@@ -135,7 +135,7 @@ def test_what_is_not_installed_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(measure, "PEERS", (PEERS[0]._replace(name="Nothing", module="no_such_module"),))
     found, absent = command.chosen_solvers(())
     assert {entry.solver.peer for entry in found} == {"knee-contact"}
-    assert absent == [not_installed("Nothing", "trade")]
+    assert absent == [not_installed("Nothing", "peers")]
 
 
 @pytest.mark.parametrize(("option", "name"), [("--problem", "hop"), ("--solver", "abacus")])

@@ -27,8 +27,7 @@ FIT_SHARE = ["fit-share", "--trial", "a.csv", "--axial", "a", "--medial", "a", "
         ["import-csv", "cells.csv", "--map", "map.yaml", "--output", "typo/bag"],
         ["align", "cells.csv", "--map", "map.yaml", "--output", "typo/align.yaml"],
         ["import-opensim", "--side", "right", "--kinematics", "q", "--reactions", "r", "--output", "typo/bag"],
-        ["trade", "--output", "typo/trade"],
-        ["latency", "--output", "typo/latency"],
+        ["trade", "{bag}", "--picture", "typo/trade.png"],
     ],
 )
 def test_a_misspelt_folder_is_not_made(
@@ -49,6 +48,7 @@ def test_a_misspelt_folder_is_not_made(
         (["estimate-load", "{bag}", "--output", "out.db3"], "--output out.db3: its name must end with .mcap"),
         (["recover", "{file}", "out"], "output out: its name must end with .mcap"),
         (["view", "{bag}", "--save", "x.png"], "--save x.png: its name must end with .rrd"),
+        (["trade", "{bag}", "--picture", "x.pdf"], "--picture x.pdf: its name must end with .png"),
         (
             ["fit-profile", "{file}", "--slice", "0", "--output", "x.yaml"],
             "--output x.yaml: its name must end with .csv",

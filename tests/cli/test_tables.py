@@ -8,25 +8,23 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from knee_contact_ros.tools.work_precision import run as trade
 
-from benchmarks.peers.problems import problems
+from knee_contact_ros import solve
 from knee_contact_ros.bags.recover import Recovery, TopicCount
 from knee_contact_ros.cli import load_table
 from knee_contact_ros.cli.main import main
 from knee_contact_ros.cli.recovery_table import show_recovery
+from knee_contact_ros.lab import trade
 from knee_contact_ros.lab.opensim import command as show
 from knee_contact_ros.lab.opensim.pipeline import Check as Quality
 from knee_contact_ros.offline import summary_table
-from knee_contact_ros.system.terminal import natural_width
-from knee_contact_ros.tools.latency import report as latency
 from tests.helpers.terminals import Terminal
 from tests.helpers.walking import walk, walking_bag
 from tests.lab.opensim.storages import kinematics, reactions
 
 COLUMNS = 80
-MODULES = (summary_table, load_table, show, latency, sys.modules[show_recovery.__module__])
-NO_TABLE = re.compile(r"^(Recording|Bag|Recovered): |^- ")
+MODULES = (summary_table, load_table, show, trade, sys.modules[show_recovery.__module__])
+NO_TABLE = re.compile(r"^(Recording|Bag|Recovered): |^- |^Take ")
 """Files, and what is said in whole lines"""
 RULE = re.compile("─+")
 
@@ -108,13 +106,10 @@ def test_import_opensim(check: Check, tmp_path: Path) -> None:
     check(lambda: show.show_checks(checks))
 
 
-@pytest.mark.parametrize("width", [COLUMNS - 2, 120])
-def test_trade(width: int) -> None:
-    """With all problems, whose names differ in length."""
-    chosen = problems()
-    tables = list(trade.batched([], chosen, "whole", width))
-    assert sum(len(table.columns) - 1 for table in tables) == len(chosen)
-    assert max(map(natural_width, tables)) <= width
+def test_trade(check: Check, right_bag: Path, tmp_path: Path) -> None:
+    """Of a knee whose contact points differ too."""
+    found = trade.measure(solve(right_bag, "mri_knee"), worth=1e-6)
+    check(lambda: trade.show(found))
 
 
 def test_a_line_that_hangs_breaks_between_words_on_a_terminal() -> None:

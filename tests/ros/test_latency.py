@@ -1,4 +1,4 @@
-"""The latency study over real topics: short runs, no timed assertions."""
+"""The comparison with bare nodes over real topics: short runs, no timed assertions."""
 
 from __future__ import annotations
 
@@ -6,17 +6,25 @@ import csv
 import re
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 
 import psutil
 import pytest
 
+from tests import ROOT
 from tests.helpers.processes import has_ended
 from tests.ros.conftest import own_words
-from tests.ros.test_demo import COMMAND, TIMEOUT, Said, run, told_of_bad_input
+from tests.ros.test_demo import TIMEOUT
 
+COMMAND = [sys.executable, "-m", "benchmarks.latency"]
 CANDIDATES = ["this node", "this node, both", "bare", "bare, single-threaded", "bare, bytes"]
+
+
+def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
+    command = [*COMMAND, *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=TIMEOUT, check=False, cwd=ROOT)
 
 
 def rows_of(path: Path) -> list[dict[str, str]]:
@@ -26,14 +34,14 @@ def rows_of(path: Path) -> list[dict[str, str]]:
 
 def test_all_candidates_answer_and_page_and_data_agree(tmp_path: Path) -> None:
     arguments = ("--rounds", "1", "--duration", "2", "--rate", "200")  # what also a busy machine manages
-    done = run("latency", *arguments, "--output", tmp_path / "out")
+    done = run(*arguments, "--output", tmp_path / "out")
     assert done.returncode == 0, done.stderr
     assert own_words(done.stderr) == ""  # no progress bar in a pipe
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["latency.csv", "latency.md"]
     rows = rows_of(tmp_path / "out" / "latency.csv")
     assert [row["candidate"] for row in rows] == CANDIDATES
     page = (tmp_path / "out" / "latency.md").read_text(encoding="utf-8")
-    assert "`knee-contact latency --rate 200 --duration 2 --rounds 1`" in page
+    assert "`python -m benchmarks.latency --rounds 1 --duration 2 --rate 200 --output " in page
     for row in rows:
         assert (row["published"], row["lost"]) == ("400", "0")
         times = [float(row[name]) for name in ("median_ms", "p99_ms", "p999_ms", "max_ms")]
@@ -41,26 +49,24 @@ def test_all_candidates_answer_and_page_and_data_agree(tmp_path: Path) -> None:
         assert times == sorted(times)
         assert float(row["cpu_us"]) > 0.0
         name = re.escape(row["candidate"])
-        shown = re.search(rf"{name} \| ([\d.]+) \| ([\d.]+) \| ", page)
+        shown = re.search(rf"{name} +\| +([\d.]+) +\| +([\d.]+) +\| ", page)
         assert shown
         # Shown to 0.001 ms, from 100 ms on to 1 ms.
         assert list(map(float, shown.groups())) == [
             pytest.approx(time, abs=6e-4 if time < 99.0 else 0.6) for time in times[:2]
         ]
-        # The name may take two lines beside wide numbers.
-        assert re.search(" +".join(map(re.escape, shown.groups())), done.stdout)
+        assert shown[0] in done.stdout
     median = {row["candidate"]: float(row["median_ms"]) for row in rows}
     ratio = median["this node"] / median["bare"]
-    shown = re.search(r" this node +([\d.]+) +[\d.]+ +[\d.]+ *\n", done.stdout)
+    shown = re.search(r"\| this node +\| +([\d.]+) +\| +[\d.]+ +\| +[\d.]+ +\|\n", done.stdout)
     assert shown
     assert float(shown[1]) == pytest.approx(ratio, abs=6e-3)
-    assert max(len(line.rstrip()) for line in done.stdout.splitlines() if str(tmp_path) not in line) <= 80
 
 
 def test_a_long_run_is_recorded_as_it_is_computed_offline(tmp_path: Path) -> None:
-    done = run("latency", "--soak", "400", "--rate", "200", "--output", tmp_path / "out")
+    done = run("--soak", "400", "--rate", "200", "--output", tmp_path / "out")
     assert done.returncode == 0, done.stderr
-    words = " ".join(done.stdout.split())
+    words = " ".join(done.stdout.replace("|", " ").split())
     assert "ticks 400 lost 0" in words
     found = re.search(r"answers recorded (\d+) answers offline (\d+) of these not identical 0", words)
     assert found
@@ -73,7 +79,7 @@ def test_a_long_run_is_recorded_as_it_is_computed_offline(tmp_path: Path) -> Non
 def test_an_interruption_leaves_nothing(tmp_path: Path, moment: str) -> None:
     output = tmp_path / "out"
     study = subprocess.Popen(
-        [*COMMAND, "latency", "--output", output], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+        [*COMMAND, "--output", output], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT
     )
     awaited = {"start": ".incomplete-*/node/node.log", "run": ".incomplete-*/node/recording/*.partial"}[moment]
     deadline = time.monotonic() + TIMEOUT
@@ -85,28 +91,8 @@ def test_an_interruption_leaves_nothing(tmp_path: Path, moment: str) -> None:
     assert children
     study.send_signal(signal.SIGINT)
     printed, errors = study.communicate(timeout=TIMEOUT)
-    assert study.returncode == 130, errors
-    assert own_words(errors).strip() == "knee-contact: interrupted"
+    assert study.returncode == 1, errors
+    assert own_words(errors).strip() == "Aborted!"
     assert printed == ""
     assert not output.exists()
     assert not [child for child in children if not has_ended(child)]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["--rate", "0"], "10.0<=x<=20000.0"),
-        (["--duration", "0"], "0.5<=x<=3600.0"),
-        (["--rounds", "0"], "1<=x<=100"),
-        (["--soak", "0"], "1<=x<=1000000000"),
-        (["--output", "file"], "'file' is a file"),
-        (["--output", "file/out"], "there is no folder file"),
-    ],
-)
-def test_bad_input_is_told_in_one_line(
-    arguments: list[str], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: Said
-) -> None:
-    (tmp_path / "file").touch()
-    monkeypatch.chdir(tmp_path)
-    assert words in told_of_bad_input(["latency", *arguments], capfd)
-    assert [path.name for path in tmp_path.iterdir()] == ["file"]

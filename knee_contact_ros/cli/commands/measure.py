@@ -44,7 +44,7 @@ def trade(
     tightest tolerance, the cost of a tick and the share of flagged ticks, draws them, and recommends a setting. A
     recording of ours is computed with the parameters stored in it, unless --params is given.
     """
-    from knee_contact_ros.lab.trade import advice, draw, measure, show
+    from knee_contact_ros.lab.trade import draw, measure, show
     from knee_contact_ros.offline.in_memory import solve
     from knee_contact_ros.system.extras import require
     from knee_contact_ros.system.ros_arguments import parameters_of, split
@@ -59,6 +59,5 @@ def trade(
         found = measure(results, worth, advance)
     draw(found, picture)
     show(found)
-    say(advice(found))
     say(f"Picture: {picture}")
     warn(str(doubt.message) for doubt in doubts)

@@ -1,6 +1,6 @@
 """Loops over knees, compiled by Numba, for tools that are called by what is compiled; one thread per core.
 
-The solvers are those of `knee_contact_ros.tools.work_precision.compiled`, for `trade` too.
+The solvers are those of `benchmarks.peers.compiled`.
 """
 
 from __future__ import annotations

@@ -1,0 +1,136 @@
+"""`knee-contact trade`: errors and costs of a bag at all settings, and what it recommends."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from knee_contact_ros import UsageError, load_model, solve
+from knee_contact_ros.cli.main import main
+from knee_contact_ros.lab.trade import LEVELS, NAMES, REFERENCE, TOLERANCES, Setting, Trade, advice, measure
+from knee_contact_ros.model.types import Status
+from knee_contact_ros.results import Results
+
+pytest.importorskip("matplotlib", reason="needs the extra trade")
+
+
+def of(found: Trade, level: str, tolerance: float) -> Setting:
+    (setting,) = (each for each in found.settings if (each.level, each.tolerance) == (level, tolerance))
+    return setting
+
+
+@pytest.fixture(scope="module")
+def arthritic(right_bag: Path) -> Results:
+    return solve(right_bag, ["osteoarthritis", "mri_knee"])
+
+
+@pytest.fixture(scope="module")
+def found(arthritic: Results) -> Trade:
+    return measure(arthritic)
+
+
+def test_errors_are_those_against_the_tightest_run(found: Trade, arthritic: Results) -> None:
+    assert [(each.level, each.tolerance) for each in found.settings] == [(n, t) for n in NAMES for t in TOLERANCES]
+    assert found.ticks == len(arthritic)
+
+    def run(level: str, tolerance: float) -> Results:
+        fidelity = {"fidelity.level": level, "fidelity.tolerance": tolerance}
+        model = load_model(["osteoarthritis", "mri_knee", fidelity])
+        return model.run(arthritic.time, arthritic.flexion_angle, arthritic.load)
+
+    exact = run("dynamic", REFERENCE)
+    for level, tolerance in (("quasi_static", 1e-4), ("dynamic", 1e-6), ("dynamic", 1e-9)):
+        own, setting = run(level, tolerance), of(found, level, tolerance)
+        apart = own.contact_point.x - exact.contact_point.x, own.contact_point.y - exact.contact_point.y
+        assert setting.depth == np.abs(own.penetration_depth - exact.penetration_depth).max()
+        assert setting.force == np.abs(own.contact_force - exact.contact_force).max()
+        assert setting.point == np.hypot(*apart).max() > 0.0
+        assert setting.evaluations == own.evaluations.mean()
+        assert setting.flagged == np.mean((own.status & Status.NOT_CONVERGED) != 0)
+        assert setting.microseconds > 0.0
+    assert found.reference_error < of(found, "dynamic", 1e-9).depth
+
+
+def test_the_data_are_worth_what_one_per_cent_of_the_load_makes_of_the_depth(found: Trade, arthritic: Results) -> None:
+    model = load_model(["osteoarthritis", "mri_knee", {"fidelity.tolerance": 1e-12}])
+    depths = [
+        model.run(arthritic.time, arthritic.flexion_angle, factor * arthritic.load).penetration_depth
+        for factor in (1.0, 1.01)
+    ]
+    assert found.worth == pytest.approx(
+        np.abs(depths[1] - depths[0]).max(), rel=1e-3
+    )  # the bag is in contact throughout
+    assert measure(arthritic[:3], worth=2e-6).worth == 2e-6
+
+
+def setting(level: str, tolerance: float, depth: float, flagged: float, evaluations: float) -> Setting:
+    return Setting(level, tolerance, depth, 0.0, 0.0, flagged, evaluations, 1.0)
+
+
+STATIC, DYNAMIC = setting("quasi_static", 1e-5, 1e-6, 0.0, 2.0), setting("dynamic", 1e-5, 1e-8, 0.0, 9.0)
+
+
+@pytest.mark.parametrize(
+    ("settings", "level", "tolerance"),
+    [
+        ([STATIC, DYNAMIC], "quasi_static", "1e-05"),
+        ([STATIC._replace(flagged=0.1), DYNAMIC], "dynamic", "1e-05"),
+        ([DYNAMIC._replace(tolerance=1e-4), DYNAMIC], "dynamic", "1e-05"),
+        ([DYNAMIC, DYNAMIC._replace(tolerance=1e-6)], "dynamic", "1e-05"),
+        ([DYNAMIC._replace(depth=1e-4), DYNAMIC._replace(tolerance=1e-6, evaluations=12.0)], "dynamic", "1e-06"),
+    ],
+    ids=["cheapest", "it flags too much", "beyond what data are worth", "largest tolerance", "too large an error"],
+)  # fmt: skip
+def test_the_cheapest_setting_that_is_good_enough_is_recommended(
+    settings: list[Setting], level: str, tolerance: str
+) -> None:
+    said = advice(Trade(settings, 100, 2e-5, 1e-12))
+    assert f"fidelity.level {level} with fidelity.tolerance {tolerance}: " in said
+
+
+def test_where_nothing_is_good_enough_it_says_so() -> None:
+    assert advice(Trade([setting("dynamic", 1e-9, 1e-8, 0.0, 9.0)], 100, 1e-10, 1e-12)).startswith("No setting keeps")
+
+
+def test_both_compartments_count_and_a_reset_begins_anew(right_bag: Path) -> None:
+    both = solve(right_bag, "both_compartments")
+    assert measure(both, 1e-6).ticks == 2 * len(both)
+    again = solve(right_bag)
+    twice = np.concatenate([again, again])
+    twice["status"][len(again)] |= Status.TIME_RESET
+    twice.model = again.model
+    one, two = (of(measure(each, 1e-6), "dynamic", 1e-6) for each in (again, twice))
+    assert (one.depth, one.evaluations) == (two.depth, two.evaluations)
+
+
+def test_heights_that_are_prescribed_are_taken_from_the_answers() -> None:
+    model = load_model({"drive": "displacement"})
+    time = 1e-2 * np.arange(50)
+    series = model.run(time, 0.1 + time, 0.0 * time, 0.034 - 1e-3 * np.sin(9.0 * time))
+    assert all(each.depth == each.force == 0.0 for each in measure(series, 1e-6).settings)
+
+
+def test_answers_of_an_unknown_model_are_refused(arthritic: Results) -> None:
+    unknown = arthritic.copy()
+    unknown.model = None
+    with pytest.raises(UsageError, match="say --params FILE"):
+        measure(unknown)
+
+
+def test_the_command_prints_a_table_and_a_sentence_and_draws(
+    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    picture = tmp_path / "trade.png"
+    arguments = ["trade", str(right_bag), "-p", "femur.mass:=5.0", "--worth", "1e-4", "--picture", str(picture)]
+    assert main(arguments) == 0
+    printed, told = capsys.readouterr()
+    assert told == ""
+    for level in LEVELS.keys() - {"auto"}:
+        assert printed.count(f" {level} ") == len(TOLERANCES) + (level in printed.partition("Take fidelity.level")[2])
+    assert "Take fidelity.level quasi_static with fidelity.tolerance 0.0001: " in printed
+    assert printed.endswith(f"Picture: {picture}\n")
+    assert picture.read_bytes().startswith(b"\x89PNG")
+    assert main(["trade", str(right_bag), "--remap", "joint_states"]) == 2
+    assert capsys.readouterr().err.startswith("knee-contact: --remap 'joint_states': it must be")
