@@ -14,13 +14,13 @@ from time import perf_counter
 
 import click
 
+from benchmarks.report import machine
 from knee_contact_ros.offline.bundled_gait import gait
 from knee_contact_ros.offline.solve_blocks import take
 from knee_contact_ros.parameters.reading import load_parameters
 from knee_contact_ros.streams.columns import Column
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
-from knee_contact_ros.system.machine import describe
 
 KNEES = {"circle on plane": ["healthy"], "MRI femur": ["healthy", "mri_femur"]}
 STRIDES = 10
@@ -88,7 +88,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0])
     parser.add_argument("--rounds", type=int, default=15)
     rounds = parser.parse_args().rounds
-    click.echo(f"{describe(['numba', 'numpy'])}; medians of {rounds} rounds in turns")
+    click.echo(f"{machine('numba')}; medians of {rounds} rounds in turns")
     click.echo(f"{'':32}{'one [us]':>10}{'both [us]':>10}{'ratio':>8}")
     for name, files in KNEES.items():
         makers: list[Callable[[], ContactStream]] = []

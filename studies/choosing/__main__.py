@@ -10,7 +10,7 @@ from pathlib import Path
 
 import click
 
-from knee_contact_ros.system.machine import business, describe
+from benchmarks import report
 from studies.choosing.page import block, read_latency, with_block, write_csv
 from studies.choosing.picture import draw
 from studies.choosing.study import measure
@@ -36,7 +36,7 @@ def main(turns: int, page: Path, data: Path, picture: Path, latency: Path) -> No
     """Measure what level, tolerance and geometry cost and leave out, beside what the inputs leave open."""
     text, end_to_end = page.read_text(encoding="utf-8"), read_latency(latency)
     with_block(text, "")  # before an hour of work
-    machine = f"{describe(('numpy', 'scipy', 'numba'))}; {business()}"
+    machine = report.machine("numba")
     study = measure(turns, lambda done: click.echo(done, err=True))
     write_csv(study, data)
     draw(study, picture)

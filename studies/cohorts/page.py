@@ -7,8 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from benchmarks.report import Section
-from knee_contact_ros.system.machine import business, describe
+from benchmarks.report import Section, machine
 from studies.cohorts.measure import CORES, Timed
 from studies.cohorts.method import STEPS
 from studies.cohorts.ours import PROMISED
@@ -49,7 +48,7 @@ HEADER = (
 def measured_on() -> str:
     """Machine, versions of the tools, and what else the machine did."""
     names = ("numpy", "scipy", "numba", "CyRK", "numbalsoda", "diffrax", "jax")
-    return f"{describe(names)}, {business()}"
+    return machine(*names)
 
 
 def sections(

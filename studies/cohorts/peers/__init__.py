@@ -6,7 +6,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import NamedTuple
 
-from knee_contact_ros.system.machine import installed_version
+from benchmarks.report import installed_version
 from studies.cohorts.method import Method
 
 
