@@ -79,17 +79,17 @@ def all_beside() -> str:
 
 def parameters() -> str:
     """Every parameter of both nodes with its default and limits, from where they are declared."""
-    from knee_contact_ros.parameters.load_schema import LOAD_READING
-    from knee_contact_ros.parameters.reading import READING
+    from knee_contact_ros.parameters.files import known_parameters
+    from knee_contact_ros.parameters.schema import LoadParameters, Parameters
 
     def allowed(limits: Any) -> str:
         numbers = f"{limits.least:g} to {limits.most:g}" if isfinite(limits.least) else ""
         return "; ".join(filter(None, (numbers, limits.words)))
 
     tables = []
-    for reading in (READING, LOAD_READING):
-        tables += [f"\n## {reading.node}\n\n| parameter | default | meaning, and what is allowed |", "|---|---|---|"]
-        for name, (default, meaning, limits) in reading.known().items():
+    for schema in (Parameters, LoadParameters):
+        tables += [f"\n## {schema.node}\n\n| parameter | default | meaning, and what is allowed |", "|---|---|---|"]
+        for name, (default, meaning, limits) in known_parameters(schema).items():
             texts = dict.fromkeys(filter(None, (meaning, allowed(limits))))
             tables.append(f"| `{name}` | `{default!r}` | {'<br>'.join(texts)} |")
     return "\n".join([*tables, ""])

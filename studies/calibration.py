@@ -25,7 +25,7 @@ from knee_contact_ros import calibrate
 from knee_contact_ros.lab.calibrate import Calibration
 from knee_contact_ros.lab.calibrate.contact import fittable_of, measured_from, problem_of
 from knee_contact_ros.lab.calibrate.fit import unknowns_of
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from studies.calibration_cases import CASES, DEPTH, DOUBTFUL, FORCE, GAP, Case
 from studies.reference import LAWS, Knee, Solution, solve
 

@@ -17,7 +17,7 @@ import click
 from benchmarks.report import machine
 from knee_contact_ros.offline.bundled_gait import gait
 from knee_contact_ros.offline.solve_blocks import take
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.columns import Column
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped

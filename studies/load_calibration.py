@@ -24,7 +24,8 @@ from knee_contact_ros.joint_reaction.leg import STILL, UNKNOWN, Ground, Joints
 from knee_contact_ros.lab.calibrate.fit import LINEAR, correlations, fitted, intervals, samples_per_value, unknowns_of
 from knee_contact_ros.lab.calibrate.load import AXIAL_FORCE, LoadProblem, Referenced, fittable_in, load_problem_of
 from knee_contact_ros.offline.sensed import Sensed
-from knee_contact_ros.parameters.load_schema import LOAD_READING
+from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.schema import LoadParameters
 
 Floats = NDArray[np.float64]
 TRUE = {"person.moment_arm_scale": 0.9, "person.co_contraction": 0.35, "person.tone": 0.25}
@@ -95,7 +96,7 @@ def walking(count: int) -> tuple[Sensed, ...]:
 @cache
 def true_problem(count: int) -> LoadProblem:
     """Problem of the fit against the true joint reaction, at the true constants."""
-    parameters = LOAD_READING.load({**BODY, **TRUE})
+    parameters = load_parameters({**BODY, **TRUE}, LoadParameters)
     empty = Referenced("made", "", walking(count), {AXIAL_FORCE: np.zeros(count)}, {}, ())
     problem = load_problem_of(parameters, empty, unknowns_of(list(TRUE), fittable_in(parameters)))
     return held_against(problem, problem.answers(problem.start)[AXIAL_FORCE])

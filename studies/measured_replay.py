@@ -29,7 +29,7 @@ from knee_contact_ros.bags.writer import REFUSED_SAMPLES, BagWriter
 from knee_contact_ros.cli.main import main as knee_contact
 from knee_contact_ros.model.types import Rows, Status
 from knee_contact_ros.offline.in_memory import solve
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.messages import JOINT_STATE, encode_joint_state
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.ros_graph import private_graph

@@ -26,7 +26,7 @@ from benchmarks.report import Section, machine, save
 from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES
 from knee_contact_ros.model.types import ROW
 from knee_contact_ros.node.outputs import Outputs
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.sinks.process import Listeners
 from knee_contact_ros.sinks.protocol import Knee
 from knee_contact_ros.streams.contact_stream import ContactStream

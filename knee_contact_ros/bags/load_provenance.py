@@ -7,7 +7,8 @@ from pathlib import Path
 
 from knee_contact_ros import __version__
 from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT, bag_digest
-from knee_contact_ros.parameters.load_schema import LOAD_READING, LoadParameters
+from knee_contact_ros.parameters.files import flat_parameters
+from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.sinks.protocol import LOAD_PROVENANCE
 
 __all__ = ["LOAD_PROVENANCE", "load_provenance_record"]
@@ -23,7 +24,7 @@ def load_provenance_record(
         source: Bag that the inputs come from, if any.
         ticks_before: Number of ticks that the node had computed before the recording began.
     """
-    values = LOAD_READING.flat(parameters)
+    values = flat_parameters(parameters)
     kept = {name: value for name, value in values.items() if not name.startswith(NOT_OF_THE_RESULT)}
     record = {
         "package": f"knee_contact_ros {__version__}",

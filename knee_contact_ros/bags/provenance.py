@@ -13,8 +13,7 @@ from knee_contact_ros import __version__
 from knee_contact_ros.bags.bag_files import files_of, is_there
 from knee_contact_ros.bags.mcap_metadata import metadata_records
 from knee_contact_ros.bags.writer import CONTINUED
-from knee_contact_ros.parameters.curves import curve_files, read_curve, stored_texts
-from knee_contact_ros.parameters.reading import flat_parameters, load_parameters
+from knee_contact_ros.parameters.files import curve_files, flat_parameters, load_parameters, read_curve, stored_texts
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.sinks.protocol import LOAD_PROVENANCE, PROVENANCE
 from knee_contact_ros.system.errors import UsageError

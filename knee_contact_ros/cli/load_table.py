@@ -10,7 +10,7 @@ from rich.table import Table
 
 from knee_contact_ros.offline.estimate_load import LoadSummary
 from knee_contact_ros.offline.summary_table import counts, figure_table
-from knee_contact_ros.parameters.load_schema import LoadParameters
+from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.system.terminal import WIDTH, say, shown
 
 NOT_CALIBRATED = "not calibrated to this person: for looking, not for gating anything"

@@ -50,11 +50,16 @@ from knee_contact_ros.lab.sweep import (
     outcomes_of,
 )
 from knee_contact_ros.model.types import FLAT, TOLD
-from knee_contact_ros.parameters.curves import curve_files, read_curve
-from knee_contact_ros.parameters.lateral import LATERAL as LATERAL_KNEE
-from knee_contact_ros.parameters.lateral import has_both
-from knee_contact_ros.parameters.reading import all_values, known_parameters, load_parameters, variations_of
-from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.parameters.files import (
+    all_values,
+    curve_files,
+    known_parameters,
+    load_parameters,
+    read_curve,
+    variations_of,
+)
+from knee_contact_ros.parameters.schema import LATERAL as LATERAL_KNEE
+from knee_contact_ros.parameters.schema import Parameters, has_both
 from knee_contact_ros.system.errors import IncompleteError, ToldError, UsageError
 from knee_contact_ros.system.resources import expanded
 from knee_contact_ros.system.terminal import progress, say, warn

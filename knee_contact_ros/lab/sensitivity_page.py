@@ -39,7 +39,7 @@ from knee_contact_ros.lab.sensitivity import (
     unit_of,
 )
 from knee_contact_ros.lab.study import Case, Study
-from knee_contact_ros.parameters.reading import known_parameters
+from knee_contact_ros.parameters.files import known_parameters
 from knee_contact_ros.system.errors import IncompleteError
 from knee_contact_ros.system.terminal import progress, say
 

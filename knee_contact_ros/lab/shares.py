@@ -27,10 +27,11 @@ from rich.table import Table
 from scipy.optimize import lsq_linear
 
 from knee_contact_ros import __version__
+from knee_contact_ros.joint_reaction.compartments import MeasuredShare, ShareTable
+from knee_contact_ros.joint_reaction.estimator import LEAST_PEAK, MOST_PEAK, STIFF
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_LOAD
 from knee_contact_ros.model.types import Floats
-from knee_contact_ros.parameters.measured_share import COLUMNS, MeasuredShare, ShareTable, read_share_table
-from knee_contact_ros.parameters.plausibility import LEAST_PEAK, MOST_PEAK, STIFF
+from knee_contact_ros.parameters.files import SHARE_COLUMNS, read_share_table
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import partial_name, refuse_existing
 from knee_contact_ros.system.regular_file import read_regular
@@ -369,7 +370,7 @@ def csv(table: ShareTable, trials: Sequence[Trial], source: str, smoothing: floa
         "# beyond them as at the edge. For load.compartment: measured_share (load.share_file).",
         *(f"# Source: {line.strip()}" for line in source.splitlines() if line.strip()),
         f"# Fitted by knee-contact fit-share {__version__}, smoothing {smoothing:g}, to {names}.",
-        ",".join(COLUMNS),
+        ",".join(SHARE_COLUMNS),
     ]
     return "\n".join([*lines, *rows]) + "\n"
 

@@ -27,7 +27,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from knee_contact_ros.lab.sweep import checked_names
-from knee_contact_ros.parameters.reading import check_value, dotted, first_error, known_parameters, load_parameters
+from knee_contact_ros.parameters.files import check_value, dotted, first_error, known_parameters, load_parameters
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.yaml_file import read_mapping
 

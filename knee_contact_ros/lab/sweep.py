@@ -24,19 +24,19 @@ from knee_contact_ros.model.readouts import ContactPatch
 from knee_contact_ros.model.surfaces import ContactPair
 from knee_contact_ros.model.types import NANOSECOND, ROW, ContactState, Rows, Status
 from knee_contact_ros.offline.in_memory import Name, in_python_words
-from knee_contact_ros.parameters.build import build_model, contact_pair
-from knee_contact_ros.parameters.compartments import COMPARTMENTS
-from knee_contact_ros.parameters.curves import curve_files, read_curve
-from knee_contact_ros.parameters.lateral import has_both, lateral_knee, lateral_texts
-from knee_contact_ros.parameters.reading import (
+from knee_contact_ros.parameters.build import build_model, contact_pair, load_rule
+from knee_contact_ros.parameters.files import (
     Source,
     check_value,
+    curve_files,
     dotted,
     known_parameters,
+    lateral_texts,
     load_parameters,
+    read_curve,
     variations_of,
 )
-from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.parameters.schema import Parameters, has_both, lateral_knee
 from knee_contact_ros.streams.contact_stream import half_spacing, move_along_z
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.resources import DEFAULT_PARAMETERS, expanded
@@ -254,7 +254,7 @@ class Knees:
     def _made_medial(self, load: Any, body_weight: float) -> Floats:
         parameters = self.parameters.model_copy(update={"load": load, "body_weight": body_weight})
         recording = self.recording
-        rule = COMPARTMENTS[load.rule](parameters, self.files.texts(parameters))
+        rule = load_rule(parameters, self.files.texts(parameters))
         loads = np.ascontiguousarray(rule(recording.axial, recording.moment, recording.angles), dtype=float)
         _refuse_beyond("load", loads, LARGEST_LOAD, "N")
         _refuse_beyond("load", recording.axial - loads, LARGEST_LOAD, "N")

@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
 
-from knee_contact_ros.parameters.limits import OneOf
-from knee_contact_ros.parameters.sections import Section
+from knee_contact_ros.parameters.schema import Section, one_of
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.regular_file import open_regular
@@ -237,7 +236,7 @@ class TableFormat(Section):
     header_line: int | None = Field(None, ge=1, description="line with the names; default: the first with content")
     first_line: int | None = Field(None, ge=2, description="line of the first row; default: the one after the names")
     delimiter: str | None = Field(None, min_length=1, max_length=1, description="default: as the names are divided")
-    decimal: Annotated[str, OneOf("auto", ".", ",")] = Field(
+    decimal: Annotated[str, one_of("auto", ".", ",")] = Field(
         "auto", description="auto: a comma where columns are not divided by commas"
     )
 

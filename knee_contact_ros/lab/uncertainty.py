@@ -17,13 +17,13 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.bags.provenance import Provenance
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
+from knee_contact_ros.joint_reaction.compartments import LoadRule
 from knee_contact_ros.model.compiler import worth_compiling
 from knee_contact_ros.model.types import Rows, Status
 from knee_contact_ros.offline.in_memory import Name, in_python_words, solve_inputs
 from knee_contact_ros.offline.solve import parameters_in, solve, texts_of
-from knee_contact_ros.parameters.compartments import COMPARTMENTS
-from knee_contact_ros.parameters.lateral import LATERAL, has_both, lateral_knee
-from knee_contact_ros.parameters.reading import (
+from knee_contact_ros.parameters.build import load_rule
+from knee_contact_ros.parameters.files import (
     Source,
     all_values,
     dotted,
@@ -31,7 +31,7 @@ from knee_contact_ros.parameters.reading import (
     known_parameters,
     load_parameters,
 )
-from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.parameters.schema import LATERAL, Parameters, has_both, lateral_knee
 from knee_contact_ros.streams.contact_stream import Compartment, ContactStream, compartments_of, half_spacing
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.resources import expanded
@@ -201,7 +201,7 @@ class Given(NamedTuple):
             return deviation.moved(values, times)
 
         angles, axial = off(FLEXION_ANGLE, self.angles), off(AXIAL_LOAD, self.axial)
-        medial = COMPARTMENTS[parameters.load.rule](parameters, self.texts)(axial, self.moment, angles)
+        medial = load_rule(parameters, self.texts)(axial, self.moment, angles)
         if MEDIAL_SHARE in by_name:
             medial = medial + off(MEDIAL_SHARE, 0.0) * axial
         stamps, status = self.rows[0]["stamp"], self.rows[0]["status"] & Status.TIME_RESET
@@ -271,13 +271,12 @@ def given_in(
     blocks: list[Sequence[Rows]] = []
 
     def listen(pipeline: ContactStream) -> None:
-        rule = pipeline.rule
+        class Noting(LoadRule):
+            def __call__(self, axial: Any, moment: Any, flexion: Any) -> Any:
+                inputs.append((axial, moment, flexion))
+                return super().__call__(axial, moment, flexion)
 
-        def noting(axial: Any, moment: Any, flexion: Any) -> Any:
-            inputs.append((axial, moment, flexion))
-            return rule(axial, moment, flexion)
-
-        pipeline.rule = noting
+        pipeline.rule = Noting(**vars(pipeline.rule))
 
     summary = solve(
         bag, basis, None, advance, names=names, compiled=compiled, keep=blocks.append, prepare=listen, curves=texts

@@ -29,10 +29,8 @@ from knee_contact_ros.node.kind import NodeKind, Topics
 from knee_contact_ros.node.markers import MARKER_DEPTH, MARKER_PERIOD, MarkerTopic
 from knee_contact_ros.node.session import DIAGNOSTICS, OUTPUT_DEPTH, Session, deserialize
 from knee_contact_ros.node.subscription import HandedInputs
-from knee_contact_ros.parameters.curves import curve_texts
-from knee_contact_ros.parameters.lateral import LATERAL, has_both
-from knee_contact_ros.parameters.reading import READING
-from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.parameters.files import curve_texts
+from knee_contact_ros.parameters.schema import LATERAL, Parameters, has_both
 from knee_contact_ros.sinks.protocol import Knee
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.messages import as_joint_state
@@ -210,4 +208,4 @@ CONTACT_TOPICS = Topics(
     (*INPUTS, DYNAMIC_JOINT_STATES),
     (KNEE_CONTACT, KNEE_CONTACT_LATERAL, KNEE_CONTACT_WRENCH, KNEE_CONTACT_MARKERS, DIAGNOSTICS),
 )
-CONTACT_NODE = NodeKind(READING, LIVE, CONTACT_TOPICS, ContactSession)
+CONTACT_NODE = NodeKind(Parameters, LIVE, CONTACT_TOPICS, ContactSession)

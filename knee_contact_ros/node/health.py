@@ -16,8 +16,7 @@ from knee_contact_ros.node.subscription import HandedStream, Inputs, InputStream
 from knee_contact_ros.streams.intake import Intake
 
 if TYPE_CHECKING:
-    from knee_contact_ros.parameters.load_schema import LoadParameters
-    from knee_contact_ros.parameters.schema import Parameters
+    from knee_contact_ros.parameters.schema import LoadParameters, Parameters
     from knee_contact_ros.streams.contact_stream import ContactStream
 
 REFUSAL_LOG_PERIOD = 5.0

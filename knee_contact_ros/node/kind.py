@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rclpy.lifecycle import LifecycleNode
 
-from knee_contact_ros.parameters.declared import NodeReading
+from knee_contact_ros.parameters.schema import NodeSection
 
 if TYPE_CHECKING:
     from knee_contact_ros.node.session import Session
@@ -23,8 +23,8 @@ class Topics(NamedTuple):
 class NodeKind(NamedTuple):
     """Kind of node; what all kinds have in common is in `node.py` and `session.py`."""
 
-    reading: NodeReading[Any]
-    """Name of the node, and how its parameters are read"""
+    schema: type[NodeSection]
+    """Name of the node, and its parameters"""
     live: frozenset[str]
     """Names of the parameters that may change while the node is configured: they take effect between two ticks"""
     topics: Topics

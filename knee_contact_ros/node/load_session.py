@@ -24,7 +24,7 @@ from knee_contact_ros.node.health import Health
 from knee_contact_ros.node.kind import NodeKind, Topics
 from knee_contact_ros.node.session import DIAGNOSTICS, OUTPUT_DEPTH, Session, deserialize
 from knee_contact_ros.node.subscription import HandedInputs, HandOver
-from knee_contact_ros.parameters.load_schema import LOAD_READING, LoadParameters
+from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.sinks.protocol import Knee
 from knee_contact_ros.streams.load_stream import LoadStream
 from knee_contact_ros.streams.pairing import PairedSample
@@ -116,4 +116,4 @@ class LoadSession(Session):
 
 
 LOAD_TOPICS = Topics(LOAD_INPUTS, (JOINT_REACTION_FORCE, LOAD_ESTIMATE, DIAGNOSTICS))
-LOAD_NODE = NodeKind(LOAD_READING, LIVE, LOAD_TOPICS, LoadSession)
+LOAD_NODE = NodeKind(LoadParameters, LIVE, LOAD_TOPICS, LoadSession)

@@ -23,6 +23,7 @@ from knee_contact_ros.node.kind import NodeKind
 from knee_contact_ros.node.parameters import NodeParameters, given_by_user
 from knee_contact_ros.node.session import Session
 from knee_contact_ros.node.stop import Stop
+from knee_contact_ros.parameters.files import check_file
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.executor import executor_of
 from knee_contact_ros.system.ros_graph import joining
@@ -46,7 +47,7 @@ class ManagedNode(LifecycleNode):
             UsageError: a parameter is unknown or not allowed.
         """
         super().__init__(
-            kind.reading.node, allow_undeclared_parameters=True, automatically_declare_parameters_from_overrides=True
+            kind.schema.node, allow_undeclared_parameters=True, automatically_declare_parameters_from_overrides=True
         )
         self.node_parameters = NodeParameters(self, kind)
         self.kind = kind
@@ -160,7 +161,7 @@ def run_nodes(arguments: list[str], kinds: Sequence[NodeKind]) -> int:
         if flag == "--params-file":
             for kind in kinds:
                 with of_node(kind, kinds):
-                    kind.reading.check_file(Path(path))
+                    check_file(Path(path), kind.schema)
     try:
         rclpy.init(args=["knee-contact", *arguments], signal_handler_options=SignalHandlerOptions.NO)
     except RuntimeError as error:  # rclpy's own errors derive from it
@@ -190,7 +191,7 @@ def of_node(kind: NodeKind, kinds: Sequence[NodeKind]) -> Iterator[None]:
     try:
         yield
     except UsageError as error:
-        raise UsageError(f"{kind.reading.node}: {error}" if len(kinds) > 1 else str(error)) from None
+        raise UsageError(f"{kind.schema.node}: {error}" if len(kinds) > 1 else str(error)) from None
 
 
 def finish(nodes: Sequence[ManagedNode]) -> None:
@@ -211,7 +212,7 @@ def check_names(nodes: Sequence[ManagedNode]) -> None:
     for giver, taker in pairwise(nodes):
         names = giver.get_fully_qualified_name(), taker.get_fully_qualified_name()
         if names[0] == names[1]:
-            own = giver.kind.reading.node
+            own = giver.kind.schema.node
             raise UsageError(f"two nodes would have the name {names[0]}; rename one of them, as -r {own}:__node:=NAME")
         for topic in sorted({*giver.kind.topics.inputs, *giver.kind.topics.outputs} & {*taker.kind.topics.inputs}):
             given, taken = giver.resolve_topic_name(topic), taker.resolve_topic_name(topic)

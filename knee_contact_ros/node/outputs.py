@@ -9,7 +9,7 @@ from importlib import import_module
 from pathlib import Path
 
 from knee_contact_ros.bags.answer_recorder import refuse
-from knee_contact_ros.parameters.sections import Section
+from knee_contact_ros.parameters.schema import Section
 from knee_contact_ros.sinks.process import MB, PATIENCE, Listeners, Queue, SinkProcess
 from knee_contact_ros.sinks.protocol import Discard, Knee, Sink
 from knee_contact_ros.streams.topics import Answer, Ending

@@ -14,7 +14,8 @@ from rclpy.parameter import Parameter
 from rclpy.qos import HistoryPolicy, ReliabilityPolicy
 
 from knee_contact_ros.node.kind import NodeKind, Topics
-from knee_contact_ros.parameters.declared import Declaration, all_values
+from knee_contact_ros.parameters.files import all_values, known_parameters, load_parameters
+from knee_contact_ros.parameters.schema import Declaration
 from knee_contact_ros.system.errors import UsageError
 
 LARGEST_INTEGER = 2**63 - 1
@@ -57,11 +58,11 @@ class NodeParameters:
         Raises:
             UsageError: an unknown name, a wrong type or a value outside its range.
         """
-        self._node, self._kind, self._known = node, kind, kind.reading.known()
+        self._node, self._kind, self._known = node, kind, known_parameters(kind.schema)
         self.user: Callable[[Any, dict[str, Any]], None] | None = None
         """Called after a change while the node is configured, with all parameters and those that have changed"""
         overrides = self._values()
-        values = all_values(kind.reading.load(overrides))
+        values = all_values(load_parameters(overrides, kind.schema))
         check_qos_overrides(node, kind.topics, overrides.items())
         for name, declaration in self._known.items():
             if name in overrides:
@@ -73,7 +74,7 @@ class NodeParameters:
 
     def read(self) -> Any:
         """Current parameters, in the schema of the kind of node."""
-        return self._kind.reading.load(self._values())
+        return load_parameters(self._values(), self._kind.schema)
 
     def _values(self) -> dict[str, Any]:
         return {name: parameter.value for name, parameter in self._node.get_parameters_by_prefix("").items()}
@@ -84,7 +85,7 @@ class NodeParameters:
                 reason = f"parameter {change.name} cannot change while the node is configured, only after a cleanup"
                 return SetParametersResult(successful=False, reason=reason)
         try:
-            self._kind.reading.load(self._values() | {change.name: change.value for change in changes})
+            load_parameters(self._values() | {change.name: change.value for change in changes}, self._kind.schema)
             check_qos_overrides(self._node, self._kind.topics, ((change.name, change.value) for change in changes))
         except UsageError as error:
             return SetParametersResult(successful=False, reason=str(error))

@@ -21,12 +21,12 @@ from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.offline import stage
 from knee_contact_ros.offline.summary import Summary, read_summary
 from knee_contact_ros.offline.summary_table import counts, show_summary
-from knee_contact_ros.parameters.plausibility import Doubts
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.contact_stream import ContactStream, angle_sample
 from knee_contact_ros.streams.messages import RefusedSampleError
 from knee_contact_ros.streams.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, MESSAGE_TYPES
+from knee_contact_ros.streams.watch import Doubts
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.processes import Child
 from knee_contact_ros.system.ros_graph import private_graph

@@ -25,9 +25,8 @@ from knee_contact_ros.offline.demo import Source
 from knee_contact_ros.offline.estimate_load import estimate_load, named_joints
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import Summary
-from knee_contact_ros.parameters.load_schema import LOAD_READING, ActuatedJoint, LoadParameters
-from knee_contact_ros.parameters.plausibility import Doubts
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.schema import ActuatedJoint, LoadParameters
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.messages import decode_joint_state, encode_joint_state
 from knee_contact_ros.streams.topics import (
@@ -39,6 +38,7 @@ from knee_contact_ros.streams.topics import (
     LOAD_INPUTS,
     MESSAGE_TYPES,
 )
+from knee_contact_ros.streams.watch import Doubts
 from knee_contact_ros.system.processes import Child
 from knee_contact_ros.system.resources import share_folder
 
@@ -91,7 +91,7 @@ class Sensors(Source):
         """
         self._files, self._load_files = files, load_files
         assisted = {"knee.assisted": True} if companion else {}
-        self.load_parameters: LoadParameters = LOAD_READING.load([*load_files, assisted])
+        self.load_parameters: LoadParameters = load_parameters([*load_files, assisted], LoadParameters)
         self.weight = self.load_parameters.person.constants.weight
         """Body weight [N] of the person"""
         parameters = load_parameters([*files, {"body_weight": self.weight}])
@@ -140,7 +140,7 @@ class Sensors(Source):
     def _assisted_rows(self, work: Path, summary: Summary) -> dict[str, str]:
         """Return rows that compare the contact with that of the same bag without assistance, computed offline."""
         loads, blocks = work / "without_assistance.mcap", list[Rows]()
-        parameters = LOAD_READING.load([self.load_parameters, {"knee.assisted": False}])
+        parameters = load_parameters([self.load_parameters, {"knee.assisted": False}], LoadParameters)
         estimate_load(self.bag, parameters, loads, lambda _done, _total: None)
         keep = lambda rows: blocks.append(rows[0])  # noqa: E731
         without = solve(loads, self.parameters, None, lambda _done, _total: None, keep=keep).peaks["contact_force"]

@@ -21,7 +21,7 @@ from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms
 from knee_contact_ros.offline.solve import SOURCE_DAMAGE
-from knee_contact_ros.parameters.load_schema import LoadParameters
+from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.load_stream import LoadStream
 from knee_contact_ros.streams.topics import GROUND_REACTION_FORCE, JOINT_STATES, LOAD_RECORDED, NANOSECONDS, Answer

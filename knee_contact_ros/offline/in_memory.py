@@ -19,9 +19,8 @@ from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import ROW, Rows
 from knee_contact_ros.offline.solve import parameters_in, texts_of
 from knee_contact_ros.offline.solve import solve as solve_bag
-from knee_contact_ros.parameters.reading import Source, dotted, load_parameters
+from knee_contact_ros.parameters.files import Source, Subject, dotted, load_parameters
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.parameters.subject import Subject
 from knee_contact_ros.results import Results
 from knee_contact_ros.streams.contact_stream import compartments_of
 from knee_contact_ros.system.errors import UsageError

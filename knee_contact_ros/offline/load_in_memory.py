@@ -16,8 +16,8 @@ from knee_contact_ros.bags.topic_names import names_in_bag
 from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.offline.estimate_load import estimate_load as estimate
 from knee_contact_ros.offline.in_memory import check_mappings, in_python, in_python_words
-from knee_contact_ros.parameters.declared import dotted
-from knee_contact_ros.parameters.load_schema import LOAD_READING
+from knee_contact_ros.parameters.files import dotted, load_parameters
+from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.topics import LOAD_INPUTS
 from knee_contact_ros.system.output_files import checked_output
 from knee_contact_ros.system.resources import expanded
@@ -59,7 +59,7 @@ def estimate_load(
     with in_python_words():
         check_mappings(values, remap)
         sources = params if isinstance(params, (list, tuple)) else [] if params is None else [params]
-        parameters = LOAD_READING.load([*sources, dotted(values or {})])
+        parameters = load_parameters([*sources, dotted(values or {})], LoadParameters)
         rules = [f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()]
         names = names_in_bag(rules, namespace, LOAD_INPUTS)
         written = checked_output(Path(output), "output", ".mcap") if output else None

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from knee_contact_ros.bags.topic_names import Names
 from knee_contact_ros.joint_reaction.leg import Ground, Joints, Motion
 from knee_contact_ros.offline.estimate_load import MESSAGES_PER_ADVANCE, leg_pipeline
-from knee_contact_ros.parameters.load_schema import LoadParameters
+from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.pairing import PairedSample
 from knee_contact_ros.streams.topics import JOINT_STATES
 

@@ -31,10 +31,8 @@ from knee_contact_ros.model.types import ROW, Rows
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms, wanted_joints
 from knee_contact_ros.offline.solve_blocks import take
 from knee_contact_ros.offline.summary import Summary
-from knee_contact_ros.parameters.curves import curve_texts
-from knee_contact_ros.parameters.lateral import has_both
-from knee_contact_ros.parameters.reading import all_values, load_parameters
-from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.parameters.files import all_values, curve_texts, load_parameters
+from knee_contact_ros.parameters.schema import Parameters, has_both
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.topics import JOINT_STATES, Answer, recorded_topics

@@ -160,7 +160,7 @@ def _computed(pipeline: ContactStream, samples: _Samples, paired: PairedSamples,
     )
     pipeline.ticks += number
     if pipeline.varies:
-        pipeline.split.add_all(axial, medial, pipeline.beyond and pipeline.beyond(axial, paired.angle))
+        pipeline.split.add_all(axial, medial, pipeline.rule.beyond(axial, paired.angle))
     taken = fresh & (paired.tick_of_angle < number)
     states, each = samples.states, len(rows) + 3
     place = each * np.arange(number)

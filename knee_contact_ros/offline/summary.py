@@ -15,10 +15,9 @@ from knee_contact_ros.bags.mcap_metadata import metadata_records
 from knee_contact_ros.bags.recorded_answers import answer_blocks, answer_topics
 from knee_contact_ros.bags.writer import REFUSED_SAMPLES
 from knee_contact_ros.model.types import Fidelity, Rows, Status
-from knee_contact_ros.parameters.compartments import Split
-from knee_contact_ros.parameters.plausibility import Doubts
 from knee_contact_ros.streams.gait_events import LOAD_PEAK, GaitEvent, GaitEvents
 from knee_contact_ros.streams.topics import KNEE_CONTACT, KNEE_CONTACT_LATERAL, NANOSECONDS
+from knee_contact_ros.streams.watch import Doubts, Split
 
 PEAKS = ("load", "contact_force", "penetration_depth")
 """Fields of an answer whose largest values are kept"""

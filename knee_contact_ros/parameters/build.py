@@ -1,4 +1,7 @@
-"""Builds models from parameters: the only place where names become laws, surfaces and mechanisms."""
+"""Builds models from parameters: the only place where names become laws, surfaces, mechanisms and load rules.
+
+Implausible parameters are not refused, as somebody may model a rat; `parameter_doubts` describes them.
+"""
 
 from __future__ import annotations
 
@@ -9,20 +12,35 @@ from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, cast
 
+from knee_contact_ros.joint_reaction.compartments import LoadRule, MeasuredShare
+from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw, check, hertz_stiffness, relative_radius
 from knee_contact_ros.model.mechanisms import MECHANISMS, Mechanism
 from knee_contact_ros.model.profiles import Circle, Profile
 from knee_contact_ros.model.readouts import POINT_CONTACT, SPREADS, ContactPatch
+from knee_contact_ros.model.statics import plain_static_depth
 from knee_contact_ros.model.surfaces import TIBIAL_GEOMETRIES, ContactPair
 from knee_contact_ros.model.ticks import LEVELS
-from knee_contact_ros.parameters.curves import curve_texts, profile_points, translation_points
-from knee_contact_ros.parameters.plausibility import doubts_about
-from knee_contact_ros.parameters.reading import Source, load_parameters
-from knee_contact_ros.parameters.schema import ContactParameters, Femur, Parameters, Translation, constants_of
+from knee_contact_ros.parameters.files import (
+    SHARE_FILE,
+    Source,
+    curve_texts,
+    load_parameters,
+    profile_points,
+    read_share_table,
+    translation_points,
+)
+from knee_contact_ros.parameters.schema import ContactParameters, Parameters, Translation, constants_of
 from knee_contact_ros.results import Results
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.resources import DEFAULT_PARAMETERS
+
+LIGHTEST = 150.0
+"""Body weight [N] below which the number must be in kg: the weight of 15 kg"""
+SHARES = {"total": 1.0, "moment_balance": 0.5, "measured_share": 0.6}
+"""Part of the body weight that a compartment is tried with, by the rule of its load; see also `load.share`"""
+MM = 1e3
 
 
 def load_model(
@@ -52,7 +70,7 @@ def load_model(
     parameters = load_parameters(source)
     plain = build_model(parameters, curves=curve_texts(parameters, curves))
     model = replace(plain, compiled=compiled, results=Results)
-    for doubt in doubts_about(parameters, model).about_parameters:
+    for doubt in parameter_doubts(parameters, model):
         warnings.warn(doubt, stacklevel=2)
     return model
 
@@ -132,24 +150,21 @@ def contact_patch(contact: ContactParameters, law: ContactLaw) -> ContactPatch |
     return ContactPatch(SPREADS.get(contact.law, POINT_CONTACT), radius, thickness)
 
 
-def femoral_geometry(femur: Femur, texts: Mapping[str, str]) -> Circle | Profile:
-    """Femoral surface by the name of its geometry; `texts` has the contents of files by parameter."""
-    if femur.geometry == "circle":
-        return Circle(femur.radius)
-    points = profile_points("femur.profile", femur.profile, texts["femur.profile"])
-    with _naming("femur.profile", femur.profile):
-        return Profile(*(femur.scale * column for column in points))
-
-
 def contact_pair(parameters: Parameters, texts: Mapping[str, str]) -> ContactPair:
     """Both surfaces and the mechanism of some parameters; `texts` has the contents of files by parameter."""
-    femur, moved = femoral_geometry(parameters.femur, texts), mechanism(parameters.translation, texts)
-    tibia, make = parameters.tibia, cast("Callable[..., Any]", TIBIAL_GEOMETRIES[parameters.tibia.geometry])
+    femur, tibia = parameters.femur, parameters.tibia
+    make = cast("Callable[..., Any]", TIBIAL_GEOMETRIES[tibia.geometry])
+    femoral: Circle | Profile = Circle(femur.radius)
+    if femur.geometry == "profile":
+        points = profile_points("femur.profile", femur.profile, texts["femur.profile"])
+        with _naming("femur.profile", femur.profile):
+            femoral = Profile(*(femur.scale * column for column in points))
+    moved = mechanism(parameters.translation, texts)
     if tibia.geometry != "profile":
-        return ContactPair(femur, make(tibia.slope if tibia.geometry == "plane" else tibia.radius), moved)
+        return ContactPair(femoral, make(tibia.slope if tibia.geometry == "plane" else tibia.radius), moved)
     points = profile_points("tibia.profile", tibia.profile, texts["tibia.profile"])
     with _naming("tibia.profile", tibia.profile):
-        return ContactPair(femur, make(*(tibia.scale * column for column in points)), moved)
+        return ContactPair(femoral, make(*(tibia.scale * column for column in points)), moved)
 
 
 def mechanism(translation: Translation, texts: Mapping[str, str]) -> Mechanism:
@@ -168,3 +183,80 @@ def _naming(parameter: str, file: str) -> Iterator[None]:
         yield
     except ValueError as error:
         raise UsageError(f"parameter {parameter}: {file}: {error}") from None
+
+
+def load_rule(parameters: Parameters, texts: Mapping[str, str]) -> LoadRule:
+    """Rule for the load of the medial (or only) compartment; `texts` has the contents of files by parameter.
+
+    Raises:
+        UsageError: the table of shares cannot be used.
+    """
+    load, table = parameters.load, None
+    if load.rule == "measured_share":
+        table = MeasuredShare(read_share_table(load.share_file, texts[SHARE_FILE]), parameters.body_weight)
+    return LoadRule(load.rule, load.share, load.compartment_spacing, table)
+
+
+def parameter_doubts(parameters: Parameters, model: KneeModel) -> list[str]:
+    """Sentences about parameters in a likely wrong unit (kg, N/mm^n, MPa), and about a wait that is too short."""
+    contact, pairing = parameters.contact, parameters.pairing
+    doubts = [weight_doubt(parameters.body_weight), _stiffness_doubt(parameters, model)]
+    soft, hard = contact.stiffness, contact.stiffness_2
+    if len(model.law.layers) > 1 and contact.stiffness_from == "value" and hard < soft:
+        meant = f"; {_per_millimetre(contact, hard)}" if MM**contact.exponent * hard >= soft else ""
+        doubts.append(
+            f"contact.stiffness_2 {_per_metre(contact, hard)} is below contact.stiffness {_per_metre(contact, soft)}: "
+            f"bone softer than cartilage{meant}"
+        )
+    if pairing.angle_delay > 0.0 and pairing.wait <= pairing.angle_delay:
+        doubts.append(
+            f"pairing.wait {pairing.wait:.7g} s does not exceed pairing.angle_delay {pairing.angle_delay:.7g} s: live, "
+            "every force is answered before its angle has come (INPUT_HELD)"
+        )
+    return [doubt for doubt in doubts if doubt]
+
+
+def weight_doubt(weight: float) -> str:
+    """Sentence about a body weight [N] that is likely in kg; empty if it is not."""
+    if weight >= LIGHTEST:
+        return ""
+    return f"body_weight {weight:.7g} N: is it kg? {weight:.7g} kg weigh {weight * GRAVITY:.1f} N"
+
+
+def _stiffness_doubt(parameters: Parameters, model: KneeModel) -> str:
+    """Sentence about a stiffness or modulus that gives an implausible depth under the body weight; empty if it fits."""
+    contact, share = parameters.contact, SHARES.get(parameters.load.rule, parameters.load.share)
+    load, limit = share * parameters.body_weight, model.plausible_depth
+    depth = plain_static_depth(model.law.rows, load)
+    if depth <= limit:
+        return ""
+    under = f"{load:.1f} N ({share:g} body weights)"
+    finding = f"gives {MM * depth:.3g} mm of depth under {under}, {beyond_words(model)}"
+    exponent = 2.0 if contact.law == "elastic_foundation" else contact.exponent
+
+    def fits(factor: float) -> bool:  # approximate for laws with two layers
+        return bool(depth / factor ** (1.0 / exponent) <= limit)
+
+    if contact.stiffness_from == "material" or contact.law == "elastic_foundation":
+        value = contact.youngs_modulus
+        meant = f"; {value:.7g} MPa would be {1e6 * value:.7g} Pa" if fits(1e6) else ""
+        return f"contact.youngs_modulus {value:.7g} Pa {finding}{meant}"
+    meant = f"; {_per_millimetre(contact, contact.stiffness)}" if fits(MM**contact.exponent) else ""
+    return f"contact.stiffness {_per_metre(contact, contact.stiffness)} {finding}{meant}"
+
+
+def beyond_words(model: KneeModel) -> str:
+    """Phrase for the largest plausible depth of a model."""
+    limit = model.plausible_depth
+    what = "the cartilage's thickness" if limit == model.law.thickness else "a fifth of the femoral radius"
+    return f"beyond {MM * limit:.3g} mm, {what}"
+
+
+def _per_metre(contact: ContactParameters, stiffness: float) -> str:
+    return f"{stiffness:.7g} N/m^{contact.exponent:g}"
+
+
+def _per_millimetre(contact: ContactParameters, stiffness: float) -> str:
+    """Phrase that converts a number to N/m^n as if it were in N/mm^n."""
+    meant = _per_metre(contact, MM**contact.exponent * stiffness)
+    return f"{stiffness:.7g} N/mm^{contact.exponent:g} would be {meant}"

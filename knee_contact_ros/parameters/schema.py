@@ -1,6 +1,7 @@
-"""Declaration of all parameters of the contact node, with type, range, default and meaning.
+"""Declaration of all parameters of both nodes: each once, with its type, default, unit, meaning and limits.
 
-`reading.py` reads and checks them, in the same way for the node, the commands and `load_model`.
+Node, parameter files, `--help`, the reference page and changes at run time read it here. `files.py` reads values for
+these parameters, and `build.py` builds models from them.
 """
 
 from __future__ import annotations
@@ -8,23 +9,186 @@ from __future__ import annotations
 import functools
 import inspect
 import logging
+import math
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, get_type_hints
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, get_type_hints
 
-from pydantic import AfterValidator, BeforeValidator, Field, create_model
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, GetCoreSchemaHandler, create_model
+from pydantic.fields import FieldInfo
+from pydantic_core import CoreSchema, core_schema
 
+from knee_contact_ros.joint_reaction.compartments import BOTH, RULES, SPLITS
+from knee_contact_ros.joint_reaction.estimator import LEVELS as LOAD_LEVELS
+from knee_contact_ros.joint_reaction.estimator import Trust
+from knee_contact_ros.joint_reaction.muscles import Person
 from knee_contact_ros.model.knee import BUDGET
 from knee_contact_ros.model.laws import CONTACT_LAWS
 from knee_contact_ros.model.mechanisms import MECHANISMS
 from knee_contact_ros.model.surfaces import GEOMETRIES, TIBIAL_GEOMETRIES
 from knee_contact_ros.model.ticks import LEVELS
-from knee_contact_ros.parameters.compartments import BOTH, COMPARTMENTS, SPLITS
-from knee_contact_ros.parameters.limits import OffOrAtLeast, OneOf
-from knee_contact_ros.parameters.sections import Diagnostics, Pairing, Record, Section, frame_name, queue, queue_size
 
+AUTO = "auto"
+LATERAL = "lateral."
+"""Beginning of the names of the lateral compartment's parameters"""
 FIRST_ORDER = "first_order"
 """Level of earlier versions"""
 _log = logging.getLogger(__name__)
+
+
+class Rule:
+    """Rule for the values of a parameter, which pydantic checks after their type."""
+
+    def __init__(self, allows: Callable[[Any], bool], words: str, least: float, most: float = math.inf) -> None:
+        """Allow some values, described by `words`; numbers among them lie between `least` and `most`."""
+        self._allows, self.words, self.least, self.most = allows, words, least, most
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        """Schema of the type, with the check behind it."""
+        return core_schema.no_info_after_validator_function(self._checked, handler(source))
+
+    def _checked(self, value: Any) -> Any:
+        if not self._allows(value):
+            raise ValueError(f"allowed: {self.words}")
+        return value
+
+
+def one_of(*allowed: str | float) -> Rule:
+    """Rule that allows these values only."""
+    numbers = [value for value in allowed if not isinstance(value, str)] or [-math.inf, math.inf]
+    return Rule(allowed.__contains__, ", ".join(map(str, allowed)), min(numbers), max(numbers))
+
+
+def off_or_at_least(least: float, zero: str = "off", numbers: str = "a number") -> Rule:
+    """Rule that allows 0, whose meaning is `zero`, and numbers from `least` on, described by `numbers`."""
+    return Rule(lambda value: value == 0 or value >= least, f"0 ({zero}) or {numbers} >= {least:g}", 0.0)
+
+
+class Limits(NamedTuple):
+    """Limits of a parameter."""
+
+    least: float
+    """Smallest number, itself allowed unless `words` say otherwise; -inf if there is none, or for a text"""
+    most: float
+    """Largest number, itself allowed unless `words` say otherwise; inf if there is none, or for a text"""
+    words: str
+    """Limits that the numbers do not show: a list, an open end, a gap; empty if there are none"""
+
+
+def limits_of(field: FieldInfo) -> Limits:
+    """Limits of a declared parameter, from the rules in its annotation."""
+    least, most, words = -math.inf, math.inf, []
+    for rule in field.metadata:
+        if isinstance(rule, Rule):
+            least, most = max(least, rule.least), min(most, rule.most)
+            words.append(rule.words)
+        least, most = getattr(rule, "ge", least), getattr(rule, "le", most)  # the rules of annotated_types
+        if hasattr(rule, "gt"):
+            least = rule.gt
+            words.append(f"> {least:g}")
+        if hasattr(rule, "lt"):
+            most = rule.lt
+            words.append(f"< {most:g}")
+    return Limits(least, most, "; ".join(words))
+
+
+class Declaration(NamedTuple):
+    """Declaration of a parameter."""
+
+    default: Any
+    description: str
+    limits: Limits
+
+
+class Section(BaseModel):
+    """Group of parameters; names and types are strict, numbers finite."""
+
+    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+
+
+class NodeSection(Section):
+    """All parameters of a node."""
+
+    node: ClassVar[str]
+    """Name of the node"""
+    folder: ClassVar[str] = ""
+    """Folder of the package's own parameter files for the node, within `config`"""
+
+    def problem(self) -> str:
+        """First combination of values that is not allowed, as name and reason; empty if there is none."""
+        raise NotImplementedError
+
+
+def parameter(default: Any, meaning: str, **limits: Any) -> Any:
+    """Declare a parameter in a section; `limits` are pydantic's (`ge`, `gt`, `le`, `lt`, `min_length`)."""
+    return Field(default, description=meaning, **limits)
+
+
+def frame_name(name: str) -> str:
+    """Check the name of a tf2 frame, which may be empty.
+
+    Raises:
+        ValueError: it begins with a slash, or is the suffix of a tibia frame alone.
+    """
+    if name.startswith("/") or name == "_isb":
+        raise ValueError("allowed: the name of a tf2 frame, without a slash before it")
+    return name
+
+
+class Pairing(Section):
+    """Pairing of angle and force samples by their stamps."""
+
+    wait: float = parameter(0.1, "[s] how long a force waits for an angle at or after its stamp", ge=0.0, le=10.0)
+    max_gap: float = parameter(0.1, "[s] largest gap between stamps that is not flagged stale", gt=0.0, le=3600.0)
+    angle_delay: float = parameter(
+        0.0, "[s] by which the angles lag the forces: they are paired so much earlier", ge=-1.0, le=1.0
+    )
+    queue: int = parameter(20_000, "samples of a stream that may wait for the other one, at most", ge=100, le=10**7)
+
+
+class Diagnostics(Section):
+    """Limits of the inputs beyond which `/diagnostics` warns or reports an error."""
+
+    angle_warn_rate: float = parameter(0.0, "[Hz] of the angles, below which it warns; 0: off", ge=0.0, le=1e5)
+    angle_error_rate: float = parameter(0.0, "[Hz] below which that is an error; 0: off", ge=0.0, le=1e5)
+    force_warn_rate: float = parameter(0.0, "[Hz] of the forces, below which it warns; 0: off", ge=0.0, le=1e5)
+    force_error_rate: float = parameter(0.0, "[Hz] below which that is an error; 0: off", ge=0.0, le=1e5)
+    timeout: float = parameter(1.0, "[s] of silence, from which on an input is stale", gt=0.0, le=3600.0)
+
+
+def queue(answers: int) -> Any:
+    """Field for the number of answers that may wait for an output's process; `answers` is the default."""
+    return parameter(answers, "answers that may wait for its process", ge=100, le=10_000_000)
+
+
+def queue_size(size: float) -> Any:
+    """Field for the memory that answers may take while they wait; `size` [MB] is the default."""
+    return parameter(size, "[MB] of memory that these may take", ge=1.0, le=1e5)
+
+
+# A section of an output names the module that describes it: see `sinks/protocol.py`.
+
+
+class Record(Section):
+    """Recording to MCAP."""
+
+    output: ClassVar[str] = "knee_contact_ros.bags.answer_recorder"
+
+    path: str = parameter("", "MCAP file to write, {stamp} in it: when; empty: none")
+    flush_period: float = parameter(0.03, "[s] what a crash of the programs may lose", ge=0.001, le=60.0)
+    sync_period: Annotated[float, off_or_at_least(0.05)] = parameter(
+        1.0, "[s] what a power failure may lose; 0: off", le=3600.0
+    )
+    max_size: Annotated[float, off_or_at_least(0.1)] = parameter(
+        0.0, "[MB] of a file, from which on the recording goes on in a new one; 0: off", le=1e9
+    )
+    max_duration: Annotated[float, off_or_at_least(1.0)] = parameter(
+        0.0, "[s] of stamps in a file, from which on the recording goes on in a new one; 0: off", le=1e9
+    )
+    min_free: float = parameter(
+        100.0, "[MB] that stay free on the disk: a recording ends before it takes them", ge=0.0, le=1e9
+    )
+    queue: int = queue(30_000)
+    queue_size: float = queue_size(100.0)
 
 
 def _off(value: object) -> object:
@@ -48,78 +212,71 @@ def _tell_of_first_order() -> None:
 class Knee(Section):
     """Knee joint in the joint states; the flexion angle is flexion_sign x position + flexion_offset."""
 
-    joint_name: str = Field("knee", min_length=1, description="joint in joint_states")
-    flexion_sign: Annotated[float, OneOf(1.0, -1.0)] = Field(
-        1.0, description="1 if the position grows in flexion, or -1"
+    joint_name: str = parameter("knee", "joint in joint_states", min_length=1)
+    flexion_sign: Annotated[float, one_of(1.0, -1.0)] = parameter(1.0, "1 if the position grows in flexion, or -1")
+    flexion_offset: float = parameter(0.0, "[rad] added to the signed position", ge=-10.0, le=10.0)
+    height_joint_name: str = parameter(
+        "knee_height", "drive displacement: joint whose position is the femoral height [m]", min_length=1
     )
-    flexion_offset: float = Field(0.0, ge=-10.0, le=10.0, description="[rad] added to the signed position")
-    height_joint_name: str = Field(
-        "knee_height", min_length=1, description="drive displacement: joint whose position is the femoral height [m]"
-    )
-    source: Annotated[str, OneOf("joint_states", "dynamic_joint_states")] = Field(
-        "joint_states", description="topic of the angles: sensor_msgs/JointState or control_msgs/DynamicJointState"
+    source: Annotated[str, one_of("joint_states", "dynamic_joint_states")] = parameter(
+        "joint_states", "topic of the angles: sensor_msgs/JointState or control_msgs/DynamicJointState"
     )
 
 
 class Load(Section):
     """Part of the axial joint reaction that loads the compartment."""
 
-    compartment: Annotated[str, OneOf(*COMPARTMENTS, BOTH)] = Field(
-        "fixed_share", description=", ".join((*COMPARTMENTS, BOTH))
+    compartment: Annotated[str, one_of(*RULES, BOTH)] = parameter("fixed_share", ", ".join((*RULES, BOTH)))
+    split: Annotated[str, one_of(*SPLITS)] = parameter(
+        "fixed_share", f"compartment both: what the medial one gets, {' or '.join(SPLITS)}"
     )
-    split: Annotated[str, OneOf(*SPLITS)] = Field(
-        "fixed_share", description=f"compartment both: what the medial one gets, {' or '.join(SPLITS)}"
+    share: float = parameter(0.5, "medial share of the axial joint reaction; fixed_share", gt=0.0, le=1.0)
+    share_file: str = parameter(
+        "share_medial.csv", "CSV of flexion_angle [rad], axial_load [BW], medial_share; measured_share"
     )
-    share: float = Field(0.5, gt=0.0, le=1.0, description="medial share of the axial joint reaction; fixed_share")
-    share_file: str = Field(
-        "share_medial.csv", description="CSV of flexion_angle [rad], axial_load [BW], medial_share; measured_share"
-    )
-    compartment_spacing: float = Field(
-        0.04, ge=0.005, le=0.2, description="[m] from the medial to the lateral compartment; moment_balance, both"
+    compartment_spacing: float = parameter(
+        0.04, "[m] from the medial to the lateral compartment; moment_balance, both", ge=0.005, le=0.2
     )
 
     @property
     def rule(self) -> str:
-        """Name of the rule in `COMPARTMENTS` for the load of the medial (or only) compartment."""
+        """Name of the rule in `RULES` for the load of the medial (or only) compartment."""
         return self.split if self.compartment == BOTH else self.compartment
 
 
 class Frame(Section):
     """Frame of the messages."""
 
-    tibia: Annotated[str, AfterValidator(frame_name)] = Field(
-        "",
-        description="tibia frame (x anterior, y superior, z right) that forces are turned into; empty: as they come",
+    tibia: Annotated[str, AfterValidator(frame_name)] = parameter(
+        "", "tibia frame (x anterior, y superior, z right) that forces are turned into; empty: as they come"
     )
 
 
 class Femur(Section):
     """Mass and contact surface of the femur."""
 
-    mass: float = Field(9.3014, ge=1e-4, le=1e3, description="[kg] that follows the reference point")
-    geometry: Annotated[str, OneOf(*GEOMETRIES)] = Field("circle", description=" or ".join(GEOMETRIES))
-    radius: float = Field(0.034, gt=0.0, le=1.0, description="[m] of the circle")
-    profile: str = Field("", description="CSV of x, y [m] in the femur frame, ordered along the curve")
-    scale: float = Field(1.0, ge=0.1, le=10.0, description="of the profile's points")
+    mass: float = parameter(9.3014, "[kg] that follows the reference point", ge=1e-4, le=1e3)
+    geometry: Annotated[str, one_of(*GEOMETRIES)] = parameter("circle", " or ".join(GEOMETRIES))
+    radius: float = parameter(0.034, "[m] of the circle", gt=0.0, le=1.0)
+    profile: str = parameter("", "CSV of x, y [m] in the femur frame, ordered along the curve")
+    scale: float = parameter(1.0, "of the profile's points", ge=0.1, le=10.0)
 
 
 class Tibia(Section):
     """Contact surface of the tibia, the plateau."""
 
-    geometry: Annotated[str, OneOf(*TIBIAL_GEOMETRIES)] = Field("plane", description=" or ".join(TIBIAL_GEOMETRIES))
-    slope: float = Field(
-        0.0, ge=-0.7, le=0.7, description="[rad] of the plane, > 0 when the anterior edge is the higher one"
-    )
-    radius: float = Field(0.095, gt=0.0, le=10.0, description="[m] of the concave circle")
-    profile: str = Field("", description="CSV of x, y [m] in the tibia frame, from posterior to anterior")
-    scale: float = Field(1.0, ge=0.1, le=10.0, description="of the profile's points")
+    geometry: Annotated[str, one_of(*TIBIAL_GEOMETRIES)] = parameter("plane", " or ".join(TIBIAL_GEOMETRIES))
+    slope: float = parameter(0.0, "[rad] of the plane, > 0 when the anterior edge is the higher one", ge=-0.7, le=0.7)
+    radius: float = parameter(0.095, "[m] of the concave circle", gt=0.0, le=10.0)
+    profile: str = parameter("", "CSV of x, y [m] in the tibia frame, from posterior to anterior")
+    scale: float = parameter(1.0, "of the profile's points", ge=0.1, le=10.0)
 
 
 class Translation(Section):
     """Anterior-posterior translation of the femur."""
 
-    mechanism: Annotated[str, OneOf(*MECHANISMS)] = Field("hinge", description=", ".join(MECHANISMS))
-    table: str = Field("", description="CSV of flexion_angle [rad], x [m] of the femoral reference point")
+    mechanism: Annotated[str, one_of(*MECHANISMS)] = parameter("hinge", ", ".join(MECHANISMS))
+    table: str = parameter("", "CSV of flexion_angle [rad], x [m] of the femoral reference point")
 
 
 class CommonContactParameters(Section):
@@ -128,29 +285,29 @@ class CommonContactParameters(Section):
     Further arguments of a law's factory are parameters, too; see `with_constants_of_laws`.
     """
 
-    law: Annotated[str, OneOf(*CONTACT_LAWS)] = Field("kelvin_voigt", description=", ".join(CONTACT_LAWS))
-    stiffness: float = Field(7.905694e7, ge=1.0, le=1e15, description="[N/m^exponent] of the first layer")
-    exponent: float = Field(1.5, ge=1.0, le=3.0, description="of the depth; 1.5 for two curved solids")
-    damping: float = Field(5000.0, ge=0.0, le=1e9, description="[N s/m]")
-    allow_tension: bool = Field(False, description="let the law pull instead of clamping it at 0")
-    layer_depth: float = Field(5.0e-4, gt=0.0, le=0.1, description="[m] at which the second layer begins")
-    stiffness_2: float = Field(3.112e9, ge=1.0, le=1e15, description="[N/m^exponent] of the second layer")
-    damp_first_layer: bool = Field(False, description="two_layer_viscoelastic: put the dashpot into both layers")
-    restitution: float = Field(0.5, ge=0.01, le=1.0, description="asked for; laws with impact damping")
-    least_impact_speed: float = Field(
-        0.1, ge=1e-6, le=100.0, description="[m/s] that slower touches, and the static start, count as"
+    law: Annotated[str, one_of(*CONTACT_LAWS)] = parameter("kelvin_voigt", ", ".join(CONTACT_LAWS))
+    stiffness: float = parameter(7.905694e7, "[N/m^exponent] of the first layer", ge=1.0, le=1e15)
+    exponent: float = parameter(1.5, "of the depth; 1.5 for two curved solids", ge=1.0, le=3.0)
+    damping: float = parameter(5000.0, "[N s/m]", ge=0.0, le=1e9)
+    allow_tension: bool = parameter(False, "let the law pull instead of clamping it at 0")
+    layer_depth: float = parameter(5.0e-4, "[m] at which the second layer begins", gt=0.0, le=0.1)
+    stiffness_2: float = parameter(3.112e9, "[N/m^exponent] of the second layer", ge=1.0, le=1e15)
+    damp_first_layer: bool = parameter(False, "two_layer_viscoelastic: put the dashpot into both layers")
+    restitution: float = parameter(0.5, "asked for; laws with impact damping", ge=0.01, le=1.0)
+    least_impact_speed: float = parameter(
+        0.1, "[m/s] that slower touches, and the static start, count as", ge=1e-6, le=100.0
     )
-    stiffness_from: Annotated[str, OneOf("value", "material")] = Field(
-        "value", description="value, or material: Hertz from modulus, Poisson's ratio and radii (exponent 1.5)"
+    stiffness_from: Annotated[str, one_of("value", "material")] = parameter(
+        "value", "value, or material: Hertz from modulus, Poisson's ratio and radii (exponent 1.5)"
     )
-    youngs_modulus: float = Field(24e6, ge=1.0, le=1e13, description="[Pa] of cartilage (first layer)")
-    poissons_ratio: float = Field(0.38, ge=0.0, lt=0.5, description="of cartilage (first layer)")
-    youngs_modulus_2: float = Field(17.2e9, ge=1.0, le=1e13, description="[Pa] of bone (second layer)")
-    poissons_ratio_2: float = Field(0.39, ge=0.0, lt=0.5, description="of bone (second layer)")
-    femoral_radius: float = Field(0.034, gt=0.0, le=10.0, description="[m] convex, for stiffness and patch")
-    tibial_radius: float = Field(0.095, gt=0.0, le=10.0, description="[m] concave, for stiffness and patch")
-    foundation_thickness: float = Field(
-        4.4e-3, gt=0.0, le=0.1, description="[m] of both cartilages; elastic_foundation, strain"
+    youngs_modulus: float = parameter(24e6, "[Pa] of cartilage (first layer)", ge=1.0, le=1e13)
+    poissons_ratio: float = parameter(0.38, "of cartilage (first layer)", ge=0.0, lt=0.5)
+    youngs_modulus_2: float = parameter(17.2e9, "[Pa] of bone (second layer)", ge=1.0, le=1e13)
+    poissons_ratio_2: float = parameter(0.39, "of bone (second layer)", ge=0.0, lt=0.5)
+    femoral_radius: float = parameter(0.034, "[m] convex, for stiffness and patch", gt=0.0, le=10.0)
+    tibial_radius: float = parameter(0.095, "[m] concave, for stiffness and patch", gt=0.0, le=10.0)
+    foundation_thickness: float = parameter(
+        4.4e-3, "[m] of both cartilages; elastic_foundation, strain", gt=0.0, le=0.1
     )
 
 
@@ -173,10 +330,10 @@ def with_constants_of_laws(laws: Mapping[str, Callable[..., Any]]) -> type[Commo
     more: dict[str, Any] = {}
     for factory in laws.values():
         types = get_type_hints(factory, include_extras=True)
-        for name, parameter in inspect.signature(factory).parameters.items():
+        for name, argument in inspect.signature(factory).parameters.items():
             if name not in CommonContactParameters.model_fields:
                 (limits,) = types[name].__metadata__
-                field = Field(parameter.default, ge=limits.least, le=limits.most, description=limits.meaning)
+                field = parameter(argument.default, limits.meaning, ge=limits.least, le=limits.most)
                 more[name] = (types[name].__origin__, field)
     # The module, so that it can be pickled.
     return create_model("ContactParameters", __base__=CommonContactParameters, __module__=__name__, **more)
@@ -199,16 +356,16 @@ class Lateral(Section):
 class FidelityParameters(Section):
     """Level and accuracy of the solution, and its largest cost."""
 
-    level: Annotated[str, BeforeValidator(_level_of_today), OneOf(*LEVELS)] = Field(
-        "auto", description=", ".join(LEVELS) + " (which is dynamic)"
+    level: Annotated[str, BeforeValidator(_level_of_today), one_of(*LEVELS)] = parameter(
+        "auto", ", ".join(LEVELS) + " (which is dynamic)"
     )
-    tolerance: float = Field(1.0e-6, ge=1e-12, le=1e-3, description="[m] wanted error of the penetration depth")
-    force_tolerance: Annotated[float, OffOrAtLeast(1e-9)] = Field(
-        0.0, le=1e6, description="[N] wanted error of the contact force; 0: off"
+    tolerance: float = parameter(1.0e-6, "[m] wanted error of the penetration depth", ge=1e-12, le=1e-3)
+    force_tolerance: Annotated[float, off_or_at_least(1e-9)] = parameter(
+        0.0, "[N] wanted error of the contact force; 0: off", le=1e6
     )
-    budget: Annotated[int, OffOrAtLeast(100, "a hundred thousand", "an integer")] = Field(
+    budget: Annotated[int, off_or_at_least(100, "a hundred thousand", "an integer")] = parameter(
         BUDGET,
-        description="largest number of contact law evaluations in a tick; a tick that reaches it is answered with the "
+        "largest number of contact law evaluations in a tick; a tick that reaches it is answered with the "
         "static contact and flagged, and so are later ones until the contact has forgotten; 0: a hundred thousand",
     )
 
@@ -218,27 +375,29 @@ class Rerun(Section):
 
     output: ClassVar[str] = "knee_contact_ros.view.output"
 
-    mode: Annotated[str, BeforeValidator(_off), OneOf("off", "file", "serve", "spawn")] = Field(
-        "off", description="off, file, serve (on this machine's loopback interface), spawn (a viewer beside it)"
+    mode: Annotated[str, BeforeValidator(_off), one_of("off", "file", "serve", "spawn")] = parameter(
+        "off", "off, file, serve (on this machine's loopback interface), spawn (a viewer beside it)"
     )
-    path: str = Field("", description=".rrd file to write in mode file, likewise")
-    port: int = Field(9876, ge=1024, le=65535, description="to serve on")
-    knees: str = Field(
-        "", description="names of the knees that share a viewer side by side, as left,right; empty: this knee alone"
+    path: str = parameter("", ".rrd file to write in mode file, likewise")
+    port: int = parameter(9876, "to serve on", ge=1024, le=65535)
+    knees: str = parameter(
+        "", "names of the knees that share a viewer side by side, as left,right; empty: this knee alone"
     )
     queue: int = queue(20_000)
     queue_size: float = queue_size(64.0)
 
 
-class Parameters(Section):
+class Parameters(NodeSection):
     """All parameters of the contact node and of the offline commands."""
+
+    node = "knee_contact"
 
     knee: Knee = Knee()
     load: Load = Load()
     frame: Frame = Frame()
     pairing: Pairing = Pairing()
-    drive: Annotated[str, OneOf("force", "displacement")] = Field(
-        "force", description="force: Eq. 13; displacement: the femoral height is prescribed, the force follows"
+    drive: Annotated[str, one_of("force", "displacement")] = parameter(
+        "force", "force: Eq. 13; displacement: the femoral height is prescribed, the force follows"
     )
     femur: Femur = Femur()
     tibia: Tibia = Tibia()
@@ -246,11 +405,191 @@ class Parameters(Section):
     contact: ContactParameters = ContactParameters()
     lateral: Lateral = Lateral()
     fidelity: FidelityParameters = FidelityParameters()
-    body_weight: float = Field(737.068, gt=0.0, le=1e5, description="[N] for reports in body weights")
-    autostart: bool = Field(True, description="configure and activate without being asked")
-    deadline: float = Field(
-        0.02, gt=0.0, le=3600.0, description="[s] from a force to its answer; later ones are counted"
-    )
+    body_weight: float = parameter(737.068, "[N] for reports in body weights", gt=0.0, le=1e5)
+    autostart: bool = parameter(True, "configure and activate without being asked")
+    deadline: float = parameter(0.02, "[s] from a force to its answer; later ones are counted", gt=0.0, le=3600.0)
     diagnostics: Diagnostics = Diagnostics()
     record: Record = Record()
     rerun: Rerun = Rerun()
+
+    def problem(self) -> str:
+        """First combination of values that is not allowed, in either compartment; see `NodeSection`."""
+        first = self._problem_of_knee()
+        if first or not has_both(self):
+            return first
+        if self.drive != "force":
+            return f"load.compartment: {BOTH!r} is not allowed; drive {self.drive} has no load that could be split"
+        lateral = lateral_knee(self)._problem_of_knee()
+        return lateral and LATERAL + lateral
+
+    def _problem_of_knee(self) -> str:
+        femur, tibia, contact, translation = self.femur, self.tibia, self.contact, self.translation
+        material = contact.stiffness_from == "material"
+        rules = (
+            (femur.geometry == "profile" and not femur.profile,
+             "femur.profile is empty; femur.geometry profile needs the name of a CSV file"),
+            (tibia.geometry == "profile" and not tibia.profile,
+             "tibia.profile is empty; tibia.geometry profile needs the name of a CSV file"),
+            (femur.geometry != "profile" and femur.scale != 1.0,
+             f"femur.scale: {femur.scale:g} is not allowed; only femur.geometry profile is scaled"),
+            (tibia.geometry != "profile" and tibia.scale != 1.0,
+             f"tibia.scale: {tibia.scale:g} is not allowed; only tibia.geometry profile is scaled"),
+            (tibia.geometry != "plane" and tibia.slope != 0.0,
+             f"tibia.slope: {tibia.slope:g} is not allowed; only tibia.geometry plane has a slope"),
+            (tibia.geometry == "circle" and femur.geometry == "circle" and tibia.radius <= femur.radius,
+             f"tibia.radius: {tibia.radius:g} is not allowed; it must exceed femur.radius, {femur.radius:g}"),
+            (translation.mechanism == "table" and not translation.table,
+             "translation.table is empty; translation.mechanism table needs the name of a CSV file"),
+            (self.load.rule == "measured_share" and not self.load.share_file,
+             "load.share_file is empty; load.compartment measured_share needs the name of a CSV file"),
+            (material and contact.exponent != 1.5,
+             f"contact.exponent: {contact.exponent:g} is not allowed; contact.stiffness_from material needs 1.5 "
+             "(Hertz)"),
+            ((material or contact.law == "elastic_foundation") and contact.tibial_radius <= contact.femoral_radius,
+             f"contact.tibial_radius: {contact.tibial_radius:g} is not allowed; it must exceed contact.femoral_radius, "
+             f"{contact.femoral_radius:g}"),
+            (self.rerun.mode == "file" and not self.rerun.path,
+             "rerun.path is empty; rerun.mode file needs the name of an .rrd file"),
+        )  # fmt: skip
+        return next((reason for broken, reason in rules if broken), "")
+
+
+def has_both(parameters: Parameters) -> bool:
+    """Whether medial and lateral contact are computed."""
+    return parameters.load.compartment == BOTH
+
+
+def lateral_knee(parameters: Parameters) -> Parameters:
+    """Parameters of the lateral compartment, under the names of the medial one's."""
+    own = parameters.lateral
+    return parameters.model_copy(update={"femur": own.femur, "tibia": own.tibia, "contact": own.contact})
+
+
+class MeasuredJoint(Section):
+    """Joint in joint_states; its angle is sign x position + offset."""
+
+    joint_name: str = parameter("", "joint in joint_states; empty: it is not measured")
+    sign: Annotated[float, one_of(1.0, -1.0)] = parameter(1.0, "1 if the position grows with the angle, or -1")
+    offset: float = parameter(0.0, "[rad] added to the signed position", ge=-10.0, le=10.0)
+
+
+class ActuatedJoint(MeasuredJoint):
+    """Joint in joint_states that an actuator may turn."""
+
+    assisted: bool = parameter(
+        False, "whether its effort [N m] in joint_states is an actuator's torque, in the position's sense"
+    )
+
+
+class FlexedKnee(ActuatedJoint):
+    """Knee joint; its angle is positive in flexion."""
+
+    joint_name: str = parameter("knee", "joint in joint_states", min_length=1)
+
+
+class GroundForce(Section):
+    """Meaning of `ground_reaction_force`: x forward, y up, z to the right."""
+
+    components: Annotated[str, one_of("vertical", "full")] = parameter(
+        "vertical", "vertical: force.y alone, as of an insole; full: all of force and torque"
+    )
+    axes: Annotated[str, one_of("ground", "foot")] = parameter(
+        "ground", "ground: its axes stand upright; foot: they turn with the foot"
+    )
+    ankle_x: float = parameter(0.0, "[m] of the ankle joint, from where its torque is told", ge=-1.0, le=1.0)
+    ankle_y: float = parameter(0.0, "[m] likewise, up", ge=-1.0, le=1.0)
+
+
+class LoadFrames(Section):
+    """Frames of the messages."""
+
+    ground: Annotated[str, AfterValidator(frame_name)] = parameter(
+        "", "frame (x forward, y up, z right) that ground forces are turned into; empty: as they come"
+    )
+    tibia: Annotated[str, AfterValidator(frame_name)] = parameter(
+        "tibia", "frame_id of the joint reaction force: x anterior, y superior, z right", min_length=1
+    )
+
+
+class PersonParameters(Section):
+    """Person whose knee it is. Muscles are not measured: `knee-contact calibrate` fits their constants to a bag."""
+
+    mass: float = parameter(75.16, "[kg]", ge=10.0, le=400.0)
+    height: float = parameter(1.75, "[m]", ge=0.8, le=2.5)
+    moment_arm_scale: float = parameter(1.5, "of the muscles' moment arms to published ones", ge=0.3, le=3.0)
+    co_contraction: float = parameter(
+        0.2, "with how much antagonists pull at least, as part of the vertical ground force", ge=0.0, le=3.0
+    )
+    tone: float = parameter(0.3, "likewise at any time, as part of the body weight", ge=0.0, le=2.0)
+
+    @property
+    def constants(self) -> Person:
+        """Constants of the person for the estimator."""
+        return Person(self.mass, self.height, self.moment_arm_scale, self.co_contraction, self.tone)
+
+
+class LoadParameters(NodeSection):
+    """All parameters of the load node, `estimate-load` and `estimate_load`."""
+
+    node = "knee_load"
+    folder = "load"
+
+    level: Annotated[str, one_of(AUTO, *LOAD_LEVELS)] = parameter(
+        AUTO, f"{', '.join(LOAD_LEVELS)}, or auto: the last one of these that the inputs allow"
+    )
+    knee: FlexedKnee = FlexedKnee()
+    ankle: ActuatedJoint = ActuatedJoint()
+    hip: MeasuredJoint = MeasuredJoint()
+    ground: GroundForce = GroundForce()
+    frame: LoadFrames = LoadFrames()
+    person: PersonParameters = PersonParameters()
+    calibrated: bool = parameter(False, "whether the person's constants were fitted to a measured knee of this person")
+    standard_deviation: Annotated[float, off_or_at_least(0.01, "as measured for the level")] = parameter(
+        0.0, "of the axial force, as part of the body weight; 0: as measured for the level", le=10.0
+    )
+    motion_window: Annotated[float, off_or_at_least(0.01, "no inertia")] = parameter(
+        0.05, "[s] over which the joints' accelerations are seen, half of it late; 0: no inertia", le=1.0
+    )
+    pairing: Pairing = Pairing()
+    autostart: bool = parameter(True, "configure and activate without being asked")
+    deadline: float = parameter(
+        0.02, "[s] from a ground force to its estimate; later ones are counted", gt=0.0, le=3600.0
+    )
+    diagnostics: Diagnostics = Diagnostics()
+    record: Record = Record()
+
+    @property
+    def chosen_level(self) -> str:
+        """Name of the level, of `LOAD_LEVELS`; `auto` is resolved by the inputs."""
+        return allowed_levels(self)[-1] if self.level == AUTO else self.level
+
+    @property
+    def trust(self) -> Trust:
+        """Calibration and standard deviation for the estimator."""
+        return Trust(self.calibrated, self.standard_deviation)
+
+    def problem(self) -> str:
+        """First combination of values that is not allowed; see `NodeSection`."""
+        allowed = allowed_levels(self)
+        joints = [joint.joint_name for joint in (self.knee, self.ankle, self.hip) if joint.joint_name]
+        if self.level not in (AUTO, *allowed):
+            return (
+                f"level: {self.level!r} is not allowed; it needs ground.components full, and hip.joint_name with "
+                "ground.axes ground or ankle.joint_name with foot; ankle_moment also ankle.joint_name. "
+                f"These inputs allow {', '.join(allowed)}"
+            )
+        if len(set(joints)) < len(joints):
+            return f"knee.joint_name: {', '.join(joints)} are not different joints"
+        if self.ankle.assisted and not self.ankle.joint_name:
+            return "ankle.assisted: True is not allowed; ankle.joint_name is empty"
+        return ""
+
+
+def allowed_levels(parameters: LoadParameters) -> list[str]:
+    """Names of the levels that the inputs allow, in increasing order of what they use."""
+    hip, ankle = bool(parameters.hip.joint_name), bool(parameters.ankle.joint_name)
+    upright = parameters.ground.axes == "ground"
+    allowed = ["ground_force"]
+    if parameters.ground.components == "full" and (hip if upright else ankle):
+        allowed += ["knee_moment", "ankle_moment"] if ankle else ["knee_moment"]
+    return allowed

@@ -12,15 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from knee_contact_ros.joint_reaction.compartments import LoadRule
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD, KneeModel
 from knee_contact_ros.model.types import FLAT, ROW, WRENCH, Rows
-from knee_contact_ros.parameters.build import build_model, retuned
-from knee_contact_ros.parameters.compartments import BY_MOMENT, COMPARTMENTS, VARYING, Rule, Split
-from knee_contact_ros.parameters.curves import curve_texts
-from knee_contact_ros.parameters.lateral import has_both, lateral_knee, lateral_texts
-from knee_contact_ros.parameters.measured_share import MeasuredShare
-from knee_contact_ros.parameters.plausibility import Doubts, doubts_about
-from knee_contact_ros.parameters.schema import Knee, Parameters
+from knee_contact_ros.parameters.build import build_model, load_rule, retuned
+from knee_contact_ros.parameters.files import curve_texts, lateral_texts
+from knee_contact_ros.parameters.schema import Knee, Parameters, has_both, lateral_knee
 from knee_contact_ros.streams.frames import ForceFrame
 from knee_contact_ros.streams.intake import Intake
 from knee_contact_ros.streams.messages import (
@@ -46,6 +43,7 @@ from knee_contact_ros.streams.topics import (
     deserialize,
     is_lateral,
 )
+from knee_contact_ros.streams.watch import Doubts, Split, doubts_about
 
 Floats = NDArray[np.float64]
 SIX = struct.Struct("<6d")
@@ -81,7 +79,7 @@ def angle_sample(
 
 
 def load_sample(
-    message: WrenchStamped, by_moment: Rule | None = None, arrived: float = 0.0, data: bytes = b""
+    message: WrenchStamped, by_moment: LoadRule | None = None, arrived: float = 0.0, data: bytes = b""
 ) -> LoadSample:
     """Sample with the axial load L = -F_y and the frontal moment of a WrenchStamped on the tibia.
 
@@ -178,7 +176,7 @@ class ContactStream(Intake):
             messages.append(encode_answer(load.stamp, load.frame_id, compartment.row.tobytes()))
         self.ticks += 1
         if self.varies:
-            self.split.add(load.axial, medial, self.beyond is not None and self.beyond(load.axial, pair.angle))
+            self.split.add(load.axial, medial, self.rule.beyond(load.axial, pair.angle))
         return messages
 
     def answer(self, pair: PairedSample, messages: Sequence[bytes], latency: float = 0.0) -> Answer:
@@ -211,11 +209,9 @@ class ContactStream(Intake):
 
     def _divide(self, parameters: Parameters) -> None:
         """Set up the rule by which the medial load follows from the joint reaction."""
-        name = parameters.load.rule
-        self.rule = COMPARTMENTS[name](parameters, self._texts)
-        self.by_moment: Rule | None = self.rule if name in BY_MOMENT else None
-        self.varies = name in VARYING
-        self.beyond = self.rule.beyond if isinstance(self.rule, MeasuredShare) else None
+        self.rule = load_rule(parameters, self._texts)
+        self.by_moment = self.rule if self.rule.by_moment else None
+        self.varies = self.rule.varies
 
 
 class Compartment:

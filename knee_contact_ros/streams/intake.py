@@ -7,7 +7,7 @@ from collections import deque
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from knee_contact_ros.parameters.sections import Pairing
+from knee_contact_ros.parameters.schema import Pairing
 from knee_contact_ros.streams.frames import ForceFrame
 from knee_contact_ros.streams.messages import Decoder, Deserialize, JointState, RefusedSampleError, WrenchStamped
 from knee_contact_ros.streams.pairing import TIME_RESET, AngleSample, LoadSample, PairedSample, Synchroniser

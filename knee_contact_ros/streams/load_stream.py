@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from knee_contact_ros.joint_reaction.estimator import PACKING, Estimate, Estimator
 from knee_contact_ros.joint_reaction.leg import UNKNOWN, Ground, Joints, Motion, MotionFilter, Vector, inclination
 from knee_contact_ros.model.knee import LARGEST_ANGLE
-from knee_contact_ros.parameters.load_schema import ActuatedJoint, GroundForce, LoadParameters, MeasuredJoint
+from knee_contact_ros.parameters.schema import ActuatedJoint, GroundForce, LoadParameters, MeasuredJoint
 from knee_contact_ros.streams.frames import ForceFrame
 from knee_contact_ros.streams.intake import Intake
 from knee_contact_ros.streams.messages import (

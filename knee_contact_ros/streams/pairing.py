@@ -20,7 +20,7 @@ from itertools import pairwise
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.parameters.sections import Pairing
+from knee_contact_ros.parameters.schema import Pairing
 from knee_contact_ros.streams.messages import WrenchStamped
 from knee_contact_ros.streams.topics import NANOSECONDS
 

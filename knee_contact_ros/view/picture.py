@@ -17,7 +17,7 @@ from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.bags.recorded_answers import answer_blocks, answer_topics
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.parameters.build import build_model
-from knee_contact_ros.parameters.lateral import has_both
+from knee_contact_ros.parameters.schema import has_both
 from knee_contact_ros.results import begin_of, stamp_text
 from knee_contact_ros.streams.topics import MEDIAL
 from knee_contact_ros.system.errors import UsageError

@@ -13,7 +13,8 @@ from benchmarks.report import machine
 from knee_contact_ros import load_model
 from knee_contact_ros.joint_reaction.estimator import LEVELS
 from knee_contact_ros.offline.demo_sensors import FORCE_LIMIT, LOAD_FILE, RECORDED, largest
-from knee_contact_ros.parameters.load_schema import LOAD_READING
+from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE
 from knee_contact_ros.system.resources import share_folder
 from studies.assistance.figure import MM, draw
@@ -38,7 +39,7 @@ def cells(walk: Walk) -> str:
 def with_more_co_contraction() -> tuple[float, float]:
     """A larger `person.co_contraction`, and the peak contact force [N] with it and without assistance."""
     more = MORE * person().person.co_contraction
-    parameters = LOAD_READING.load([LOAD_FILE, {"person.co_contraction": more}])
+    parameters = load_parameters([LOAD_FILE, {"person.co_contraction": more}], LoadParameters)
     found = walk(sensors(), constant_in_stance(0.0), load_model("healthy"), parameters)
     return more, found.peaks.force[1]
 

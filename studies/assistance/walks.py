@@ -16,7 +16,8 @@ from knee_contact_ros.joint_reaction.estimator import Estimator
 from knee_contact_ros.joint_reaction.leg import STILL, UNKNOWN, Ground, Joints
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.offline.demo_sensors import BAG, FORCE_LIMIT, LOAD_FILE
-from knee_contact_ros.parameters.load_schema import LOAD_READING, LoadParameters
+from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.topics import GROUND_REACTION_FORCE, JOINT_STATES, LOAD_INPUTS, MESSAGE_TYPES, stamp_to_ns
 from knee_contact_ros.system.resources import share_folder
 
@@ -107,7 +108,7 @@ def sensors(bag: Path | None = None) -> list[Sample]:
 
 def person() -> LoadParameters:
     """Parameters of the person in the shipped bag."""
-    return LOAD_READING.load(LOAD_FILE)
+    return load_parameters(LOAD_FILE, LoadParameters)
 
 
 def walk(samples: Sequence[Sample], law: Law, model: KneeModel, parameters: LoadParameters) -> Walk:

@@ -11,7 +11,7 @@ from benchmarks import reference
 from benchmarks.reference import Layers, kelvin_voigt
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.parameters.build import load_model
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from studies.choosing.geometries import BASE, Geometry
 from studies.choosing.scenes import Floats, Scene
 

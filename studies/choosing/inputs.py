@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from knee_contact_ros.parameters.build import load_model
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import Parameters
 from studies.choosing.errors import Answer, Apart, answer_of, apart
 from studies.choosing.geometries import BASE, CONFIG

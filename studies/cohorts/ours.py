@@ -8,7 +8,7 @@ import numpy as np
 
 from knee_contact_ros.lab.sweep import Files, Knees, Recording
 from knee_contact_ros.model.types import ROW
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from studies.cohorts.method import TOLERANCE, Method, Run
 from studies.cohorts.problem import Cohort, Floats
 

@@ -17,7 +17,7 @@ from knee_contact_ros.bags.mcap_file import McapFile
 from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.bags.recover import recover
 from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.system.errors import UsageError

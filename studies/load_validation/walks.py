@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.joint_reaction.leg import Joints, NetMoments
 from knee_contact_ros.joint_reaction.muscles import Person, reaction_of
-from knee_contact_ros.parameters.load_schema import PersonParameters
+from knee_contact_ros.parameters.schema import PersonParameters
 from studies.validation.data import ON_PLATE
 
 Floats = NDArray[np.float64]

@@ -9,7 +9,7 @@ import numpy as np
 
 from knee_contact_ros import load_model
 from knee_contact_ros.lab.sweep import outcomes
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from studies.honesty.scenes import Scene
 from studies.honesty.truth import reference
 from studies.osteoarthritis.grid import ARTHRITIC, LAYER, SECOND, SHARE, Grid

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.lab.study import read_study
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 
 Floats = NDArray[np.float64]
 ROOT = Path(__file__).parents[2]

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros import load_model
 from knee_contact_ros.model.knee import KneeModel
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import Parameters
 from studies import gait as bags
 from studies.gait import BODY_WEIGHT

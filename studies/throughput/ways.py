@@ -23,7 +23,7 @@ from knee_contact_ros.bags.reader import INPUT_TYPES
 from knee_contact_ros.bags.writer import BagWriter
 from knee_contact_ros.model.types import blank
 from knee_contact_ros.offline.solve import Run, solve
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.messages import encode_answer, encode_answer_wrench
 from knee_contact_ros.streams.topics import (
     JOINT_REACTION_FORCE,

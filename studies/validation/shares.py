@@ -8,12 +8,10 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.report import Section
+from knee_contact_ros.joint_reaction.compartments import MeasuredShare
 from knee_contact_ros.lab.shares import constant, fit
-from knee_contact_ros.parameters.build import load_model
-from knee_contact_ros.parameters.compartments import COMPARTMENTS
-from knee_contact_ros.parameters.curves import curve_texts
-from knee_contact_ros.parameters.measured_share import MeasuredShare
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.build import load_model, load_rule
+from knee_contact_ros.parameters.files import curve_texts, load_parameters
 from studies.validation.data import BODY_WEIGHT, ON_PLATE, Floats, Measured
 
 MS = 1e3
@@ -52,7 +50,10 @@ def answers(measured: Measured, others: Sequence[Measured]) -> list[Answer]:
         Answer("`fixed_share` 0.5", rule_of(measured, {"load.share": 0.5})),
         Answer("`fixed_share`, best constant of the other trial", constant(known) * measured.total),
         Answer("`moment_balance`, 40 mm", rule_of(measured, {"load.compartment": "moment_balance"})),
-        Answer("`measured_share`, fitted to the other trial", table(measured.total, None, measured.flexion)),
+        Answer(
+            "`measured_share`, fitted to the other trial",
+            table.share(measured.total, measured.flexion) * measured.total,
+        ),
         Answer("`measured_share`, shipped (fitted to both)", shipped(measured), seen=True),
     ]
 
@@ -65,7 +66,7 @@ def shipped(measured: Measured) -> Floats:
 def rule_of(measured: Measured, values: dict[str, object]) -> Floats:
     """Medial force [N] by the rule that parameters name."""
     parameters = load_parameters({"body_weight": BODY_WEIGHT} | values)
-    rule = COMPARTMENTS[parameters.load.compartment](parameters, curve_texts(parameters, {}))
+    rule = load_rule(parameters, curve_texts(parameters, {}))
     return np.asarray(rule(measured.total, measured.moment, measured.flexion))
 
 

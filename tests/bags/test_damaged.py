@@ -13,7 +13,7 @@ from knee_contact_ros.bags.reader import BagReader, read_bag
 from knee_contact_ros.cli.main import main
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import SOURCE_DAMAGE, solve
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES, stamp_to_ns
 from knee_contact_ros.system.errors import UsageError
 from studies.fuzz_bags.bags import PERIOD, TICKS, mcap, messages, split, sqlite

@@ -27,7 +27,7 @@ from knee_contact_ros.bags.writer import BagWriter, Limits
 from knee_contact_ros.cli.main import knee_contact, main
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.system.errors import UsageError

@@ -16,7 +16,7 @@ from knee_contact_ros.bags.recorded_answers import answer_blocks, answer_topics,
 from knee_contact_ros.bags.writer import BagWriter
 from knee_contact_ros.model.types import FLAT, TOLD, blank
 from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.columns import ADDED
 from knee_contact_ros.streams.messages import encode_answer
 from knee_contact_ros.streams.topics import MESSAGE_TYPES, definition, stamp_to_ns

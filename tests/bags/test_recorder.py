@@ -23,7 +23,7 @@ from knee_contact_ros.bags.reader import BagReader, read_bag
 from knee_contact_ros.bags.writer import Limits, Settings
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import read_refused
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.sinks.process import MB, Listeners, Queue, SinkProcess
 from knee_contact_ros.streams.contact_stream import ContactStream
 from tests.helpers.needs import needs_viewer

@@ -14,7 +14,8 @@ from knee_contact_ros.cli.main import main
 from knee_contact_ros.joint_reaction.estimator import LEVELS
 from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.offline.estimate_load import estimate_load
-from knee_contact_ros.parameters.load_schema import LOAD_READING
+from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.schema import LoadParameters
 from tests.helpers.needs import HAS_REPORT, needs_viewer
 from tests.helpers.walking import WHOLE_LEG, walk, walking_bag
 
@@ -31,7 +32,7 @@ def walking(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def estimated(walking: Path) -> Path:
     """What is made of it with all that it tells."""
     output = walking.with_name("load.mcap")
-    estimate_load(walking, LOAD_READING.load(WHOLE_LEG), output, lambda *_: None)
+    estimate_load(walking, load_parameters(WHOLE_LEG, LoadParameters), output, lambda *_: None)
     return output
 
 

@@ -13,9 +13,8 @@ from collections.abc import Iterator
 import pytest
 
 from knee_contact_ros.cli.main import knee_contact
-from knee_contact_ros.parameters.declared import STANDARD_PARAMETERS
-from knee_contact_ros.parameters.load_schema import LOAD_READING
-from knee_contact_ros.parameters.reading import READING, known_parameters
+from knee_contact_ros.parameters.files import STANDARD_PARAMETERS, known_parameters
+from knee_contact_ros.parameters.schema import LoadParameters, Parameters
 from knee_contact_ros.system.resources import PACKAGE, share_folder
 
 FOLDER = share_folder() / "launch"
@@ -175,7 +174,7 @@ def test_parameters_are_the_nodes(name: str) -> None:
     names += [
         text(node.slice) for node in ast.walk(tree) if isinstance(node, ast.Subscript) and node.value.id == "given"
     ]
-    known = LOAD_READING.known() if name == "knee_load.launch.py" else known_parameters()
+    known = known_parameters(LoadParameters) if name == "knee_load.launch.py" else known_parameters()
     assert set(names) - FOR_OTHERS <= {*known, *STANDARD_PARAMETERS}
     assert names or included
 
@@ -195,7 +194,7 @@ def test_commands_have_the_options_they_are_given(name: str) -> None:
     nodes = [call for call in calls(tree, "Node") if text(keyword(call, "executable")) not in OTHERS]
     for call in nodes:  # which puts ROS arguments behind the command
         (command,) = ast.literal_eval(keyword(call, "arguments"))
-        assert text(keyword(call, "name")) == {"node": READING.node, "load": LOAD_READING.node}[command]
+        assert text(keyword(call, "name")) == {"node": Parameters.node, "load": LoadParameters.node}[command]
     for call in [*nodes, *calls(tree, "ExecutableInPackage")]:
         assert ast.unparse(keyword(call, "package")) == "PACKAGE"
         assert text(keyword(call, "executable")) == "knee_contact"

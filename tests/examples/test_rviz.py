@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.frames import ISB, isb_transform
 from knee_contact_ros.streams.topics import KNEE_CONTACT_MARKERS
 from knee_contact_ros.system.resources import share_folder

@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.cli.main import main
+from knee_contact_ros.joint_reaction.compartments import MeasuredShare, ShareTable
 from knee_contact_ros.lab.shares import Trial, constant, errors, fit
-from knee_contact_ros.parameters.measured_share import MeasuredShare, ShareTable, read_share_table
+from knee_contact_ros.parameters.files import read_share_table
 
 WEIGHT = 700.0
 TRUE = ShareTable(

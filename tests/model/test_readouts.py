@@ -14,7 +14,7 @@ from knee_contact_ros.model.laws import CONTACT_LAWS
 from knee_contact_ros.model.readouts import READOUTS, UNITS
 from knee_contact_ros.model.types import ContactState, Rows, Status, blank
 from knee_contact_ros.parameters.build import build_model
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 
 TOLERANCE = 1e-12
 """Relative: a dozen roundings of 1.1e-16 each, of powers to 1.5"""

@@ -7,7 +7,7 @@ from diagnostic_msgs.msg import DiagnosticStatus
 
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.node.diagnostics import InputMeter, LagMeter, PairingMeter, TickMeter, diagnostic_status
-from knee_contact_ros.parameters.sections import Pairing
+from knee_contact_ros.parameters.schema import Pairing
 from knee_contact_ros.streams.pairing import AngleSample, LoadSample, Synchroniser
 
 MS = 1_000_000

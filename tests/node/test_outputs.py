@@ -11,7 +11,7 @@ import pytest
 from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES
 from knee_contact_ros.bags.writer import Limits, Settings
 from knee_contact_ros.node.outputs import queue_of, sections_of_outputs, sink_of
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.sinks.process import Queue
 from knee_contact_ros.sinks.protocol import Knee

@@ -7,7 +7,7 @@ import math
 import pytest
 
 from knee_contact_ros.node.parameters import described
-from knee_contact_ros.parameters.reading import known_parameters, load_parameters
+from knee_contact_ros.parameters.files import known_parameters, load_parameters
 from knee_contact_ros.system.errors import UsageError
 
 FREE_TEXTS = {

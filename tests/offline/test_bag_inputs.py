@@ -13,7 +13,7 @@ from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.bags.topic_names import names_in_bag
 from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.messages import (
     TF_MESSAGE,

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.model.types import blank
-from knee_contact_ros.parameters.load_schema import LOAD_READING, ActuatedJoint
+from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.schema import ActuatedJoint, LoadParameters
 from knee_contact_ros.streams.load_stream import joints_of, leg_sample
 from knee_contact_ros.streams.messages import JointState, decode_joint_state, encode_joint_state
 
@@ -18,7 +19,7 @@ from knee_contact_ros.offline.demo_sensors import relief, with_assistance
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @pytest.mark.parametrize("effort", [(), (7.0, 8.0)])
 def test_an_extending_torque_reaches_the_estimator_as_one(sign: float, effort: tuple[float, ...]) -> None:
-    parameters = LOAD_READING.load({"knee.sign": sign, "knee.assisted": True})
+    parameters = load_parameters({"knee.sign": sign, "knee.assisted": True}, LoadParameters)
     data = encode_joint_state(JointState(5, "", ("hip", "knee"), (0.1, 0.2), (), effort))
     message = decode_joint_state(with_assistance(data, parameters.knee, 6.0))
     assert message is not None

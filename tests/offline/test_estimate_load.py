@@ -23,8 +23,8 @@ from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.estimate_load import LoadSummary, estimate_load
 from knee_contact_ros.offline.solve import SOURCE_DAMAGE, solve
-from knee_contact_ros.parameters.load_schema import LOAD_READING
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.frames import FORCE_TURNED, FROM_REP_103
 from knee_contact_ros.streams.load_stream import LoadStream
 from knee_contact_ros.streams.messages import (
@@ -52,7 +52,9 @@ def silent(_done: int, _total: int) -> None:
 
 
 def estimate(bag: Path, output: Path | None, values: Any = None, **how: Any) -> LoadSummary:
-    return estimate_load(bag, LOAD_READING.load(WHOLE_LEG if values is None else values), output, silent, **how)
+    return estimate_load(
+        bag, load_parameters(WHOLE_LEG if values is None else values, LoadParameters), output, silent, **how
+    )
 
 
 def raw(path: Path, types: dict[str, str] = TYPES) -> list[RawMessage]:
@@ -82,7 +84,7 @@ def test_the_recording_holds_inputs_and_estimates(walking: Path, estimated: Path
     messages = raw(estimated)
     assert [sum(m.topic == topic for m in messages) for topic in TYPES] == [240] * 4
     assert [m for m in messages if m.topic in INPUTS] == raw(walking, INPUTS) == WALK
-    pipeline, expected = LoadStream(LOAD_READING.load(WHOLE_LEG)), []
+    pipeline, expected = LoadStream(load_parameters(WHOLE_LEG, LoadParameters)), []
     for message in WALK:
         for answer in (pipeline.joint_state if message.topic == ANGLES else pipeline.force)(message.data):
             expected += [RawMessage(f"/{topic}", stamp, data) for topic, stamp, data in answer.records[-2:]]
@@ -111,7 +113,7 @@ def test_the_recording_says_how_it_came_about(walking: Path, estimated: Path) ->
 
 
 def test_the_summary_tells_the_largest_one_and_all_forces(walking: Path) -> None:
-    pipeline, expected = LoadStream(LOAD_READING.load(WHOLE_LEG)), list[Estimate]()
+    pipeline, expected = LoadStream(load_parameters(WHOLE_LEG, LoadParameters)), list[Estimate]()
     for message in WALK:
         for _ in (pipeline.joint_state if message.topic == ANGLES else pipeline.force)(message.data):
             assert pipeline.estimate
@@ -133,8 +135,8 @@ def test_solve_goes_on_from_there(estimated: Path, tmp_path: Path) -> None:
 
 def test_solve_goes_on_from_a_recording_in_several_files(tmp_path: Path) -> None:
     """As the node writes it with `record.max_duration`; its later files go on with no contact's."""
-    pipeline, folder = LoadStream(LOAD_READING.load({})), tmp_path / "parts"
-    record = load_provenance_record(LOAD_READING.load({}))
+    pipeline, folder = LoadStream(load_parameters({}, LoadParameters)), tmp_path / "parts"
+    record = load_provenance_record(load_parameters({}, LoadParameters))
     with BagWriter(folder / "load.mcap", limits=Limits(duration=400 * MS)) as bag:
         writer = AnswerWriter(bag, record, {topic: f"/{topic}" for topic in LOAD_RECORDED}, LOAD_PROVENANCE)
         for message in WALK:
@@ -339,7 +341,7 @@ def test_ctrl_c_leaves_nothing_behind(tmp_path: Path, capsys: pytest.CaptureFixt
         raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        estimate_load(bag, LOAD_READING.load({}), output, interrupt)
+        estimate_load(bag, load_parameters({}, LoadParameters), output, interrupt)
     assert not output.parent.exists() or list(output.parent.iterdir()) == []
     monkeypatch.setattr(LoadStream, "finish", lambda *_: interrupt(1000, 0))
     assert main(["estimate-load", str(bag), "--output", str(output)]) == INTERRUPTED

@@ -10,14 +10,15 @@ import pytest
 import knee_contact_ros
 from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.offline.load_in_memory import DTYPE
-from knee_contact_ros.parameters.load_schema import LOAD_READING
+from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.schema import LoadParameters
 from tests.helpers.walking import WHOLE_LEG, walk, walking_bag
 
 
 def test_it_gives_what_the_command_computes(tmp_path: Path) -> None:
     bag = walking_bag(tmp_path / "in.mcap", walk())
     told = []
-    parameters = LOAD_READING.load([WHOLE_LEG, {"person.mass": 60.0}])
+    parameters = load_parameters([WHOLE_LEG, {"person.mass": 60.0}], LoadParameters)
     estimate_load(bag, parameters, None, lambda *_: None, keep=lambda stamp, each: told.append((stamp, *each)))
     found = knee_contact_ros.estimate_load(bag, WHOLE_LEG, {"person.mass": 60.0}, output=tmp_path / "out.mcap")
     assert found.dtype == DTYPE

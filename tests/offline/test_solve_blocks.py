@@ -16,7 +16,7 @@ from knee_contact_ros.model.types import Rows
 from knee_contact_ros.offline import solve as solve_module
 from knee_contact_ros.offline.solve import Run, solve
 from knee_contact_ros.offline.summary import Summary
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.messages import (
     JOINT_STATE,

@@ -17,7 +17,7 @@ from knee_contact_ros.model.ticks import LEVELS
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.parameters import schema
 from knee_contact_ros.parameters.build import retuned
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.errors import UsageError
 
 TIME = np.arange(0.0, 0.1, 0.005)

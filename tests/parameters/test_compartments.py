@@ -12,11 +12,12 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 
 from knee_contact_ros.cli.main import main
-from knee_contact_ros.parameters.compartments import BY_MOMENT, COMPARTMENTS, Split
-from knee_contact_ros.parameters.curves import curve_texts
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.joint_reaction.compartments import RULES
+from knee_contact_ros.parameters.build import load_rule
+from knee_contact_ros.parameters.files import curve_texts, load_parameters
 from knee_contact_ros.streams.contact_stream import load_sample
 from knee_contact_ros.streams.messages import RefusedSampleError, WrenchStamped
+from knee_contact_ros.streams.watch import Split
 
 WEIGHT = 737.068
 
@@ -27,8 +28,8 @@ def wrench(force_y: float, moment_x: float) -> WrenchStamped:
 
 def part(force_y: float, moment_x: float, **load: Any) -> float:
     parameters = load_parameters({"load": load})
-    rule = COMPARTMENTS[parameters.load.compartment](parameters, curve_texts(parameters, {}))
-    sample = load_sample(wrench(force_y, moment_x), rule if parameters.load.compartment in BY_MOMENT else None)
+    rule = load_rule(parameters, curve_texts(parameters, {}))
+    sample = load_sample(wrench(force_y, moment_x), rule if rule.by_moment else None)
     return float(rule(sample.axial, sample.moment, 0.0))
 
 
@@ -56,10 +57,10 @@ def test_two_forces_on_the_plateau_are_found_again(medial: float, lateral: float
 
 @given(axial=st.floats(-1e4, 1e4), moment=st.floats(-1e2, 1e2), flexion=st.floats(-0.2, 2.5))
 def test_numbers_and_arrays_get_the_same_bits(axial: float, moment: float, flexion: float) -> None:
-    for name, rule_for in COMPARTMENTS.items():
+    for name in RULES:
         values = {"compartment": name, "share": 0.7, "compartment_spacing": 0.045}
         parameters = load_parameters({"load": values})
-        rule = rule_for(parameters, curve_texts(parameters, {}))
+        rule = load_rule(parameters, curve_texts(parameters, {}))
         column = rule(np.array([axial]), np.array([moment]), np.array([flexion]))
         assert column.tolist() == [rule(axial, moment, flexion)]
 

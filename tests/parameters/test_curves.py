@@ -12,8 +12,7 @@ import pytest
 import knee_contact_ros
 from knee_contact_ros.bags.provenance import provenance_record, read_provenance
 from knee_contact_ros.cli.main import main
-from knee_contact_ros.parameters.columns import LARGEST, MOST_POINTS
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import LARGEST, MOST_POINTS, load_parameters
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.needs import needs_viewer
 from tests.helpers.recordings_of import recording_with

@@ -8,8 +8,8 @@ from typing import Any
 
 from ruamel.yaml import YAML
 
-from knee_contact_ros.parameters.load_schema import LOAD_READING
-from knee_contact_ros.parameters.reading import flat_parameters, load_parameters
+from knee_contact_ros.parameters.files import flat_parameters, load_parameters
+from knee_contact_ros.parameters.schema import LoadParameters
 from tests import ROOT
 
 DOCS = ROOT / "docs"
@@ -33,7 +33,7 @@ def test_tables_of_parameters_name_the_defaults() -> None:
 
 
 def test_the_table_of_the_load_node_names_its_defaults() -> None:
-    named, defaults = named_in(DOCS / LOAD), LOAD_READING.flat(LOAD_READING.load({}))
+    named, defaults = named_in(DOCS / LOAD), flat_parameters(load_parameters({}, LoadParameters))
     assert named == {name: defaults[name] for name in named}
     assert {"ground.components", "ground.axes"} <= set(named)
 

@@ -8,8 +8,8 @@ from typing import Any
 import pytest
 
 from knee_contact_ros.joint_reaction.estimator import LEVELS
-from knee_contact_ros.parameters.load_schema import LOAD_READING, LoadParameters, allowed_levels
-from knee_contact_ros.parameters.reading import READING, load_parameters
+from knee_contact_ros.parameters.files import check_file, flat_parameters, known_parameters, load_parameters
+from knee_contact_ros.parameters.schema import LoadParameters, Parameters, allowed_levels
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.resources import shipped_parameter_files
 
@@ -28,17 +28,17 @@ CONTRACT = {
 
 
 def load(values: Any) -> LoadParameters:
-    return LOAD_READING.load(values)
+    return load_parameters(values, LoadParameters)
 
 
 def test_names_and_defaults_hold() -> None:
-    known = LOAD_READING.known()
+    known = known_parameters(LoadParameters)
     assert {name: known[name].default for name in CONTRACT} == CONTRACT
     assert all(each.description for each in known.values())
 
 
 def test_sections_that_both_nodes_have_are_the_same() -> None:
-    ours, others = LOAD_READING.known(), READING.known()
+    ours, others = known_parameters(LoadParameters), known_parameters()
     for name in others:
         if name.startswith(("pairing.", "diagnostics.", "record.")):
             assert ours[name] == others[name], name
@@ -138,8 +138,8 @@ def test_a_file_has_sections_for_both_nodes(tmp_path: Path) -> None:
         "/**/knee_contact:\n  ros__parameters:\n    body_weight: 588.4\n"
         "/**:\n  ros__parameters:\n    pairing.wait: 0.5\n    use_sim_time: true\n"
     )
-    LOAD_READING.check_file(path)
-    READING.check_file(path)
+    check_file(path, LoadParameters)
+    check_file(path, Parameters)
     ours, others = load(path), load_parameters(path)
     assert (ours.person.mass, ours.hip.joint_name, ours.pairing.wait) == (60.0, "hip", 0.5)
     assert (others.body_weight, others.pairing.wait) == (588.4, 0.5)
@@ -149,7 +149,7 @@ def test_what_is_said_for_all_nodes_must_be_known_to_this_one(tmp_path: Path) ->
     path = tmp_path / "all.yaml"
     path.write_text("/**:\n  ros__parameters: {body_weight: 588.4}\n")
     with pytest.raises(UsageError, match=r"all\.yaml: unknown parameter body_weight; "):
-        LOAD_READING.check_file(path)
+        check_file(path, LoadParameters)
 
 
 @pytest.mark.parametrize("node", ["knee_contact", "/left/knee_contact", "/**/knee_contact"])
@@ -159,21 +159,21 @@ def test_a_file_for_the_contact_node_alone_is_refused_by_name(tmp_path: Path, no
     with pytest.raises(UsageError) as caught:
         load(path)
     assert str(caught.value) == f"{path}: no parameters for node knee_load; found {node}"
-    LOAD_READING.check_file(path)  # ROS passes it over likewise
+    check_file(path, LoadParameters)  # ROS passes it over likewise
 
 
 def test_legs_may_share_a_file(tmp_path: Path) -> None:
     path = tmp_path / "legs.yaml"
     sections = [f"/{side}/knee_load:\n  ros__parameters: {{knee.joint_name: knee_{side}}}\n" for side in ("l", "r")]
     path.write_text("".join(sections))
-    LOAD_READING.check_file(path)
+    check_file(path, LoadParameters)
     path.write_text("".join([*sections, "/x/knee_load:\n  ros__parameters: {level: ankle_moment}\n"]))
     with pytest.raises(UsageError, match=r"legs\.yaml: parameter level: 'ankle_moment' is not allowed"):
-        LOAD_READING.check_file(path)
+        check_file(path, LoadParameters)
 
 
 def test_values_go_out_as_they_came_in() -> None:
     values = HIP | ANKLE | FULL | {"person.tone": 0.3, "calibrated": True, "standard_deviation": 0.25}
     parameters = load(values)
-    assert load(LOAD_READING.flat(parameters)) == parameters == load([{"person.tone": 0.1}, values])
-    assert {name: LOAD_READING.flat(parameters)[name] for name in values} == values
+    assert load(flat_parameters(parameters)) == parameters == load([{"person.tone": 0.1}, values])
+    assert {name: flat_parameters(parameters)[name] for name in values} == values

@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.interpolate import RegularGridInterpolator
 
-from knee_contact_ros.parameters.measured_share import MeasuredShare, ShareTable, read_share_table
+from knee_contact_ros.joint_reaction.compartments import MeasuredShare, ShareTable
+from knee_contact_ros.parameters.files import read_share_table
 from knee_contact_ros.system.errors import UsageError
 
 WEIGHT = 654.3
@@ -25,9 +26,9 @@ def shipped() -> ShareTable:
 
 def test_a_small_table_by_hand() -> None:
     rule = MeasuredShare(read_share_table("small.csv", SMALL), 500.0)
-    assert rule(500.0, 0.0, 0.0) == pytest.approx(0.6 * 500.0)
+    assert rule.share(500.0, 0.0) == pytest.approx(0.6)
     assert rule.share(500.0, 0.5) == pytest.approx((0.5 + 0.7 + 0.3 + 1.0) / 4.0)
-    assert rule(1000.0, 0.0, 1.0) == 1000.0  # a share of 1 is all, to the last bit
+    assert rule.share(1000.0, 1.0) == 1.0  # all, to the last bit
     assert rule.share(5000.0, -0.3) == rule.share(1000.0, 0.0) == pytest.approx(0.7)  # held at the edge
     assert rule.share(-100.0, 3.0) == rule.share(0.0, 1.0) == pytest.approx(0.3)
     assert [rule.beyond(*at) for at in ((500.0, 0.5), (1001.0, 0.5), (-1.0, 0.5), (500.0, 1.1))] == [
@@ -46,7 +47,7 @@ def test_the_shipped_table_is_interpolated_as_scipy_does() -> None:
 @given(axial=st.floats(-1e4, 1e5), flexion=st.floats(-6.3, 6.3))
 def test_numbers_and_arrays_get_the_same_bits_and_no_share_beyond_its_bounds(axial: float, flexion: float) -> None:
     rule = MeasuredShare(shipped(), WEIGHT)
-    assert rule(np.array([axial]), None, np.array([flexion])).tolist() == [rule(axial, None, flexion)]
+    assert rule.share(np.array([axial]), np.array([flexion])).tolist() == [rule.share(axial, flexion)]
     assert 0.0 <= rule.share(axial, flexion) <= 1.0
     assert rule.beyond(np.array([axial]), np.array([flexion])).tolist() == [rule.beyond(axial, flexion)]
 

@@ -16,10 +16,10 @@ from knee_contact_ros.model.surfaces import Circle, Profile
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.build import build_model, load_model
-from knee_contact_ros.parameters.plausibility import Doubts, doubts_about
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.watch import Doubts, doubts_about
 from tests.helpers.scenes import RADIUS, law, model
 from tests.offline.test_solve import make_bag, silent
 

@@ -9,15 +9,14 @@ from typing import Any
 import pytest
 
 import knee_contact_ros
-from knee_contact_ros.parameters.lateral import has_both
-from knee_contact_ros.parameters.reading import (
-    READING,
+from knee_contact_ros.parameters.files import (
+    check_file,
     flat_parameters,
     known_parameters,
     load_parameters,
     variations_of,
 )
-from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.parameters.schema import Parameters, has_both
 from knee_contact_ros.system.errors import UsageError
 
 CONTRACT = {
@@ -228,7 +227,7 @@ def test_a_name_means_a_file_here_or_one_of_the_packages_own(
 def test_files_for_other_nodes_are_none_of_the_nodes_business(tmp_path: Path) -> None:
     path = tmp_path / "other.yaml"
     path.write_text("other_node:\n  ros__parameters: {x: 1}")
-    READING.check_file(path)
+    check_file(path, Parameters)
 
 
 def test_knees_may_share_a_file(tmp_path: Path) -> None:
@@ -237,13 +236,13 @@ def test_knees_may_share_a_file(tmp_path: Path) -> None:
     left = "/left/knee_contact:\n  ros__parameters: {tibia.geometry: circle}\n"
     right = "/right/knee_contact:\n  ros__parameters: {tibia.slope: 0.1}\n"
     path.write_text(left + right)
-    READING.check_file(path)
+    check_file(path, Parameters)
     path.write_text(left + "/**:\n  ros__parameters: {tibia.slope: 0.1}\n")
     with pytest.raises(UsageError, match=r"knees\.yaml: parameter tibia\.slope: 0\.1 is not allowed"):
-        READING.check_file(path)
+        check_file(path, Parameters)
     path.write_text("/**:\n  ros__parameters: {tibia.slop: 0.1}\n")
     with pytest.raises(UsageError, match=r"knees\.yaml: unknown parameter tibia\.slop"):
-        READING.check_file(path)
+        check_file(path, Parameters)
 
 
 @pytest.mark.parametrize(

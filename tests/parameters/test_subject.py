@@ -11,8 +11,7 @@ import pytest
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.cli.main import main
 from knee_contact_ros.parameters.build import load_model
-from knee_contact_ros.parameters.reading import load_parameters
-from knee_contact_ros.parameters.subject import Subject
+from knee_contact_ros.parameters.files import Subject, load_parameters
 from knee_contact_ros.system.errors import UsageError
 
 

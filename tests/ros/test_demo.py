@@ -19,8 +19,8 @@ from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.cli.main import main
 from knee_contact_ros.joint_reaction.muscles import QUADRICEPS, arm
 from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.parameters.load_schema import LoadParameters
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.topics import LOAD_ESTIMATE, LOAD_RECORDED, MESSAGE_TYPES, RECORDED
 from knee_contact_ros.system.resources import share_folder
 from knee_contact_ros.system.work_folder import replace

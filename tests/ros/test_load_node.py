@@ -29,8 +29,8 @@ from knee_contact_ros.cli.main import main
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.parameters.load_schema import LOAD_READING
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.sinks.process import PATIENCE
 from knee_contact_ros.streams.messages import encode_wrench_stamped
 from knee_contact_ros.streams.topics import KNEE_CONTACT, LOAD_RECORDED, MESSAGE_TYPES
@@ -114,7 +114,7 @@ def raw(path: Path, types: dict[str, str] = TYPES) -> list[RawMessage]:
 def offline(folder: Path, messages: list[RawMessage], values: dict[str, Any]) -> Path:
     """What `estimate-load` makes of them."""
     bag, output = walking_bag(folder / "offline" / "walk.mcap", messages), folder / "offline" / "load.mcap"
-    estimate_load(bag, LOAD_READING.load(values), output, silent)
+    estimate_load(bag, load_parameters(values, LoadParameters), output, silent)
     return output
 
 
@@ -135,7 +135,10 @@ def test_live_messages_are_those_of_estimate_load(
     leg.send_sensed(WALK)
     code, output = node.stop(signal.SIGINT)
     assert code == 0, output
-    assert f"estimating the joint reaction at level {LOAD_READING.load(values).chosen_level}, not calib" in output
+    assert (
+        f"estimating the joint reaction at level {load_parameters(values, LoadParameters).chosen_level}, not calib"
+        in output
+    )
     assert "80 ticks, 0 samples refused" in output
     assert "Traceback" not in output
     expected = offline(tmp_path, WALK, values)
@@ -144,7 +147,7 @@ def test_live_messages_are_those_of_estimate_load(
     assert sorted(path.name for path in recording.parent.iterdir()) == ["live.mcap", "metadata.yaml"]
     assert raw(recording) == raw(expected)
     again = tmp_path / "again.mcap"
-    estimate_load(recording, LOAD_READING.load(values), again, silent)
+    estimate_load(recording, load_parameters(values, LoadParameters), again, silent)
     assert raw(again) == raw(recording)
 
 

@@ -20,7 +20,7 @@ import knee_contact_ros
 from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.topics import MESSAGE_TYPES, RECORDED
 from knee_contact_ros.system.executor import NO_EVENTS
 from knee_contact_ros.system.extras import not_installed

@@ -15,8 +15,7 @@ from xml.etree import ElementTree as ET
 import psutil
 import pytest
 
-from knee_contact_ros.parameters.load_schema import LOAD_READING
-from knee_contact_ros.parameters.reading import READING
+from knee_contact_ros.parameters.schema import LoadParameters, Parameters
 from knee_contact_ros.system.resources import share_folder
 from tests.helpers.sockets import internet_sockets
 from tests.ros.conftest import PATIENCE, NodeProcess, Peer
@@ -72,13 +71,13 @@ def assert_policy_fits(peer: Peer, node: str, inputs: set[str]) -> None:
 def test_the_policy_is_what_the_node_has(peer: Peer, start_node: Callable[..., NodeProcess]) -> None:
     start_node("-p", "use_sim_time:=true", "-p", "load.compartment:=both")
     peer.wait_for_node()
-    assert_policy_fits(peer, READING.node, {"/joint_states", "/joint_reaction_force"})
+    assert_policy_fits(peer, Parameters.node, {"/joint_states", "/joint_reaction_force"})
 
 
 def test_the_policy_is_what_the_load_node_has(peer: Peer, start_node: Callable[..., NodeProcess]) -> None:
     start_node("-p", "use_sim_time:=true", kind="load")
-    peer.wait_until(lambda: LOAD_READING.node in peer.node.get_node_names())
-    assert_policy_fits(peer, LOAD_READING.node, {"/joint_states", "/ground_reaction_force"})
+    peer.wait_until(lambda: LoadParameters.node in peer.node.get_node_names())
+    assert_policy_fits(peer, LoadParameters.node, {"/joint_states", "/ground_reaction_force"})
 
 
 def test_the_policy_has_the_form_that_sros2_reads() -> None:

@@ -22,7 +22,7 @@ from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.build import retuned
-from knee_contact_ros.parameters.reading import known_parameters, load_parameters
+from knee_contact_ros.parameters.files import known_parameters, load_parameters
 from knee_contact_ros.streams.topics import MESSAGE_TYPES
 from tests import ROOT
 from tests.helpers.messages import RosMessages, header

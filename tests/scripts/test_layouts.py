@@ -21,7 +21,7 @@ from rosbags.typesys import get_types_from_msg
 
 from knee_contact_ros.model.types import UNUSABLE, ContactState, Fidelity, Status
 from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.topics import RECORDED
 from scripts.make_layouts import LANES, PLOTS, files
 from tests import ROOT

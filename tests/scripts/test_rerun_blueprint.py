@@ -24,7 +24,7 @@ from rerun.chunk import RrdReader
 
 from knee_contact_ros.model.types import ContactState, Fidelity, Status
 from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from scripts.make_layouts import COLOURS, JOINTS, LANES, PLOTS, STATES
 from scripts.make_rerun_blueprint import APPLICATION, TIMELINE, application_of, blueprint
 from tests import ROOT

@@ -14,7 +14,7 @@ import psutil
 import pytest
 
 from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.sinks.process import SinkProcess, size_of
 from knee_contact_ros.sinks.protocol import Job
 from knee_contact_ros.streams.contact_stream import ContactStream

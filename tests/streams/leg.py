@@ -9,7 +9,8 @@ import pytest
 
 from knee_contact_ros.bags.reader import RawMessage
 from knee_contact_ros.joint_reaction.estimator import Estimate
-from knee_contact_ros.parameters.load_schema import LOAD_READING
+from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.load_stream import LoadStream
 from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.streams.topics import Answer
@@ -19,7 +20,7 @@ POSE = {"hip": 0.3, "knee": 0.5, "ankle": 0.1}
 
 
 def pipeline(values: Any = None) -> LoadStream:
-    return LoadStream(LOAD_READING.load(WHOLE_LEG if values is None else values))
+    return LoadStream(load_parameters(WHOLE_LEG if values is None else values, LoadParameters))
 
 
 def take(pipe: LoadStream, messages: Iterable[RawMessage]) -> list[tuple[Answer, Estimate]]:

@@ -19,8 +19,8 @@ from knee_contact_ros.model.types import FLAT, ROW, Rows
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.solve_blocks import take
 from knee_contact_ros.parameters.build import build_model
-from knee_contact_ros.parameters.lateral import lateral_knee
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.schema import lateral_knee
 from knee_contact_ros.streams.columns import Column
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.messages import (

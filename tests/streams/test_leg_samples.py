@@ -11,7 +11,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from knee_contact_ros.joint_reaction.leg import Joints
-from knee_contact_ros.parameters.load_schema import LOAD_READING, GroundForce, LoadParameters
+from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.schema import GroundForce, LoadParameters
 from knee_contact_ros.streams.load_stream import LARGEST_TORQUE, ground_of, ground_sample, joints_of, leg_sample
 from knee_contact_ros.streams.messages import JointState, RefusedSampleError, WrenchStamped
 
@@ -24,7 +25,7 @@ WRENCH = WrenchStamped(STAMP, "plate", (10.0, 700.0, -20.0), (3.0, 4.0, 50.0))
 
 
 def parameters(values: dict[str, Any]) -> LoadParameters:
-    return LOAD_READING.load(values)
+    return load_parameters(values, LoadParameters)
 
 
 def state(efforts: tuple[float, ...] = (), **positions: float) -> JointState:

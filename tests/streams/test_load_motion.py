@@ -6,7 +6,8 @@ import pytest
 
 from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.parameters.load_schema import LOAD_READING
+from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.schema import LoadParameters
 from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, walk
 from tests.streams.leg import by_stamp, estimates, pipeline, same, take
 
@@ -73,7 +74,7 @@ def test_the_kinks_between_slow_angles_are_no_motion(apart: int) -> None:
 def test_another_offset_is_no_motion() -> None:
     pipe, messages = pipeline(), walk(200)
     take(pipe, messages[:200])
-    pipe.retune(LOAD_READING.load(WHOLE_LEG | {"hip.offset": 0.2, "knee.offset": 0.2}))
+    pipe.retune(load_parameters(WHOLE_LEG | {"hip.offset": 0.2, "knee.offset": 0.2}, LoadParameters))
     found = [estimate for _, estimate in take(pipe, messages[200:])]
     expected = [e for _, e in take(pipeline(WHOLE_LEG | {"hip.offset": 0.2, "knee.offset": 0.2}), messages[200:])]
     assert found == expected
@@ -83,7 +84,7 @@ def test_another_constant_counts_from_the_next_estimate_on_and_the_motion_goes_o
     changed, messages = WHOLE_LEG | {"person.tone": 0.6}, walk(100)
     pipe = pipeline()
     before = take(pipe, messages[:100])
-    pipe.retune(LOAD_READING.load(changed))
+    pipe.retune(load_parameters(changed, LoadParameters))
     after = take(pipe, messages[100:])
     whole, other = take(pipeline(), messages), take(pipeline(changed), messages)
     assert [*before, *after] == [*whole[:50], *other[50:]]

@@ -10,7 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.parameters.sections import Pairing
+from knee_contact_ros.parameters.schema import Pairing
 from knee_contact_ros.streams.pairing import AngleSample, LoadSample, PairedSample, Synchroniser
 
 MS = 1_000_000

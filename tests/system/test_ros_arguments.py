@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.ros_arguments import parameters_of
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
 from tests.helpers.answers import rows_of
 

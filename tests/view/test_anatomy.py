@@ -13,7 +13,7 @@ from matplotlib.path import Path as Outline
 
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.parameters.build import build_model
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.view.anatomy import DRAWN_THICKNESS, SURFACE_POINTS, Picture, anatomy_of, picture_of
 from knee_contact_ros.view.scene import triangles_of
 

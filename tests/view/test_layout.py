@@ -13,7 +13,7 @@ import rerun.blueprint as rrb
 from rerun.blueprint.api import Container
 
 from knee_contact_ros.parameters.build import load_model
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.topics import Answer
 from knee_contact_ros.view.anatomy import KneeOutlines, drawing_of, placed

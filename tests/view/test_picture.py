@@ -11,7 +11,7 @@ import pytest
 from knee_contact_ros.bags.recorded_answers import read_answers
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.build import load_model
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.view.picture import (
     SURFACE,

@@ -11,7 +11,7 @@ import pytest
 pytest.importorskip("rerun", reason="needs the extra viewer")
 
 from knee_contact_ros.parameters.build import load_model
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.topics import Answer
 from knee_contact_ros.view.anatomy import KneeOutlines, drawing_of

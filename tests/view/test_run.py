@@ -24,7 +24,7 @@ from knee_contact_ros.bags.answer_recorder import AnswerWriter
 from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.bags.writer import BagWriter
 from knee_contact_ros.cli.main import main
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.topics import MESSAGE_TYPES, Ending
 from knee_contact_ros.system.ports import free_port
@@ -118,7 +118,7 @@ def test_what_happened_to_the_node_is_seen_where_it_happened(
 ) -> None:
     """With the line where bone begins."""
     from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, change_record, provenance_record
-    from knee_contact_ros.parameters.curves import curve_texts
+    from knee_contact_ros.parameters.files import curve_texts
 
     parameters = load_parameters([config / "osteoarthritis.yaml"])
     pipeline = ContactStream(parameters, compiled=False)

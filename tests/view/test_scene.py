@@ -13,7 +13,7 @@ import pytest
 pytest.importorskip("rerun", reason="needs the extra viewer")
 
 from knee_contact_ros.model.types import ROW
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.results import DATES_FROM
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.topics import Answer

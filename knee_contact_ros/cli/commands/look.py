@@ -48,7 +48,7 @@ def view(
     executable()  # before what imports its library
     from knee_contact_ros.bags.bag_files import others_beside
     from knee_contact_ros.offline.view import ViewOptions, run_view
-    from knee_contact_ros.parameters.reading import load_parameters
+    from knee_contact_ros.parameters.files import load_parameters
     from knee_contact_ros.system.ros_arguments import parameters_of
     from knee_contact_ros.system.terminal import warn
 

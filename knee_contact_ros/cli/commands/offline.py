@@ -16,6 +16,7 @@ from knee_contact_ros.cli.options import (
     parameter_files_option,
     parameter_values,
 )
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 
 
@@ -55,7 +56,7 @@ def solve(
     from knee_contact_ros.offline.in_memory import basis_of
     from knee_contact_ros.offline.solve import solve as solve_bag
     from knee_contact_ros.offline.summary_table import show_summary
-    from knee_contact_ros.parameters.subject import Subject
+    from knee_contact_ros.parameters.files import Subject
     from knee_contact_ros.system.ros_arguments import parameters_of
     from knee_contact_ros.system.terminal import progress, warn
 
@@ -104,12 +105,14 @@ def estimate_load(
     from knee_contact_ros.bags.topic_names import names_in_bag
     from knee_contact_ros.cli.load_table import show_load
     from knee_contact_ros.offline.estimate_load import estimate_load as estimate
-    from knee_contact_ros.parameters.load_schema import LOAD_READING
+    from knee_contact_ros.parameters.schema import LoadParameters
     from knee_contact_ros.streams.topics import LOAD_INPUTS
     from knee_contact_ros.system.ros_arguments import parameters_of
     from knee_contact_ros.system.terminal import progress, warn
 
-    parameters = LOAD_READING.load([*find_parameters(parameter_files, None), parameters_of(parameter_values)])
+    parameters = load_parameters(
+        [*find_parameters(parameter_files, None), parameters_of(parameter_values)], LoadParameters
+    )
     names = names_in_bag(remaps, namespace, LOAD_INPUTS)
     with progress("Estimating") as advance:
         summary = estimate(bag, parameters, output, advance, overwrite, names)

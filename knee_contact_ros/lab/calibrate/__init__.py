@@ -47,9 +47,8 @@ from knee_contact_ros.lab.calibrate.fit import (
 from knee_contact_ros.lab.calibrate.load import AXIAL_FORCE, fittable_in, load_problem_of, referenced
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.offline.in_memory import Name, in_python_words
-from knee_contact_ros.parameters.declared import NodeReading
-from knee_contact_ros.parameters.load_schema import LOAD_READING
-from knee_contact_ros.parameters.reading import READING, load_parameters
+from knee_contact_ros.parameters.files import load_parameters, values_set_in
+from knee_contact_ros.parameters.schema import LoadParameters, NodeSection, Parameters
 from knee_contact_ros.results import Results
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, LOAD_INPUTS
 from knee_contact_ros.system.errors import UsageError
@@ -228,7 +227,7 @@ def _contact_problem(
 
 
 def _load_problem(bag: Path, params: list[Any], free: Free, options: FitOptions) -> Problem:
-    parameters = LOAD_READING.load(params)
+    parameters = load_parameters(params, LoadParameters)
     unknowns = unknowns_of(free, fittable_in(parameters))
     names = names_in_bag(options.remaps, options.namespace, (*LOAD_INPUTS, JOINT_REACTION_FORCE))
     with progress("Reading") as advance:
@@ -337,13 +336,13 @@ def run_calibrate(options: CalibrateOptions) -> Calibration:
     except OSError as error:
         partial.unlink(missing_ok=True)
         raise UsageError(f"cannot write {options.output}: {error.strerror}") from None
-    _reading(options).set_in(options.output)
+    values_set_in(options.output, _schema(options))
     return calibration
 
 
-def _reading(options: CalibrateOptions) -> NodeReading[Any]:
-    """Give the reading of parameters of the node for which the file is."""
-    return LOAD_READING if is_bag(options.data) else READING
+def _schema(options: CalibrateOptions) -> type[NodeSection]:
+    """Parameters of the node for which the file is."""
+    return LoadParameters if is_bag(options.data) else Parameters
 
 
 def parameter_file(calibration: Calibration, options: CalibrateOptions) -> str:
@@ -361,7 +360,7 @@ def parameter_file(calibration: Calibration, options: CalibrateOptions) -> str:
         *(f"Warning: {warning}." for warning in calibration.warnings),
     ]
     lines = [f"# {' '.join(comment.split())}" for comment in comments]
-    lines += [f"/**/{_reading(options).node}:", "  ros__parameters:", *_entries(calibration.also, "    ")]
+    lines += [f"/**/{_schema(options).node}:", "  ros__parameters:", *_entries(calibration.also, "    ")]
     for section, values in nested(calibration.values).items():
         lines += [f"    {section}:", *_entries(values, "      ")]
     return "\n".join(lines) + "\n"

@@ -23,10 +23,14 @@ from knee_contact_ros.model.compiler import worth_compiling
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import Floats, Rows, Status, blank
 from knee_contact_ros.parameters.build import build_model, retuned
-from knee_contact_ros.parameters.curves import curve_texts
-from knee_contact_ros.parameters.load_schema import LOAD_READING
-from knee_contact_ros.parameters.reading import all_values, flat_parameters, known_parameters, load_parameters
-from knee_contact_ros.parameters.schema import Parameters, constants_of
+from knee_contact_ros.parameters.files import (
+    all_values,
+    curve_texts,
+    flat_parameters,
+    known_parameters,
+    load_parameters,
+)
+from knee_contact_ros.parameters.schema import LoadParameters, Parameters, constants_of
 from knee_contact_ros.results import Results
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.regular_file import read_regular
@@ -192,7 +196,7 @@ def fittable_of(parameters: Parameters, measured: Measured) -> Fittable:
     def why_not(name: str) -> str:
         if name == SHARE:
             return f"{measured.source} has no column axial_load, of which it is the share"
-        if name not in known and name in LOAD_READING.known():
+        if name not in known and name in known_parameters(LoadParameters):
             return f"it is one of the load node, which is fitted to a bag; to a table {', '.join(used)} are"
         if name not in known or not name.startswith(SECTIONS):
             return ""

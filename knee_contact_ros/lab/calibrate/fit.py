@@ -49,7 +49,7 @@ from scipy.optimize import brentq, least_squares
 from scipy.stats import chi2, f, qmc
 
 from knee_contact_ros.model.types import Floats
-from knee_contact_ros.parameters.declared import Declaration
+from knee_contact_ros.parameters.schema import Declaration
 from knee_contact_ros.results import Results
 from knee_contact_ros.system.errors import UsageError
 

@@ -24,9 +24,8 @@ from knee_contact_ros.joint_reaction.muscles import Person, reaction_of
 from knee_contact_ros.lab.calibrate.fit import STEP, Fittable, Problem, Unknown
 from knee_contact_ros.model.types import UNUSABLE, Floats
 from knee_contact_ros.offline.sensed import Sensed, SensedBag, sensed_in
-from knee_contact_ros.parameters.declared import all_values
-from knee_contact_ros.parameters.load_schema import LOAD_READING, LoadParameters
-from knee_contact_ros.parameters.reading import known_parameters
+from knee_contact_ros.parameters.files import all_values, known_parameters
+from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.contact_stream import load_sample
 from knee_contact_ros.streams.messages import Decoder, RefusedSampleError
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, LOAD_ESTIMATE, MESSAGE_TYPES, NANOSECONDS, deserialize
@@ -260,7 +259,7 @@ def net_moments_of(level: EstimationLevel, person: Person, measured: Referenced)
 
 def fittable_in(parameters: LoadParameters) -> Fittable:
     """Give the parameters that can be fitted: the constants of the person."""
-    known = LOAD_READING.known()
+    known = known_parameters(LoadParameters)
     names = [name for name in known if name.startswith(SECTION)]
 
     def why_not(name: str) -> str:

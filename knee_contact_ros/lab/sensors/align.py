@@ -26,7 +26,7 @@ from scipy.stats import t as student
 from knee_contact_ros.lab.sensors.channels import Series, read_channels, read_map
 from knee_contact_ros.lab.sensors.importing import impossible
 from knee_contact_ros.lab.tables import Floats
-from knee_contact_ros.parameters.reading import values_set_in
+from knee_contact_ros.parameters.files import values_set_in
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.terminal import WIDTH, say, shown, warn

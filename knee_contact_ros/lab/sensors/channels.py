@@ -26,9 +26,8 @@ from knee_contact_ros.lab.tables import (
     names_in,
     read_columns,
 )
-from knee_contact_ros.parameters.limits import OneOf
-from knee_contact_ros.parameters.reading import first_error
-from knee_contact_ros.parameters.sections import Section
+from knee_contact_ros.parameters.files import first_error
+from knee_contact_ros.parameters.schema import Section, one_of
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.yaml_file import read_mapping
@@ -63,14 +62,14 @@ class Channel(Section):
 class AngleChannel(Channel):
     """Flexion angle of the knee."""
 
-    sign: Annotated[float, OneOf(1.0, -1.0)] = Field(1.0, description="1 if it grows in flexion, or -1")
+    sign: Annotated[float, one_of(1.0, -1.0)] = Field(1.0, description="1 if it grows in flexion, or -1")
     joint: str = Field("knee", min_length=1, description="name in joint_states")
 
 
 class LoadChannel(Channel):
     """Axial load of the knee: the force that the femur exerts on the tibia, along the tibia."""
 
-    direction: Annotated[str, OneOf(COMPRESSION, TENSION)] = Field(
+    direction: Annotated[str, one_of(COMPRESSION, TENSION)] = Field(
         COMPRESSION, description="what a positive sum is; tension: as force.y of OpenSim's reaction on the tibia"
     )
 
@@ -86,11 +85,11 @@ class SensorMap(Section):
     moment: Channel | None = Field(
         None, description="frontal moment about the middle of the plateau; > 0 loads the lateral compartment more"
     )
-    side: Annotated[str, OneOf("right", "left")] = "right"
+    side: Annotated[str, one_of("right", "left")] = "right"
     body_weight: float | None = Field(None, gt=0.0, le=1e5, description="[N]")
     rate: float = Field(0.0, ge=0.0, le=1e4, description="[Hz] both are interpolated at; 0: every row keeps its stamp")
     max_gap: float = Field(0.1, gt=0.0, le=3600.0, description="[s] between rows, beyond which nothing is interpolated")
-    missing: Annotated[str, OneOf(REFUSE, LEAVE_OUT)] = Field(
+    missing: Annotated[str, one_of(REFUSE, LEAVE_OUT)] = Field(
         REFUSE, description="what to do with a row that has no number (empty, NaN) where one is needed"
     )
 

@@ -16,6 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from knee_contact_ros import __version__
+from knee_contact_ros.joint_reaction.estimator import LEAST_PEAK, MOST_PEAK, STIFF
 from knee_contact_ros.lab.gait_bag import (
     QUANTITIES,
     Angles,
@@ -31,7 +32,7 @@ from knee_contact_ros.lab.gait_bag import (
 from knee_contact_ros.lab.sensors.channels import Bools, SensorMap, Series, read_channels, read_map
 from knee_contact_ros.lab.tables import BODY_WEIGHT, FORCE, UNITS, Stamps
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_LOAD
-from knee_contact_ros.parameters.plausibility import LEAST_PEAK, LIGHTEST, MOST_PEAK, STIFF, weight_doubt
+from knee_contact_ros.parameters.build import LIGHTEST, weight_doubt
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.terminal import WIDTH, say, shown, warn

@@ -8,15 +8,14 @@ from typing import Any, NamedTuple
 
 from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT
 from knee_contact_ros.parameters.build import material_stiffness
-from knee_contact_ros.parameters.lateral import LATERAL
-from knee_contact_ros.parameters.reading import (
+from knee_contact_ros.parameters.files import (
     all_values,
     flat_parameters,
     known_parameters,
     load_parameters,
     values_set_in,
 )
-from knee_contact_ros.parameters.schema import ContactParameters, Parameters, constants_of
+from knee_contact_ros.parameters.schema import LATERAL, ContactParameters, Parameters, constants_of
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.resources import parameter_file, refuse_twice
 

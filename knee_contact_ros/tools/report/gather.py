@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.readouts import SPREAD
 from knee_contact_ros.model.types import FLAT, Rows
-from knee_contact_ros.parameters.plausibility import Doubts
 from knee_contact_ros.streams.gait_events import GAP, HEEL_STRIKE, LOAD_PEAK, TOE_OFF, GaitEvent, GaitEvents
 from knee_contact_ros.streams.strides import CERTAIN, KEPT, spans
 from knee_contact_ros.streams.topics import NANOSECONDS
+from knee_contact_ros.streams.watch import Doubts
 from knee_contact_ros.tools.report.cycles import COLUMNS, Cycle, Floats, Mean, curves, measured
 from knee_contact_ros.tools.report.totals import Course, Totals
 

@@ -7,8 +7,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from knee_contact_ros.parameters.lateral import has_both
-from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.parameters.schema import Parameters, has_both
 
 CARTILAGE_THICKNESS = 3.0
 """Thickness of resting cartilage [mm] that the range of depths assumes, as the model's paper does"""

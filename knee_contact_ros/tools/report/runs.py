@@ -16,9 +16,7 @@ from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import read_refused
 from knee_contact_ros.parameters.build import build_model
-from knee_contact_ros.parameters.curves import curve_texts
-from knee_contact_ros.parameters.plausibility import Doubts, doubts_about
-from knee_contact_ros.parameters.reading import flat_parameters, known_parameters, load_parameters
+from knee_contact_ros.parameters.files import curve_texts, flat_parameters, known_parameters, load_parameters
 from knee_contact_ros.parameters.schema import Parameters, constants_of
 from knee_contact_ros.streams.contact_stream import answering
 from knee_contact_ros.streams.topics import (
@@ -30,6 +28,7 @@ from knee_contact_ros.streams.topics import (
     is_lateral,
     knee_name,
 )
+from knee_contact_ros.streams.watch import Doubts, doubts_about
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.tools.report.comparison import Difference, Overlay, compared, differences, kept, named, overlay
 from knee_contact_ros.tools.report.gather import Gathered

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.model.types import ContactState, Fidelity, Rows, Status
 from knee_contact_ros.offline.summary import bound
-from knee_contact_ros.parameters.plausibility import Doubts
 from knee_contact_ros.streams.topics import NANOSECONDS
+from knee_contact_ros.streams.watch import Doubts
 
 Floats = NDArray[np.float64]
 

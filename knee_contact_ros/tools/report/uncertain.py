@@ -20,8 +20,8 @@ from knee_contact_ros.lab.uncertainty import (
     propagated,
     read_deviations,
 )
-from knee_contact_ros.parameters.lateral import has_both
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.schema import has_both
 from knee_contact_ros.streams.topics import KNEE, NANOSECONDS, is_lateral, knee_name
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.tools.report.data import Row

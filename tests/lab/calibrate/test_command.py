@@ -10,7 +10,7 @@ import pytest
 
 from knee_contact_ros import load_model
 from knee_contact_ros.cli.main import main
-from knee_contact_ros.parameters.reading import values_set_in
+from knee_contact_ros.parameters.files import values_set_in
 from tests.lab.calibrate.trials import START, trial, written
 
 START_VALUES = [f"-p{name}:={value}" for name, value in START.items()]

@@ -12,7 +12,8 @@ import pytest
 
 from knee_contact_ros import UsageError, calibrate, estimate_load
 from knee_contact_ros.cli.main import main
-from knee_contact_ros.parameters.load_schema import LOAD_READING
+from knee_contact_ros.parameters.files import load_parameters, values_set_in
+from knee_contact_ros.parameters.schema import LoadParameters
 from tests.lab.calibrate.legs import BODY, EPOCH, FREE, STEP, TRUE, WEIGHT, noise, trial, walk, write_sensors
 
 VALUES = [f"-p{name}:={value}" for name, value in BODY.items()]
@@ -129,11 +130,11 @@ def test_the_command_writes_parameters_that_the_load_node_takes(
     for part in ("95 % interval", "person.co_contraction", "axial_force: RMS", "body weights, r 0.9", "400 fitted"):
         assert part in said.out
     assert re.search(r"warning: axial_force: what is left is alike .*: 400 samples count as \d+, and", said.err)
-    parameters = LOAD_READING.load(["load/insole", str(output)])
+    parameters = load_parameters(["load/insole", str(output)], LoadParameters)
     assert parameters.calibrated
     assert 0.05 < parameters.standard_deviation < 0.15  # 60 N of 686 N
     assert parameters.person.moment_arm_scale == pytest.approx(0.9, rel=0.1)
-    assert set(LOAD_READING.set_in(output)) == {*FREE, "calibrated", "standard_deviation"}
+    assert set(values_set_in(output, LoadParameters)) == {*FREE, "calibrated", "standard_deviation"}
     text = output.read_text(encoding="utf-8")
     assert "insole.yaml, person.mass 70.0" in text
     assert "# Data: trial.mcap, sha256 " in text

@@ -14,7 +14,8 @@ from knee_contact_ros.lab.opensim import child
 from knee_contact_ros.lab.opensim.pipeline import Setup, dynamics_setup, read_setup, run_python
 from knee_contact_ros.lab.tables import read_storage
 from knee_contact_ros.offline.estimate_load import LoadSummary, estimate_load
-from knee_contact_ros.parameters.load_schema import LOAD_READING
+from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.topics import NANOSECONDS
 from tests.helpers.needs import needs_opensim
 from tests.lab.opensim.test_leg import TOPICS
@@ -58,7 +59,7 @@ def moments(folder: Path) -> Path:
 
 def estimated(bag: Path, config: Path, output: Path) -> tuple[LoadSummary, dict[int, Estimate]]:
     """What there is to say of a bag's estimates, and these by their stamps [ns]."""
-    parameters = LOAD_READING.load([config / "load" / "inverse_dynamics.yaml", SUBJECT])
+    parameters = load_parameters([config / "load" / "inverse_dynamics.yaml", SUBJECT], LoadParameters)
     estimates: dict[int, Estimate] = {}
     return estimate_load(bag, parameters, output, silent, keep=estimates.__setitem__), estimates
 

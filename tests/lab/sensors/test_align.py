@@ -15,7 +15,7 @@ from knee_contact_ros.lab.sensors.align import Alignment, aligned
 from knee_contact_ros.lab.sensors.channels import Series
 from knee_contact_ros.lab.tables import Floats
 from knee_contact_ros.offline.in_memory import solve
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.needs import TRIALS, needs_trials
 from tests.lab.sensors.trials import DELAY, MAP, OFFSET, flexion, write_csv, write_trial

@@ -12,7 +12,7 @@ import pytest
 import knee_contact_ros
 from knee_contact_ros.lab.sweep import OUTCOMES, Files, Knees, Recording, compute, knees_in, outcomes
 from knee_contact_ros.model.types import FLAT, ROW, ContactState, Status
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.errors import UsageError
 from tests import ROOT
 

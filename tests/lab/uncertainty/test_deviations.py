@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.lab.uncertainty import Deviation, deviations_of, read_deviations
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.errors import UsageError
 
 

@@ -13,7 +13,7 @@ from knee_contact_ros.lab import uncertainty
 from knee_contact_ros.lab.uncertainty import Deviation, Given, given_in
 from knee_contact_ros.model.types import FLAT, Rows, Status
 from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_stream import Compartment
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.bags import write_rosbag2

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from tests.offline.test_solve import silent
 
 

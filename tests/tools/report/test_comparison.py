@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from knee_contact_ros.cli.main import main
-from knee_contact_ros.parameters.reading import flat_parameters, load_parameters
+from knee_contact_ros.parameters.files import flat_parameters, load_parameters
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.tools.report.comparison import between, compared, differences, kept, named, overlay
 from tests.tools.report.pages import page_of, text_of

@@ -17,7 +17,7 @@ from knee_contact_ros.cli.main import main
 from knee_contact_ros.model.types import FLAT
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.build import load_model
-from knee_contact_ros.parameters.reading import load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.topics import KNEE_CONTACT_WRENCH, MESSAGE_TYPES, RECORDED
 from knee_contact_ros.tools.report.cycles import PERCENT, SPREAD
 from knee_contact_ros.tools.report.data import CURVE_COLUMNS, EVENT_COLUMNS, PEAK_COLUMNS, STRIDE_COLUMNS

@@ -1,0 +1,130 @@
+"""The compartment's part of a joint reaction.
+
+The joint reaction acts on the tibia, in the tibia frame (x anterior, y superior, z to the right; left legs are mirrored
+to this): an axial compression F = -F_y and a frontal moment M_x. Two compartments a spacing 2d apart, the medial one
+at z = -d, carry both if the medial one takes (d F - M_x) / 2d.
+
+An instrumented implant shows that the medial share is not constant: it depends on flexion and on the axial load. A
+table of measured shares is interpolated between its points (bilinear), and held at its edges beyond them: nothing is
+extrapolated, and the shares stay between 0 and 1 as they are at the points.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+RULES = ("total", "fixed_share", "moment_balance", "measured_share")
+"""Names of the rules by which a compartment's load follows from the joint reaction; see `LoadRule`"""
+SPLITS = RULES[1:]
+"""Names of the rules that leave a load to the lateral compartment"""
+BOTH = "both"
+"""Value of `load.compartment` for medial and lateral contact at once; a rule of `SPLITS` gives the medial load"""
+
+
+class ShareTable(NamedTuple):
+    """Medial shares on a grid."""
+
+    flexion: NDArray[np.float64]
+    """Flexion angles [rad], increasing, shape (m,), two or more"""
+    load: NDArray[np.float64]
+    """Axial loads [BW], increasing, shape (n,), two or more"""
+    share: NDArray[np.float64]
+    """Medial shares from 0 to 1, shape (m, n)"""
+
+
+class MeasuredShare:
+    """Medial share of the axial load of a person, from a table."""
+
+    def __init__(self, table: ShareTable, body_weight: float) -> None:
+        """Prepare the table for a person with this body weight [N]."""
+        self._body_weight = body_weight
+        self._flexion, self._load = table.flexion, table.load
+        self._cells = _cells(table)
+        self._inner_flexion, self._inner_load = table.flexion[1:-1].tolist(), table.load[1:-1].tolist()
+        self._edges = *table.flexion[[0, -1]].tolist(), *table.load[[0, -1]].tolist()
+        self._lists = [table.flexion.tolist(), table.load.tolist(), self._cells.tolist()]
+
+    def share(self, axial: Any, flexion: Any) -> Any:
+        """Medial share, from 0 to 1, at axial compression [N] and flexion [rad]: numbers, or arrays of one shape.
+
+        Both give the same bits.
+        """
+        if isinstance(axial, np.ndarray):
+            return self._shares(axial, flexion)
+        first, last, least, most = self._edges
+        angle, load = min(max(flexion, first), last), min(max(axial / self._body_weight, least), most)
+        row, column = bisect_right(self._inner_flexion, angle), bisect_right(self._inner_load, load)
+        flexions, loads, cells = self._lists
+        constant, by_angle, by_load, by_both = cells[row][column]
+        right, up = angle - flexions[row], load - loads[column]
+        return min(max(constant + by_angle * right + (by_load + by_both * right) * up, 0.0), 1.0)
+
+    def _shares(self, axial: NDArray[np.float64], flexion: NDArray[np.float64]) -> NDArray[np.float64]:
+        first, last, least, most = self._edges
+        angle = np.minimum(np.maximum(flexion, first), last)
+        load = np.minimum(np.maximum(axial / self._body_weight, least), most)
+        row = np.searchsorted(self._inner_flexion, angle, "right")
+        column = np.searchsorted(self._inner_load, load, "right")
+        constant, by_angle, by_load, by_both = np.moveaxis(self._cells[row, column], -1, 0)
+        right, up = angle - self._flexion[row], load - self._load[column]
+        shares: NDArray[np.float64] = constant + by_angle * right + (by_load + by_both * right) * up
+        return np.minimum(np.maximum(shares, 0.0), 1.0)
+
+    def beyond(self, axial: Any, flexion: Any) -> Any:
+        """Whether load or flexion lie beyond the table, so that its edge is taken: numbers, or arrays of one shape."""
+        first, last, least, most = self._edges
+        load = axial / self._body_weight
+        return (flexion < first) | (flexion > last) | (load < least) | (load > most)
+
+
+def _cells(table: ShareTable) -> NDArray[np.float64]:
+    """Share at the lower corner of every cell and its slopes along flexion, load and both, shape (m-1, n-1, 4)."""
+    wide, high = np.diff(table.flexion)[:, None], np.diff(table.load)[None, :]
+    corner = table.share[:-1, :-1]
+    by_angle, by_load = (table.share[1:, :-1] - corner) / wide, (table.share[:-1, 1:] - corner) / high
+    both = (table.share[1:, 1:] - table.share[1:, :-1] - table.share[:-1, 1:] + corner) / (wide * high)
+    return np.stack((corner, by_angle, by_load, both), axis=-1)
+
+
+@dataclass(frozen=True)
+class LoadRule:
+    """Rule by which the load of the medial (or only) compartment follows from the joint reaction."""
+
+    name: str
+    """One of `RULES`"""
+    share: float
+    """Medial share, for fixed_share"""
+    spacing: float
+    """Distance of the compartments [m], for moment_balance"""
+    table: MeasuredShare | None
+    """Medial share by load and flexion, for measured_share; None for the other rules"""
+
+    def __call__(self, axial: Any, moment: Any, flexion: Any) -> Any:
+        """Load of the compartment [N] from axial compression [N], frontal moment [N m] and flexion angle [rad].
+
+        Takes numbers or arrays of one shape; the results are the same bits.
+        """
+        if self.table:
+            return self.table.share(axial, flexion) * axial
+        if self.name == "fixed_share":
+            return self.share * axial
+        return axial if self.name == "total" else 0.5 * axial - moment / self.spacing
+
+    @property
+    def by_moment(self) -> bool:
+        """Whether it needs the moment, and may give a compartment a share above 1 or below 0."""
+        return self.name == "moment_balance"
+
+    @property
+    def varies(self) -> bool:
+        """Whether the share varies from tick to tick."""
+        return self.by_moment or self.table is not None
+
+    def beyond(self, axial: Any, flexion: Any) -> Any:
+        """Whether load or flexion lie beyond the table of shares: numbers, or arrays of one shape."""
+        return self.table is not None and self.table.beyond(axial, flexion)

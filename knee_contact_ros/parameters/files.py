@@ -1,0 +1,531 @@
+"""Reads parameters from ROS 2 parameter files and mappings, and the files that parameters name.
+
+The node, the commands and the functions for notebooks read them here in the same way. A source is a parameter file, a
+mapping, or several of these, of which the later one wins.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import cache
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any, TypeVar, overload
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import Field, ValidationError
+
+from knee_contact_ros.joint_reaction.compartments import ShareTable
+from knee_contact_ros.joint_reaction.leg import GRAVITY
+from knee_contact_ros.model.knee import LARGEST_ANGLE
+from knee_contact_ros.parameters.schema import (
+    LATERAL,
+    Declaration,
+    NodeSection,
+    Parameters,
+    Section,
+    has_both,
+    lateral_knee,
+    limits_of,
+    parameter,
+)
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.regular_file import read_regular
+from knee_contact_ros.system.resources import (
+    DEFAULT_PARAMETERS,
+    expanded,
+    find_file,
+    parameter_file,
+    shipped_parameter_files,
+)
+from knee_contact_ros.system.yaml_file import read_mapping
+
+ALLOWED = "a parameter file's name, a mapping of parameters, or a list of these"
+LONGEST_VALUE = 80
+"""Largest number of characters of a value that an error shows"""
+STANDARD_PARAMETERS = ("use_sim_time", "start_type_description_service")
+"""Parameters that every ROS 2 node has; QoS overrides (`qos_overrides.…`) come on top."""
+LARGEST = 2**20
+"""Largest size of a file that a parameter names [B], and of its text [characters]"""
+MOST_POINTS = 2000
+"""Largest number of rows of such a file; the curves of this package have 120.
+
+With 2000 points, those of a condyle are 0.05 mm apart. The memory to build a profile grows with the square of their
+number: it is 0.8 GB here.
+"""
+SHARE_FILE = "load.share_file"
+"""Parameter that names the file with a table of shares"""
+SHARE_COLUMNS = ("flexion_angle", "axial_load", "medial_share")
+"""Columns of that file, in rad, body weights and 1"""
+LARGEST_LOAD_IN_BW = 30.0
+"""Largest axial load of a knee [BW]; larger numbers must be in N"""
+FEMORAL_SHARE = 9.3014 / 75.16
+"""Ratio of the masses of the femur's segment and the body in OpenSim's model gait2354, which scales both alike"""
+Part = NodeSection | Mapping[str, Any] | str | Path
+Source = Part | Sequence[Part]
+"""Source of parameters: a file, a mapping, or several of these, of which the later one wins"""
+Columns = tuple[NDArray[np.float64], NDArray[np.float64]]
+P = TypeVar("P", bound=NodeSection)
+
+
+@cache  # to collect them takes longer than to check values
+def known_parameters(schema: type[NodeSection] = Parameters) -> Mapping[str, Declaration]:
+    """Declarations of all parameters of a node, by dotted name."""
+
+    def declared(section: type[Section], before: str) -> Iterator[tuple[str, Declaration]]:
+        for name, field in section.model_fields.items():
+            if isinstance(field.default, Section):
+                yield from declared(type(field.default), f"{before}{name}.")
+            else:
+                yield before + name, Declaration(field.default, field.description or "", limits_of(field))
+
+    return MappingProxyType(dict(declared(schema, "")))
+
+
+def dotted(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
+    """Flatten a mapping with nested or dotted names to dotted names, which begin with `prefix`."""
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        if isinstance(value, Mapping):
+            flat |= dotted(value, f"{prefix}{key}.")
+        else:
+            flat[f"{prefix}{key}"] = value
+    return flat
+
+
+def all_values(parameters: Section) -> dict[str, Any]:
+    """All values by dotted name."""
+    return dotted(parameters.model_dump())
+
+
+def flat_parameters(parameters: NodeSection) -> dict[str, Any]:
+    """All values by dotted name, without lateral ones that equal the medial ones: in an overlay they follow these."""
+    values = all_values(parameters)
+    return {
+        name: value
+        for name, value in values.items()
+        if not name.startswith(LATERAL) or value != values[name.removeprefix(LATERAL)]
+    }
+
+
+@overload
+def load_parameters(source: Source) -> Parameters: ...
+
+
+@overload
+def load_parameters(source: Source, schema: type[P]) -> P: ...
+
+
+def load_parameters(source: Any, schema: Any = Parameters) -> Any:
+    """Read the parameters of a node, by default the contact node, from a source.
+
+    A name that is not found in the working folder is looked up among the package's own (`parameter_file`). A mapping
+    may be nested, dotted (`{"contact.damping": 0.0}`) or have a parameter file's full form.
+
+    Raises:
+        UsageError: a file cannot be read, or a name is unknown, a type wrong or a value outside its range.
+    """
+    if isinstance(source, schema):
+        return source
+    merged: dict[str, Any] = {}
+    for part in source if isinstance(source, Sequence) and not isinstance(source, str) else [source]:
+        if isinstance(part, schema):
+            merged |= flat_parameters(part)
+        elif isinstance(part, Mapping):
+            merged |= _own_values(part, "the mapping", schema)
+        elif isinstance(part, (str, Path)) and part != "":
+            merged |= values_set_in(part, schema)
+        else:
+            raise UsageError(f"parameters: {short(repr(part))} is not allowed; {ALLOWED}")
+    return _validated(merged, "", schema)
+
+
+def values_set_in(name: str | Path, schema: type[NodeSection] = Parameters) -> dict[str, Any]:
+    """Values that a parameter file sets, by dotted name; they are checked.
+
+    Raises:
+        UsageError: as for `load_parameters`.
+    """
+    path = parameter_file(str(name))
+    if not path.exists() and str(path.parent) in (".", schema.folder):
+        shipped = {each.stem: str(Path(schema.folder, each.stem)) for each in shipped_parameter_files(schema.folder)}
+        near = difflib.get_close_matches(path.stem, shipped, n=1, cutoff=0.5)
+        reason = f"it is neither there nor one of the package's own ({', '.join(shipped.values())})"
+        reason += f"; did you mean {shipped[near[0]]}?" if near else ""
+        raise UsageError(f"{short(str(name))}: cannot read the parameter file: {reason}")
+    values = _own_values(read_mapping(path), str(name), schema)
+    _validated(values, f"{name}: ", schema)
+    return values
+
+
+def check_file(path: Path, schema: type[NodeSection]) -> None:
+    """Check a file that ROS will read; sections of other nodes are ignored.
+
+    Raises:
+        UsageError: as for `load_parameters`.
+    """
+    sections = _sections(read_mapping(path), str(path), schema)
+    own = [values for key, values in sections if key.endswith(schema.node)]
+    for_all = {
+        name: value for key, values in sections if not key.endswith(schema.node) for name, value in values.items()
+    }
+    for values in own or [{}]:  # nodes in several namespaces may share a file
+        _validated(for_all | values, f"{path}: ", schema)
+
+
+def check_value(name: str, value: Any) -> None:
+    """Check a single value of the contact node, without its relation to other parameters.
+
+    Raises:
+        UsageError: the parameter is unknown, or the value is not allowed whatever the others are.
+    """
+    _made(_nested({name: value}, "", Parameters), "", Parameters)
+
+
+def variations_of(parameters: Parameters) -> Callable[[Mapping[str, Any]], Parameters]:
+    """Function that returns these parameters with some values changed, in a tenth of the time of `load_parameters`.
+
+    Sections without a changed value are not checked again. Lateral values follow the medial ones where both
+    compartments are modelled; elsewhere nothing uses them.
+    """
+    flat = flat_parameters(parameters)
+    following = [name for name in known_parameters() if name not in flat and has_both(parameters)]
+
+    def replaced(section: Section, values: Mapping[str, Any]) -> dict[str, Any]:
+        fields = dict(vars(section))
+        for name, value in values.items():
+            own = fields[name]
+            fields[name] = replaced(own, value) if isinstance(own, Section) else value
+        return fields
+
+    def varied(values: Mapping[str, Any]) -> Parameters:
+        if "load.compartment" in values:
+            return load_parameters(flat | dict(values))
+        given = _with_medial_values(values, following)
+        return _checked(replaced(parameters, _nested(given, "", Parameters)), "", Parameters)
+
+    return varied
+
+
+def _validated(values: Mapping[str, Any], where: str, schema: type[P]) -> P:
+    """Parameters from dotted values, checked each alone and in combination; errors begin with `where`."""
+    return _checked(_nested(_with_medial_values(values, known_parameters(schema)), where, schema), where, schema)
+
+
+def _with_medial_values(values: Mapping[str, Any], known: Iterable[str]) -> dict[str, Any]:
+    """Dotted values, and for each lateral one of the `known` names that is missing the medial compartment's value."""
+    following = {
+        name: values[name.removeprefix(LATERAL)]
+        for name in known
+        if name.startswith(LATERAL) and name not in values and name.removeprefix(LATERAL) in values
+    }
+    return {**values, **following}
+
+
+def _nested(values: Mapping[str, Any], where: str, schema: type[NodeSection]) -> dict[str, Any]:
+    """Dotted values by section and name, without those that every ROS 2 node has; errors begin with `where`."""
+    known, nested = known_parameters(schema), dict[str, Any]()
+    for name, value in values.items():
+        if name in STANDARD_PARAMETERS or name.startswith("qos_overrides."):
+            continue
+        if name not in known:
+            near = difflib.get_close_matches(short(name), known, n=1, cutoff=0.5)
+            names = [one for one in known if not one.startswith(LATERAL)]
+            names += [f"{LATERAL}* (as of femur, tibia and contact)"] * (len(names) < len(known))
+            hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(names)}"
+            raise UsageError(f"{where}unknown parameter {short(name)}; {hint}")
+        *sections, inner = name.split(".")
+        place = nested
+        for section in sections:
+            place = place.setdefault(section, {})
+        place[inner] = value
+    return nested
+
+
+def _made(nested: Mapping[str, Any], where: str, schema: type[P]) -> P:
+    """Parameters from values by section and name, each checked alone; errors begin with `where`."""
+    try:
+        return schema.model_validate(nested)
+    except ValidationError as error:
+        raise UsageError(f"{where}parameter {first_error(error)}") from None
+
+
+def _checked(nested: Mapping[str, Any], where: str, schema: type[P]) -> P:
+    """Parameters from values by section and name, checked alone and in combination; errors begin with `where`."""
+    parameters = _made(nested, where, schema)
+    if problem := parameters.problem():
+        raise UsageError(f"{where}parameter {problem}")
+    return parameters
+
+
+def _own_values(content: Mapping[str, Any], name: str, schema: type[NodeSection]) -> dict[str, Any]:
+    """Dotted values of the node in the content of a parameter file, or all of it if it has no node names."""
+    sections = _sections(content, name, schema)
+    if not sections and any(isinstance(value, Mapping) and "ros__parameters" in value for value in content.values()):
+        found = short(", ".join(map(str, content)))
+        raise UsageError(f"{name}: no parameters for node {schema.node}; found {found}")
+    merged: dict[str, Any] = {} if sections else dotted(content)
+    for _, values in sections:
+        merged |= values
+    return merged
+
+
+def _sections(content: Mapping[str, Any], name: str, schema: type[NodeSection]) -> list[tuple[str, dict[str, Any]]]:
+    """Sections of a parameter file for the node: key and dotted values, with the node's own behind the wildcards."""
+    found = []
+    for key, section in content.items():
+        if not isinstance(section, Mapping) or "ros__parameters" not in section:
+            continue
+        if str(key).rsplit("/", 1)[-1] not in (schema.node, "*", "**"):
+            continue
+        values = section["ros__parameters"] or {}
+        if not isinstance(values, Mapping):
+            raise UsageError(f"{name}: {key}: ros__parameters must map names to values, got {short(repr(values))}")
+        found.append((str(key), dotted(values)))
+    return sorted(found, key=lambda each: each[0].endswith(schema.node))
+
+
+def first_error(error: ValidationError) -> str:
+    """First error of a validation in one line: name, value, and what is allowed."""
+    first = error.errors()[0]
+    name = ".".join(map(str, first["loc"]))
+    reason = first["msg"].removeprefix("Value error, ").replace("Input should be", "it should be")
+    if first["type"] in ("missing", "extra_forbidden"):
+        return f"{name}: {'is missing' if first['type'] == 'missing' else 'is not known'}"
+    return f"{name}: {short(repr(first['input']))} is not allowed; {reason}"
+
+
+def short(text: str) -> str:
+    """Cut a text to the length that an error can show."""
+    return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."
+
+
+# Files that parameters name: CSV files of surfaces, of the translation and of shares.
+
+
+def curve_files(parameters: Parameters) -> dict[str, str]:
+    """Names of the files that a computation with these parameters needs, by the parameter that names them."""
+    names = {}
+    for before in ("", LATERAL) if has_both(parameters) else ("",):
+        knee = lateral_knee(parameters) if before else parameters
+        for bone, surface in (("femur", knee.femur), ("tibia", knee.tibia)):
+            if surface.geometry == "profile":
+                names[f"{before}{bone}.profile"] = surface.profile
+    if parameters.translation.mechanism == "table":
+        names["translation.table"] = parameters.translation.table
+    if parameters.load.rule == "measured_share":
+        names[SHARE_FILE] = parameters.load.share_file
+    return names
+
+
+def curve_texts(parameters: Parameters, known: Mapping[str, str]) -> dict[str, str]:
+    """Contents of the files that parameters name, by parameter; those in `known` are not read.
+
+    Raises:
+        UsageError: a file cannot be read.
+    """
+    return {by: known[by] if by in known else read_curve(by, name) for by, name in curve_files(parameters).items()}
+
+
+def stored_texts(parameters: Parameters, stored: Mapping[str, str], recording: Path | str) -> dict[str, str]:
+    """Contents of the files that the parameters of a recording name, by parameter, as the recording holds them.
+
+    No file is opened.
+
+    Args:
+        parameters: Parameters of the recording.
+        stored: Contents that the recording holds, by parameter.
+        recording: Name of the recording, for errors.
+
+    Raises:
+        UsageError: the recording does not hold one of the files.
+    """
+    names = curve_files(parameters)
+    for by, name in names.items():
+        if by not in stored:
+            raise UsageError(
+                f"{recording} does not hold the file that its parameter {by} names ({name}): give your own "
+                f"with -p {by}:=FILE, or all parameters with --params"
+            )
+    return {by: stored[by] for by in names}
+
+
+def lateral_texts(texts: Mapping[str, str]) -> dict[str, str]:
+    """Contents of the lateral compartment's files, under the names of the medial one's parameters.
+
+    `texts` has the contents of the files of both compartments by parameter.
+    """
+    own = {name.removeprefix(LATERAL): text for name, text in texts.items() if name.startswith(LATERAL)}
+    shared = {name: text for name, text in texts.items() if name.startswith("translation.")}
+    return shared | own
+
+
+def read_curve(by: str, name: str) -> str:
+    """Read the text of the file `name` that a parameter names.
+
+    Raises:
+        UsageError: it cannot be read.
+    """
+    path = find_file(name)
+    try:
+        return read_regular(path, LARGEST).decode("utf-8-sig")  # spreadsheets put a mark before the first letter
+    except OSError as error:
+        raise UsageError(f"parameter {by}: cannot read {path}: {error.strerror}") from None
+    except UnicodeDecodeError:
+        raise UsageError(f"parameter {by}: cannot read {path}: it is not a text file in UTF-8") from None
+
+
+def profile_points(by: str, name: str, text: str) -> Columns:
+    """Read the columns x, y [m] of a profile, each of shape (n,), from the text of the file that a parameter names.
+
+    Raises:
+        UsageError: not two columns of numbers, too many points, or not in m.
+    """
+    points = _columns(by, name, text, ("x", "y"))
+    if points.size and np.abs(points).max() > 1.0:
+        raise UsageError(f"parameter {by}: {name} reaches {np.abs(points).max():g}; x and y must be in m")
+    return points[:, 0], points[:, 1]
+
+
+def translation_points(by: str, name: str, text: str) -> Columns:
+    """Read the columns flexion_angle [rad], x [m] of a table, each of shape (n,), from the text of the file.
+
+    Raises:
+        UsageError: not two columns of numbers, too many points, or not in rad.
+    """
+    points = _columns(by, name, text, ("flexion_angle", "x"))
+    _refuse_degrees(by, name, points[:, 0])
+    return points[:, 0], points[:, 1]
+
+
+def read_share_table(name: str, text: str) -> ShareTable:
+    """Read the table from the text of the file that `load.share_file` names.
+
+    Comments begin with #; then come rows of flexion angle [rad], axial load [BW] and medial share [1], every angle with
+    every load once, with one line of column names or none.
+
+    Raises:
+        UsageError: the text holds anything else, or a value that no knee has, as an angle in degrees or a load in N.
+    """
+
+    def unusable(reason: str) -> UsageError:
+        return UsageError(f"parameter {SHARE_FILE}: {name} {reason}")
+
+    rows = _columns(SHARE_FILE, name, text, SHARE_COLUMNS)
+    if not len(rows) or not np.isfinite(rows).all():
+        raise _no_columns(SHARE_FILE, name, SHARE_COLUMNS)
+    _refuse_degrees(SHARE_FILE, name, rows[:, 0])
+    least, most = rows[:, 1].min(), rows[:, 1].max()
+    if least < 0.0 or most > LARGEST_LOAD_IN_BW:
+        allowed = f"allowed: 0 to {LARGEST_LOAD_IN_BW:g} body weights, not N"
+        raise unusable(f"has loads from {least:g} to {most:g} BW; {allowed}")
+    wrong = rows[(rows[:, 2] < 0.0) | (rows[:, 2] > 1.0), 2]
+    if len(wrong):
+        raise unusable(f"has a share of {wrong[0]:g}; allowed: 0 to 1")
+    flexion, load = np.unique(rows[:, 0]), np.unique(rows[:, 1])
+    if min(len(flexion), len(load)) < 2:
+        raise unusable("must have two or more flexion angles, and two or more loads")
+    order = np.lexsort((rows[:, 1], rows[:, 0]))
+    grid = np.stack(np.meshgrid(flexion, load, indexing="ij"), axis=-1).reshape(-1, 2)
+    if len(grid) != len(rows) or (rows[order, :2] != grid).any():
+        count = f"every one of its {len(flexion)} angles needs every one of its {len(load)} loads once"
+        raise unusable(f"has {len(rows)} rows; {count}")
+    return ShareTable(flexion, load, rows[order, 2].reshape(len(flexion), len(load)))
+
+
+def _columns(by: str, name: str, text: str, columns: tuple[str, ...]) -> NDArray[np.float64]:
+    """Read the numbers in the text of a CSV file that a parameter names, shape (n, number of columns).
+
+    Comments begin with #; the first line may have the names of the columns. Further columns are ignored behind two,
+    and refused behind three.
+    """
+    count = len(columns)
+    if len(text) > LARGEST:
+        raise UsageError(f"parameter {by}: {name} has {len(text)} characters; at most {LARGEST} are allowed")
+    lines = [line.strip() for line in text.splitlines() if line.strip() and not line.strip().startswith("#")]
+    rows = [line.split(",")[: count if count == 2 else None] for line in lines]
+    if rows and tuple(entry.strip() for entry in rows[0]) == columns:
+        del rows[0]
+    if len(rows) > MOST_POINTS:
+        raise UsageError(f"parameter {by}: {name} has {len(rows)} points; at most {MOST_POINTS} are allowed")
+    try:
+        return np.array([[float(value) for value in row] for row in rows]).reshape(len(rows), count)
+    except ValueError:
+        raise _no_columns(by, name, columns) from None
+
+
+def _no_columns(by: str, name: str, columns: tuple[str, ...]) -> UsageError:
+    number = {2: "two", 3: "three"}[len(columns)]
+    return UsageError(f"parameter {by}: {name} must hold {number} columns {', '.join(columns)} of numbers")
+
+
+def _refuse_degrees(by: str, name: str, angles: NDArray[np.float64]) -> None:
+    reached = np.abs(angles).max(initial=0.0)
+    if reached > LARGEST_ANGLE:
+        raise UsageError(f"parameter {by}: {name} reaches {reached:g} rad; flexion angles must be in rad, not deg")
+
+
+class SubjectFile(Section):
+    """Content of a subject file: properties of a person's knee, and the gait to compute."""
+
+    name: str = parameter("", "of the person; for the reader")
+    mass: float = Field(ge=1.0, le=500.0, description="[kg] of the body")
+    parameters: list[str] = parameter([DEFAULT_PARAMETERS], "parameter files, the later one wins", min_length=1)
+    profile: str = parameter("", "femoral profile: CSV of x, y [m]")
+    tibial_profile: str = parameter("", "CSV of x, y [m]")
+    scale: float = parameter(1.0, "size of this knee over that of the surfaces given", ge=0.2, le=5.0)
+    thickness: float | None = parameter(None, "[m] of cartilage at which bone begins", gt=0.0, le=0.1)
+    joint: str = parameter("", "in joint_states")
+    bag: str = parameter("", "gait bag")
+
+
+class Subject:
+    """Subject of a subject file; files that it names lie beside it, or among the package's own."""
+
+    def __init__(self, path: Path) -> None:
+        """Read a subject file.
+
+        Raises:
+            UsageError: it cannot be read, or has an entry that is not allowed.
+        """
+        self.path = path
+        mapping = read_mapping(path, "subject file", "names to values")
+        try:
+            self.content = SubjectFile.model_validate(dict(mapping))
+        except ValidationError as error:
+            raise UsageError(f"subject file {path}: {first_error(error)}") from None
+
+    @property
+    def bag(self) -> Path | None:
+        """Gait bag that the file names; None if it names none."""
+        return self._file(self.content.bag) if self.content.bag else None
+
+    def sources(self) -> list[Path | Mapping[str, Any]]:
+        """Sources for `load_parameters`: the parameter files of the subject, and the subject's own values, which win.
+
+        Raises:
+            UsageError: one of the parameter files cannot be used.
+        """
+        content, files = self.content, [self._file(name) for name in self.content.parameters]
+        before = load_parameters(files)
+        values: dict[str, Any] = {"body_weight": content.mass * GRAVITY, "femur.mass": content.mass * FEMORAL_SHARE}
+        if content.thickness is not None:
+            values["contact.layer_depth"] = content.thickness
+        if content.joint:
+            values["knee.joint_name"] = content.joint
+        surfaces = (("femur", content.profile, before.femur), ("tibia", content.tibial_profile, before.tibia))
+        for bone, profile, surface in surfaces:
+            if profile:
+                values |= {f"{bone}.geometry": "profile", f"{bone}.profile": str(self._file(profile))}
+            if profile or surface.geometry == "profile":
+                values[f"{bone}.scale"] = content.scale
+            elif surface.geometry == "circle":
+                values[f"{bone}.radius"] = surface.radius * content.scale
+        return [*files, values]
+
+    def _file(self, name: str) -> Path:
+        path = expanded(name)
+        beside = self.path.parent / path
+        return path if path.is_absolute() else beside if beside.exists() else find_file(name)
