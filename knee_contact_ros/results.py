@@ -18,7 +18,7 @@ from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.readouts import Readings
 from knee_contact_ros.model.types import FLAT, NANOSECOND, ROW, Rows, Status
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.extras import not_installed
+from knee_contact_ros.system.files import not_installed
 
 DATES_FROM = 10 * 365 * 86_400 * 1_000_000_000
 """The least stamp [ns] that is a date; those of simulations and of trials begin near 0"""

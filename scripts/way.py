@@ -14,7 +14,7 @@ import time
 from pathlib import Path
 
 from knee_contact_ros.system.processes import PATIENCE, kept
-from knee_contact_ros.system.ros_graph import private_graph
+from knee_contact_ros.system.ros import private_graph
 
 ROOT = Path(__file__).parents[1]
 COMMAND = [sys.executable, "-m", "knee_contact_ros.cli.main"]

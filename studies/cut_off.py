@@ -36,7 +36,7 @@ from knee_contact_ros.streams.messages import stamp_in
 from knee_contact_ros.streams.topics import KNEE_CONTACT
 from knee_contact_ros.system.output_files import partial_name
 from knee_contact_ros.system.processes import Child, child_process
-from knee_contact_ros.system.ros_graph import private_graph
+from knee_contact_ros.system.ros import private_graph
 
 RATE = 1000.0
 """Rate of the samples [Hz]"""

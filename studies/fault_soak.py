@@ -41,7 +41,7 @@ from knee_contact_ros.streams.topics import (
     NANOSECONDS,
     deserialize,
 )
-from knee_contact_ros.system.ros_graph import private_graph
+from knee_contact_ros.system.ros import private_graph
 from studies.cut_off import busy
 from tests.helpers.messages import RosMessages, header
 from tests.ros.conftest import call

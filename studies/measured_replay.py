@@ -32,7 +32,7 @@ from knee_contact_ros.offline.in_memory import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.messages import JOINT_STATE, encode_joint_state
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.ros_graph import private_graph
+from knee_contact_ros.system.ros import private_graph
 from tests.ros.conftest import NodeProcess, Peer
 
 TRIAL = "ngait_tm_fast1"

@@ -31,7 +31,7 @@ from knee_contact_ros.offline.replay.read_ahead import ReadAhead
 from knee_contact_ros.offline.replay.replay import Replayer, undisturbed
 from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.streams.topics import NANOSECONDS
-from knee_contact_ros.system.ros_graph import private_graph
+from knee_contact_ros.system.ros import private_graph
 from knee_contact_ros.system.terminal import progress
 
 PERIOD = 1_000_000

@@ -25,9 +25,9 @@ from benchmarks.latency.driver import DISTRIBUTIONS, Candidate, Driver, Feed, Sa
 from benchmarks.report import machine
 from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.streams.topics import GROUND_REACTION_FORCE, JOINT_REACTION_FORCE, NANOSECONDS
+from knee_contact_ros.system.files import share_folder
 from knee_contact_ros.system.processes import Child, child_process
-from knee_contact_ros.system.resources import share_folder
-from knee_contact_ros.system.ros_graph import private_graph
+from knee_contact_ros.system.ros import private_graph
 
 CONFIG = share_folder() / "config"
 JOINTS = ("hip", "knee", "ankle")

@@ -17,7 +17,7 @@ import numpy as np
 import rclpy
 
 from benchmarks.report import Section, machine, save
-from knee_contact_ros.system.ros_graph import private_graph
+from knee_contact_ros.system.ros import private_graph
 from studies.cut_off import busy
 from tests.ros.conftest import NodeProcess, Peer
 

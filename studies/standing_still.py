@@ -28,7 +28,7 @@ from knee_contact_ros.offline.stage import node_process
 from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.ros_graph import private_graph
+from knee_contact_ros.system.ros import private_graph
 from studies.fault_soak import PATIENCE, Peered
 
 LOOK = 5.0

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from benchmarks.report import Section, machine, save
 from knee_contact_ros import uncertainty
-from knee_contact_ros.system.resources import share_folder
+from knee_contact_ros.system.files import share_folder
 
 KNEES: dict[str, list[str]] = {
     "circle, Kelvin-Voigt (healthy)": ["healthy"],

@@ -31,8 +31,8 @@ from knee_contact_ros.sinks.process import Listeners
 from knee_contact_ros.sinks.protocol import Knee
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.topics import KNEE_CONTACT, NANOSECONDS, Ending
-from knee_contact_ros.system.ports import free_port
-from knee_contact_ros.system.resources import share_folder
+from knee_contact_ros.system.files import share_folder
+from knee_contact_ros.system.processes import free_port
 from knee_contact_ros.view.anatomy import KneeOutlines, drawing_of
 from knee_contact_ros.view.output import RerunFile
 from knee_contact_ros.view.scene import Scene

@@ -19,7 +19,7 @@ from typing import NamedTuple
 import click
 
 from benchmarks.report import Section, machine, save
-from knee_contact_ros.system.resources import share_folder
+from knee_contact_ros.system.files import share_folder
 
 HERE = Path(__file__).parents[1]
 BAG = share_folder() / "bags" / "gait2354_right"

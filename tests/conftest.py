@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-from knee_contact_ros.system.resources import share_folder
+from knee_contact_ros.system.files import share_folder
 from tests import ROOT
 from tests.helpers.browser import started_browser
 from tests.helpers.sinks import Started

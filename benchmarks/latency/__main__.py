@@ -47,10 +47,10 @@ from knee_contact_ros.offline.stage import RECORDING, node_process
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.output_files import replace, work_folder
 from knee_contact_ros.system.processes import Child
-from knee_contact_ros.system.ros_graph import private_graph
+from knee_contact_ros.system.ros import private_graph
 from knee_contact_ros.system.terminal import progress
-from knee_contact_ros.system.work_folder import replace, work_folder
 
 Advance = Callable[[int, int], None]
 """Takes what is done and how much there is to do"""

@@ -35,9 +35,9 @@ from knee_contact_ros.parameters.schema import Knee, Load
 from knee_contact_ros.streams import messages as cdr
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.executor import Quickest, executor_of
+from knee_contact_ros.system.files import share_folder
 from knee_contact_ros.system.processes import PATIENCE, Child, child_process
-from knee_contact_ros.system.resources import share_folder
+from knee_contact_ros.system.ros import Quickest, executor_of
 from knee_contact_ros.view.viewer import viewer
 
 _START = struct.Struct("<4siI")

@@ -15,7 +15,7 @@ import click
 from benchmarks.peers import measure, ours, page, picture
 from benchmarks.peers.problems import EVENTFUL, SMOOTH, find_problems
 from benchmarks.report import machine, table
-from knee_contact_ros.system.extras import not_installed
+from knee_contact_ros.system.files import not_installed
 from knee_contact_ros.system.terminal import progress
 
 

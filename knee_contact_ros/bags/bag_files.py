@@ -18,9 +18,8 @@ from knee_contact_ros.bags.mcap_layout import MAGIC
 from knee_contact_ros.bags.mcap_metadata import NUMBERED, as_one_recording, in_order, later_files
 from knee_contact_ros.bags.metadata import METADATA, read_metadata
 from knee_contact_ros.bags.sqlite_file import SqliteFile
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.printable import printable
-from knee_contact_ros.system.regular_file import open_regular
+from knee_contact_ros.system.errors import UsageError, printable
+from knee_contact_ros.system.files import open_regular
 
 File = McapFile | SqliteFile
 """Open file of a bag"""

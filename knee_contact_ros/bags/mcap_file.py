@@ -18,7 +18,7 @@ from knee_contact_ros.bags.mcap_inspection import CHUNK, LOOSE, Advance, Inspect
 from knee_contact_ros.bags.mcap_layout import HEAD
 from knee_contact_ros.bags.mcap_records import parsed, read_at, record_at
 from knee_contact_ros.streams.columns import Column
-from knee_contact_ros.system.regular_file import open_regular
+from knee_contact_ros.system.files import open_regular
 
 CHANNELS = 2**16
 """Number of possible channels in a file"""

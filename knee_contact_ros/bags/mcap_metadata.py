@@ -16,8 +16,8 @@ from knee_contact_ros.bags.mcap_file import McapFile
 from knee_contact_ros.bags.mcap_layout import HEAD
 from knee_contact_ros.bags.mcap_records import head_at, magic_at, parsed, record_at
 from knee_contact_ros.bags.writer import CONTINUED
+from knee_contact_ros.system.files import open_regular
 from knee_contact_ros.system.output_files import FIRST
-from knee_contact_ros.system.regular_file import open_regular
 
 NUMBERED = re.compile(r"(.+)_(\d+)(\.mcap|\.db3)")
 """Name of a numbered file in a rosbag2 folder: stem, number and suffix"""

@@ -12,8 +12,8 @@ from typing import Any, NamedTuple
 from ruamel.yaml import YAML
 
 from knee_contact_ros.streams.topics import typestore
+from knee_contact_ros.system.files import LARGEST_METADATA, BadYamlError, read_yaml
 from knee_contact_ros.system.output_files import partial_name, sync_folder, write_new
-from knee_contact_ros.system.yaml_file import LARGEST_METADATA, BadYamlError, read_yaml
 
 METADATA = "metadata.yaml"
 """Name of the file"""

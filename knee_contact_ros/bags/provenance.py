@@ -17,7 +17,7 @@ from knee_contact_ros.parameters.files import curve_files, flat_parameters, load
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.sinks.protocol import LOAD_PROVENANCE, PROVENANCE
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.regular_file import open_regular, sha256_of
+from knee_contact_ros.system.files import open_regular, sha256_of
 
 PARAMETERS_CHANGED, RESET = "parameters_changed", "reset"
 """Names of the metadata records of changed parameters and of a reset in a running node"""

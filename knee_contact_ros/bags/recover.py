@@ -17,8 +17,8 @@ from knee_contact_ros.bags.mcap_file import McapFile
 from knee_contact_ros.bags.mcap_writer import LIBRARY
 from knee_contact_ros.bags.metadata import METADATA, FileFacts, prepare_metadata, to_yaml, with_topics
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.files import BadYamlError, parse_yaml
 from knee_contact_ros.system.output_files import is_being_written, rename_new
-from knee_contact_ros.system.yaml_file import BadYamlError, parse_yaml
 
 ROSBAG2 = "rosbag2"
 """Name of the metadata record with the content of `metadata.yaml` for rosbag2"""

@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 from knee_contact_ros.streams.topics import DYNAMIC_JOINT_STATES, INPUTS
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.ros_arguments import split
+from knee_contact_ros.system.files import split
 
 Names = Mapping[str, str]
 """Absolute names of topics in a bag, by their absolute names in the node"""

@@ -14,8 +14,7 @@ from knee_contact_ros.streams.topics import (
     LOAD_INPUTS,
     MESSAGE_TYPES,
 )
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.printable import listed
+from knee_contact_ros.system.errors import UsageError, listed
 
 OTHER_FORCE = {
     JOINT_REACTION_FORCE: (GROUND_REACTION_FORCE, "knee-contact estimate-load makes joint reaction forces of its"),

@@ -13,8 +13,7 @@ import click
 
 from knee_contact_ros import __version__
 from knee_contact_ros.cli.commands import cohort, fit, imports, live, look, measure, offline, warm
-from knee_contact_ros.system.errors import IncompleteError, UsageError
-from knee_contact_ros.system.printable import printable
+from knee_contact_ros.system.errors import IncompleteError, UsageError, printable
 
 INTERRUPTED = 130
 LAST_STANDARD_STREAM = 2

@@ -8,10 +8,10 @@ from typing import Any, TypeVar
 
 import click
 
-from knee_contact_ros.system import resources
+from knee_contact_ros.system import files
 from knee_contact_ros.system.output_files import checked_output
 
-DEFAULT_PARAMETERS = resources.DEFAULT_PARAMETERS
+DEFAULT_PARAMETERS = files.DEFAULT_PARAMETERS
 FILE = click.Path(path_type=Path)
 """Type of an option or an argument that names an input file or folder"""
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -94,4 +94,4 @@ names_in_bag_options = together(
 def find_parameters(names: tuple[Path, ...], default: str | None = DEFAULT_PARAMETERS) -> list[Path]:
     """Find parameter files, as given or in the package's config folder; the `default` if there are no `names`."""
     defaults = [default] if default else []
-    return [resources.parameter_file(str(name)) for name in names or defaults]
+    return [files.parameter_file(str(name)) for name in names or defaults]

@@ -23,7 +23,7 @@ from knee_contact_ros.streams.topics import (
     NANOSECONDS,
 )
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.regular_file import sha256_of
+from knee_contact_ros.system.files import sha256_of
 
 
 class Angles(NamedTuple):

@@ -61,7 +61,7 @@ from knee_contact_ros.parameters.files import (
 from knee_contact_ros.parameters.schema import LATERAL as LATERAL_KNEE
 from knee_contact_ros.parameters.schema import Parameters, has_both
 from knee_contact_ros.system.errors import IncompleteError, ToldError, UsageError
-from knee_contact_ros.system.resources import expanded
+from knee_contact_ros.system.files import expanded
 from knee_contact_ros.system.terminal import progress, say, warn
 
 

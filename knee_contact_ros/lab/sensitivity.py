@@ -18,8 +18,7 @@ from knee_contact_ros.lab.sweep import LATERAL, OUTCOMES, Cohort, sweep
 from knee_contact_ros.offline.in_memory import Name
 from knee_contact_ros.parameters.files import Source, first_error
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.resources import DEFAULT_PARAMETERS
-from knee_contact_ros.system.yaml_file import read_mapping
+from knee_contact_ros.system.files import DEFAULT_PARAMETERS, read_mapping
 
 if TYPE_CHECKING:
     import pandas as pd

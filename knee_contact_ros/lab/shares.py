@@ -33,8 +33,8 @@ from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_LOAD
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.parameters.files import SHARE_COLUMNS, read_share_table
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.files import read_regular
 from knee_contact_ros.system.output_files import partial_name, refuse_existing
-from knee_contact_ros.system.regular_file import read_regular
 from knee_contact_ros.system.terminal import WIDTH, say, shown
 
 LARGEST_FILE = 2**28

@@ -29,7 +29,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 from knee_contact_ros.lab.sweep import checked_names
 from knee_contact_ros.parameters.files import check_value, dotted, first_error, known_parameters, load_parameters
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.yaml_file import read_mapping
+from knee_contact_ros.system.files import read_mapping
 
 LARGEST = 10_000_000
 """The largest number of cases that a study may have"""

@@ -39,7 +39,7 @@ from knee_contact_ros.parameters.files import (
 from knee_contact_ros.parameters.schema import Parameters, has_both, lateral_knee
 from knee_contact_ros.streams.contact_stream import half_spacing, move_along_z
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.resources import DEFAULT_PARAMETERS, expanded
+from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -23,7 +23,7 @@ from pydantic import Field
 from knee_contact_ros.parameters.schema import Section, one_of
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.regular_file import open_regular
+from knee_contact_ros.system.files import open_regular
 
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]

@@ -34,9 +34,8 @@ from knee_contact_ros.parameters.files import (
 from knee_contact_ros.parameters.schema import LATERAL, Parameters, has_both, lateral_knee
 from knee_contact_ros.streams.contact_stream import Compartment, ContactStream, compartments_of, half_spacing
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.resources import expanded
+from knee_contact_ros.system.files import expanded, read_mapping
 from knee_contact_ros.system.terminal import progress
-from knee_contact_ros.system.yaml_file import read_mapping
 
 FLEXION_ANGLE, AXIAL_LOAD = "flexion_angle", "axial_load"
 MEDIAL_SHARE, FEMORAL_HEIGHT = "medial_share", "femoral_height"

@@ -25,8 +25,7 @@ from knee_contact_ros.node.session import Session
 from knee_contact_ros.node.stop import Stop
 from knee_contact_ros.parameters.files import check_file
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.executor import executor_of
-from knee_contact_ros.system.ros_graph import joining
+from knee_contact_ros.system.ros import executor_of, joining
 
 ROS_ARGUMENTS = "--ros-args"
 SPIN_PERIOD = 0.1

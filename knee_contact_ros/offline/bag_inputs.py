@@ -27,8 +27,7 @@ from knee_contact_ros.streams.topics import (
     MESSAGE_TYPES,
     deserialize,
 )
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.printable import listed
+from knee_contact_ros.system.errors import UsageError, listed
 from knee_contact_ros.system.terminal import warn
 
 READ_AHEAD = 256

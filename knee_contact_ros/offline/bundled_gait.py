@@ -12,7 +12,7 @@ from knee_contact_ros.parameters.schema import Knee
 from knee_contact_ros.streams.contact_stream import angle_sample, load_sample
 from knee_contact_ros.streams.messages import joint_state_of, wrench_of
 from knee_contact_ros.streams.topics import JOINT_STATES
-from knee_contact_ros.system.resources import share_folder
+from knee_contact_ros.system.files import share_folder
 
 
 @cache

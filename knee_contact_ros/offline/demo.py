@@ -28,10 +28,10 @@ from knee_contact_ros.streams.messages import RefusedSampleError
 from knee_contact_ros.streams.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, MESSAGE_TYPES
 from knee_contact_ros.streams.watch import Doubts
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.output_files import replace, work_folder
 from knee_contact_ros.system.processes import Child
-from knee_contact_ros.system.ros_graph import private_graph
+from knee_contact_ros.system.ros import private_graph
 from knee_contact_ros.system.terminal import warn
-from knee_contact_ros.system.work_folder import replace, work_folder
 from knee_contact_ros.view.picture import write_peak
 from knee_contact_ros.view.viewer import NOT_INSTALLED, has_screen, look_at, viewer
 

@@ -39,8 +39,8 @@ from knee_contact_ros.streams.topics import (
     MESSAGE_TYPES,
 )
 from knee_contact_ros.streams.watch import Doubts
+from knee_contact_ros.system.files import share_folder
 from knee_contact_ros.system.processes import Child
-from knee_contact_ros.system.resources import share_folder
 
 BAG, RECORDED = "gait2354_right_sensors", "gait2354_right"
 """Bundled bags: a leg's sensors, and the joint reaction of the same gait by a musculoskeletal model"""

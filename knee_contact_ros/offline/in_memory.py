@@ -24,8 +24,8 @@ from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.results import Results
 from knee_contact_ros.streams.contact_stream import compartments_of
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded
 from knee_contact_ros.system.output_files import checked_output
-from knee_contact_ros.system.resources import DEFAULT_PARAMETERS, expanded
 from knee_contact_ros.system.terminal import progress
 
 Name = str | PathLike[str]

@@ -19,8 +19,8 @@ from knee_contact_ros.offline.in_memory import check_mappings, in_python, in_pyt
 from knee_contact_ros.parameters.files import dotted, load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.topics import LOAD_INPUTS
+from knee_contact_ros.system.files import expanded
 from knee_contact_ros.system.output_files import checked_output
-from knee_contact_ros.system.resources import expanded
 from knee_contact_ros.system.terminal import progress
 
 Name = str | PathLike[str]

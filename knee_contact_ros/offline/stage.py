@@ -28,11 +28,10 @@ from knee_contact_ros.offline.replay.replay import Replayer
 from knee_contact_ros.streams.messages import stamp_in
 from knee_contact_ros.streams.topics import KNEE_CONTACT, stamp_to_ns
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.executor import executor_of
+from knee_contact_ros.system.files import share_folder
 from knee_contact_ros.system.output_files import partial_name
 from knee_contact_ros.system.processes import PATIENCE, Child, child_process
-from knee_contact_ros.system.resources import share_folder
-from knee_contact_ros.system.ros_graph import joining
+from knee_contact_ros.system.ros import executor_of, joining
 from knee_contact_ros.system.terminal import progress
 from knee_contact_ros.view.viewer import viewer
 

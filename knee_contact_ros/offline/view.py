@@ -24,10 +24,9 @@ from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.contact_stream import answering
 from knee_contact_ros.streams.topics import KNEE, LATERAL, MEDIAL, compartment_name, is_lateral, knee_name
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.files import refuse_twice
 from knee_contact_ros.system.output_files import refuse_existing
-from knee_contact_ros.system.ports import LOCALHOST, refuse_taken
-from knee_contact_ros.system.processes import interrupted_by_sigterm
-from knee_contact_ros.system.resources import refuse_twice
+from knee_contact_ros.system.processes import LOCALHOST, interrupted_by_sigterm, refuse_taken
 from knee_contact_ros.system.terminal import progress, say
 from knee_contact_ros.view import viewer
 from knee_contact_ros.view.anatomy import KneeOutlines, drawing_of

@@ -34,7 +34,7 @@ from knee_contact_ros.parameters.files import (
 from knee_contact_ros.parameters.schema import ContactParameters, Parameters, Translation, constants_of
 from knee_contact_ros.results import Results
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.resources import DEFAULT_PARAMETERS
+from knee_contact_ros.system.files import DEFAULT_PARAMETERS
 
 LIGHTEST = 150.0
 """Body weight [N] below which the number must be in kg: the weight of 15 kg"""

@@ -32,15 +32,15 @@ from knee_contact_ros.parameters.schema import (
     parameter,
 )
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.regular_file import read_regular
-from knee_contact_ros.system.resources import (
+from knee_contact_ros.system.files import (
     DEFAULT_PARAMETERS,
     expanded,
     find_file,
     parameter_file,
+    read_mapping,
+    read_regular,
     shipped_parameter_files,
 )
-from knee_contact_ros.system.yaml_file import read_mapping
 
 ALLOWED = "a parameter file's name, a mapping of parameters, or a list of these"
 LONGEST_VALUE = 80

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.streams.messages import RefusedSampleError, Transform, WrenchStamped, encode_wrench_stamped
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE
-from knee_contact_ros.system.printable import LONGEST, printable
+from knee_contact_ros.system.errors import LONGEST, printable
 
 Pose = NDArray[np.float64]
 """Homogeneous matrix, shape (4, 4): coordinates in the child frame to those in the parent frame, [m]"""

@@ -30,7 +30,7 @@ from knee_contact_ros.streams.topics import (
     stamp_to_ns,
     typestore,
 )
-from knee_contact_ros.system.printable import listed, printable
+from knee_contact_ros.system.errors import listed, printable
 
 Bytes = NDArray[np.uint8]
 Stamps = NDArray[np.int64]

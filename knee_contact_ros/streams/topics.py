@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from knee_contact_ros.system.resources import PACKAGE, share_folder
+from knee_contact_ros.system.files import PACKAGE, share_folder
 
 JOINT_STATES = "joint_states"
 JOINT_REACTION_FORCE = "joint_reaction_force"

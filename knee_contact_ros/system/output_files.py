@@ -3,6 +3,9 @@
 The writer of a recording holds a lock (`flock`) on its unfinished file, which ends with the process in any case. This
 distinguishes a file that is being written from one that was cut off. Only plain files are opened: a link would lead
 elsewhere, and a pipe would block.
+
+A command with a folder of results writes them into a `work_folder` first: they appear when all are done, and an
+interrupted command leaves nothing there.
 """
 
 from __future__ import annotations
@@ -12,14 +15,16 @@ import fcntl
 import itertools
 import os
 import shlex
+import shutil
 import stat
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.processes import interrupted_by_sigterm
 
 PARTIAL = ".partial"
 STAMP = "{stamp}"
@@ -327,3 +332,35 @@ def _is_plain(path: Path) -> bool:
     with suppress(OSError):
         return stat.S_ISREG(path.lstat().st_mode)
     return False
+
+
+@contextmanager
+def work_folder(output: Path) -> Iterator[Path]:
+    """Make a temporary folder inside `output`, which is removed at the end, also after SIGTERM.
+
+    Raises:
+        UsageError: it cannot be made.
+    """
+    work = output / f".incomplete-{os.getpid()}"
+    made = not output.exists()
+    try:
+        work.mkdir(parents=True)
+    except OSError as error:
+        raise UsageError(f"cannot write to {output}: {error.strerror}") from None
+    try:
+        with interrupted_by_sigterm():
+            yield work.resolve()
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+        if made and not any(output.iterdir()):
+            output.rmdir()
+
+
+def replace(source: Path, target: Path) -> None:
+    """Move a result, if there is one, to its place; an earlier result there is removed."""
+    if target.is_dir():
+        shutil.rmtree(target)
+    else:
+        target.unlink(missing_ok=True)
+    if source.exists():
+        source.rename(target)

@@ -24,7 +24,7 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 
-from knee_contact_ros.system.printable import printable
+from knee_contact_ros.system.errors import printable
 
 WIDTH = 78
 """Largest width of a table in columns: a terminal has 80"""

@@ -27,7 +27,7 @@ from knee_contact_ros.system.output_files import (
     refuse_impossible,
     take_name,
 )
-from knee_contact_ros.system.ports import LOCALHOST, refuse_taken
+from knee_contact_ros.system.processes import LOCALHOST, refuse_taken
 from knee_contact_ros.view.anatomy import KneeOutlines, drawings_of
 from knee_contact_ros.view.viewer import Window, address, executable
 

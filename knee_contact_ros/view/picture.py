@@ -21,7 +21,7 @@ from knee_contact_ros.parameters.schema import has_both
 from knee_contact_ros.results import begin_of, stamp_text
 from knee_contact_ros.streams.topics import MEDIAL
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.extras import require
+from knee_contact_ros.system.files import require
 from knee_contact_ros.view.anatomy import Floats, Picture, picture_of
 
 MM = 1e3

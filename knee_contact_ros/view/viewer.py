@@ -19,9 +19,8 @@ from typing import IO, NamedTuple
 import numpy as np
 
 from knee_contact_ros.system.errors import IncompleteError, UsageError
-from knee_contact_ros.system.extras import not_installed
-from knee_contact_ros.system.ports import LOCALHOST, free_port
-from knee_contact_ros.system.processes import Process, kept, start
+from knee_contact_ros.system.files import not_installed
+from knee_contact_ros.system.processes import LOCALHOST, Process, free_port, kept, start
 
 NOT_INSTALLED = not_installed("rerun-sdk", "viewer")
 SCREENS = ("DISPLAY", "WAYLAND_DISPLAY")

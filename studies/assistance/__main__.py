@@ -16,7 +16,7 @@ from knee_contact_ros.offline.demo_sensors import FORCE_LIMIT, LOAD_FILE, RECORD
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE
-from knee_contact_ros.system.resources import share_folder
+from knee_contact_ros.system.files import share_folder
 from studies.assistance.figure import MM, draw
 from studies.assistance.walks import LAWS, Walk, constant_in_stance, person, sensors, walk, walks
 

@@ -19,7 +19,7 @@ from knee_contact_ros.offline.demo_sensors import BAG, FORCE_LIMIT, LOAD_FILE
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.topics import GROUND_REACTION_FORCE, JOINT_STATES, LOAD_INPUTS, MESSAGE_TYPES, stamp_to_ns
-from knee_contact_ros.system.resources import share_folder
+from knee_contact_ros.system.files import share_folder
 
 Floats = NDArray[np.float64]
 SHARE = 0.5

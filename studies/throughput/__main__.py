@@ -18,7 +18,7 @@ from typing import NamedTuple
 import click
 
 from benchmarks.report import Section, machine, save
-from knee_contact_ros.system.regular_file import sha256_of
+from knee_contact_ros.system.files import sha256_of
 from studies.throughput.ways import ONE_BY_ONE, RATE, SOLVE, WAYS, make_bag
 
 MB = 1e6

@@ -36,7 +36,7 @@ from knee_contact_ros.streams.topics import (
     definition,
     typestore,
 )
-from knee_contact_ros.system.resources import share_folder
+from knee_contact_ros.system.files import share_folder
 
 RATE = 1000
 """Rate of angle and force [Hz]"""

@@ -13,7 +13,7 @@ import pytest
 
 from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
 from knee_contact_ros.streams.topics import LOAD_INPUTS, MESSAGE_TYPES, stamp_to_ns
-from knee_contact_ros.system.resources import share_folder
+from knee_contact_ros.system.files import share_folder
 from tests import ROOT
 
 SIDES = ("right", "left")

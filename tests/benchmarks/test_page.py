@@ -31,7 +31,7 @@ from benchmarks.peers.measure import (
     turns_for,
 )
 from benchmarks.peers.problems import Problem, problems
-from knee_contact_ros.system.extras import not_installed
+from knee_contact_ros.system.files import not_installed
 
 PROBLEMS = {problem.name: problem for problem in problems()}
 OURS, PEER = "knee-contact dynamic", "SciPy DOP853"

@@ -25,7 +25,7 @@ from benchmarks.peers.measure import (
 )
 from benchmarks.peers.motion import contact_force, force_gradient, load_at
 from benchmarks.peers.problems import BASE, PEAK, Problem, exact_depth, problems, start_depth
-from knee_contact_ros.system.extras import not_installed
+from knee_contact_ros.system.files import not_installed
 
 PROBLEMS = {problem.name: problem for problem in problems()}
 STEPS = Setting("20 per tick", 20.0)

@@ -13,7 +13,7 @@ from ruamel.yaml import YAML
 
 from examples.assist_as_needed import UNTRUSTED, AssistLaw, Settings
 from knee_contact_ros.model.types import UNUSABLE, Status
-from knee_contact_ros.system.resources import share_folder
+from knee_contact_ros.system.files import share_folder
 
 SETTINGS = Settings()
 LOW, INSIDE, HIGH = 500.0, 1300.0, 1401.0

@@ -15,7 +15,7 @@ import pytest
 from knee_contact_ros.cli.main import knee_contact
 from knee_contact_ros.parameters.files import STANDARD_PARAMETERS, known_parameters
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters
-from knee_contact_ros.system.resources import PACKAGE, share_folder
+from knee_contact_ros.system.files import PACKAGE, share_folder
 
 FOLDER = share_folder() / "launch"
 FILES = ["knee_contact.launch.py", "knee_load.launch.py", "replay.launch.py", "rviz.launch.py", "two_knees.launch.py"]

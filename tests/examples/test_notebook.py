@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from knee_contact_ros.system.resources import share_folder
+from knee_contact_ros.system.files import share_folder
 
 nbformat: Any = pytest.importorskip("nbformat")
 nbclient: Any = pytest.importorskip("nbclient")

@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.frames import ISB, isb_transform
 from knee_contact_ros.streams.topics import KNEE_CONTACT_MARKERS
-from knee_contact_ros.system.resources import share_folder
-from knee_contact_ros.system.yaml_file import read_yaml
+from knee_contact_ros.system.files import read_yaml, share_folder
 
 LAYOUT = share_folder() / "config" / "rviz" / "knee_contact.rviz"
 BONE = "tibia"

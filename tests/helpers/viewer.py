@@ -22,7 +22,7 @@ from PIL import Image
 pytest.importorskip("rerun", reason="needs the extra viewer")
 from rerun.experimental import View, ViewerClient, ViewerState
 
-from knee_contact_ros.system.ports import free_port
+from knee_contact_ros.system.processes import free_port
 
 RERUN = Path(sysconfig.get_path("purelib")) / "rerun_cli" / "rerun"
 PATIENCE = 60.0

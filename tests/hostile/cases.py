@@ -11,7 +11,7 @@ from pathlib import Path
 
 from knee_contact_ros.bags.provenance import provenance_record
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.system.resources import share_folder
+from knee_contact_ros.system.files import share_folder
 from tests.helpers.recordings_of import recording_with
 from tests.hostile.bags import (
     MAGIC,

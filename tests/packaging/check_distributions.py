@@ -123,7 +123,7 @@ def test_python_finds_model_message_and_files(installed: Path) -> None:
     code = """
 import knee_contact_ros
 from knee_contact_ros.msg import KneeContact
-from knee_contact_ros.system.resources import share_folder
+from knee_contact_ros.system.files import share_folder
 
 model = knee_contact_ros.load_model(share_folder() / "config" / "osteoarthritis.yaml")
 series = model.run([0.0, 0.01], [0.1, 0.1], [500.0, 600.0])

@@ -11,7 +11,7 @@ from knee_contact_ros.joint_reaction.estimator import LEVELS
 from knee_contact_ros.parameters.files import check_file, flat_parameters, known_parameters, load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters, allowed_levels
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.resources import shipped_parameter_files
+from knee_contact_ros.system.files import shipped_parameter_files
 
 HIP, ANKLE = {"hip.joint_name": "hip"}, {"ankle.joint_name": "ankle"}
 FULL, ON_FOOT = {"ground.components": "full"}, {"ground.axes": "foot"}

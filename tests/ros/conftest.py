@@ -24,9 +24,8 @@ from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
 
-from knee_contact_ros.system.executor import executor_of
 from knee_contact_ros.system.processes import ENDS_WITH_US
-from knee_contact_ros.system.ros_graph import private_graph
+from knee_contact_ros.system.ros import executor_of, private_graph
 from tests.helpers.messages import RosMessages, header
 from tests.helpers.processes import NO_BYTECODE
 from tests.ros.nursery import COMMAND, Forked, nursery

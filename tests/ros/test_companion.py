@@ -18,7 +18,7 @@ from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64MultiArray
 
 from examples.assist_as_needed import COMMANDS
-from knee_contact_ros.system.resources import share_folder
+from knee_contact_ros.system.files import share_folder
 from tests.helpers.sockets import internet_sockets
 from tests.ros.conftest import PATIENCE, NodeProcess, Peer, own_words
 

@@ -22,8 +22,8 @@ from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.topics import LOAD_ESTIMATE, LOAD_RECORDED, MESSAGE_TYPES, RECORDED
-from knee_contact_ros.system.resources import share_folder
-from knee_contact_ros.system.work_folder import replace
+from knee_contact_ros.system.files import share_folder
+from knee_contact_ros.system.output_files import replace
 from knee_contact_ros.view.viewer import SCREENS
 from tests.helpers.needs import HAS_PICTURE, HAS_VIEWER, needs_viewer
 from tests.helpers.processes import NO_BYTECODE

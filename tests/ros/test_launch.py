@@ -23,8 +23,8 @@ from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.bags.recover import recover
 from knee_contact_ros.bags.topic_names import absolute
 from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES
+from knee_contact_ros.system.files import PACKAGE, share_folder
 from knee_contact_ros.system.output_files import partial_name
-from knee_contact_ros.system.resources import PACKAGE, share_folder
 from tests.helpers.launching import RUN
 from tests.helpers.sinks import shown_ticks
 from tests.ros.conftest import PATIENCE, Peer

@@ -22,9 +22,9 @@ from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.topics import MESSAGE_TYPES, RECORDED
-from knee_contact_ros.system.executor import NO_EVENTS
-from knee_contact_ros.system.extras import not_installed
-from knee_contact_ros.system.ports import free_port
+from knee_contact_ros.system.files import not_installed
+from knee_contact_ros.system.processes import free_port
+from knee_contact_ros.system.ros import NO_EVENTS
 from tests.helpers.answers import FIELDS
 from tests.helpers.messages import RosMessages
 from tests.helpers.needs import needs_viewer

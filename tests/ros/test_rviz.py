@@ -15,8 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from knee_contact_ros.system.resources import PACKAGE, share_folder
-from knee_contact_ros.system.yaml_file import parse_yaml
+from knee_contact_ros.system.files import PACKAGE, parse_yaml, share_folder
 from tests.helpers.launching import RUN
 from tests.ros.conftest import PATIENCE, NodeProcess, Peer
 from tests.ros.series import STEP

@@ -14,7 +14,7 @@ import pytest
 pytest.importorskip("rerun", reason="needs the extra viewer")
 from rerun.experimental import ViewerClient, ViewerState
 
-from knee_contact_ros.system.ports import free_port
+from knee_contact_ros.system.processes import free_port
 from knee_contact_ros.view.layout import DETAILS, READ_OFF
 from tests.helpers.viewer import rendered, wait_for
 from tests.ros.conftest import NodeProcess, Peer

@@ -16,7 +16,7 @@ import psutil
 import pytest
 
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters
-from knee_contact_ros.system.resources import share_folder
+from knee_contact_ros.system.files import share_folder
 from tests.helpers.sockets import internet_sockets
 from tests.ros.conftest import PATIENCE, NodeProcess, Peer
 

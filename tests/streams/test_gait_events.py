@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
 from knee_contact_ros.streams.gait_events import HEEL_STRIKE, LOAD_PEAK, TOE_OFF, GaitEvent, GaitEvents, points
 from knee_contact_ros.streams.topics import stamp_to_ns
-from knee_contact_ros.system.resources import share_folder
+from knee_contact_ros.system.files import share_folder
 
 BODY_WEIGHT = 737.068
 Samples = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64]]

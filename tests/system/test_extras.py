@@ -7,17 +7,17 @@ from pathlib import Path
 
 import pytest
 
-from knee_contact_ros.system import extras
-from knee_contact_ros.system.extras import not_installed
+from knee_contact_ros.system import files
+from knee_contact_ros.system.files import not_installed
 from tests import ROOT
 
 
 def test_the_command_is_one_that_works_here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The package is in no index: its name would be somebody else's."""
-    monkeypatch.setattr(extras, "share_folder", lambda: ROOT)  # that of an installed package is not its sources'
+    monkeypatch.setattr(files, "share_folder", lambda: ROOT)  # that of an installed package is not its sources'
     monkeypatch.setattr(sys, "prefix", str(ROOT / ".venv"))
     told = not_installed("jinja2", "report")
     assert told == f"jinja2 is not installed; in {ROOT}: .venv/bin/uv pip install -e '.[report]'"
-    monkeypatch.setattr(extras, "share_folder", lambda: tmp_path)
+    monkeypatch.setattr(files, "share_folder", lambda: tmp_path)
     assert f"{sys.executable} -m pip install '.[report]'" in not_installed("jinja2", "report")
     assert "knee-contact-ros[" not in told

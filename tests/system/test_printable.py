@@ -12,8 +12,7 @@ from knee_contact_ros.cli.recovery_table import show_recovery
 from knee_contact_ros.offline.summary import read_summary
 from knee_contact_ros.offline.summary_table import show_summary
 from knee_contact_ros.streams.messages import RefusedSampleError
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.printable import listed, printable
+from knee_contact_ros.system.errors import UsageError, listed, printable
 from knee_contact_ros.system.terminal import say, warn
 from tests.helpers.terminals import Terminal
 

@@ -27,7 +27,7 @@ from knee_contact_ros.cli.main import main
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.topics import MESSAGE_TYPES, Ending
-from knee_contact_ros.system.ports import free_port
+from knee_contact_ros.system.processes import free_port
 from knee_contact_ros.view.anatomy import drawing_of
 from knee_contact_ros.view.layout import CONTACT_POINT, DETAILS, KNEE
 from knee_contact_ros.view.output import Serving, open_output

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from knee_contact_ros.cli.options import FILE, together
-from knee_contact_ros.system.extras import require
+from knee_contact_ros.system.files import require
 
 on_workers = together(
     click.option("--workers", type=click.IntRange(1, 1024), help="Processes. [default: one for each processor]"),

@@ -63,7 +63,7 @@ def demo(
     """
     from knee_contact_ros.offline.demo import Recorded, Source, run_demo
     from knee_contact_ros.offline.demo_sensors import LOAD_FILE, Sensors
-    from knee_contact_ros.system.resources import share_folder
+    from knee_contact_ros.system.files import share_folder
 
     if load_files and not from_sensors:
         raise click.UsageError("--load-params is for --from-sensors")

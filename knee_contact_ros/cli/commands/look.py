@@ -49,7 +49,7 @@ def view(
     from knee_contact_ros.bags.bag_files import others_beside
     from knee_contact_ros.offline.view import ViewOptions, run_view
     from knee_contact_ros.parameters.files import load_parameters
-    from knee_contact_ros.system.ros_arguments import parameters_of
+    from knee_contact_ros.system.files import parameters_of
     from knee_contact_ros.system.terminal import warn
 
     warn(sentence for source in sources for sentence in others_beside(Path(source)))
@@ -105,7 +105,7 @@ def report(
     """
     from knee_contact_ros.bags.bag_files import others_beside
     from knee_contact_ros.bags.topic_names import names_in_bag
-    from knee_contact_ros.system.ros_arguments import parameters_of
+    from knee_contact_ros.system.files import parameters_of
     from knee_contact_ros.system.terminal import say, warn
     from knee_contact_ros.tools.report.run import run_report
     from knee_contact_ros.tools.report.runs import ReportOptions

@@ -46,8 +46,7 @@ def trade(
     """
     from knee_contact_ros.lab.trade import draw, measure, show
     from knee_contact_ros.offline.in_memory import solve
-    from knee_contact_ros.system.extras import require
-    from knee_contact_ros.system.ros_arguments import parameters_of, split
+    from knee_contact_ros.system.files import parameters_of, require, split
     from knee_contact_ros.system.terminal import progress, say, warn
 
     require("trade", "matplotlib")

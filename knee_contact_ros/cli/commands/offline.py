@@ -57,7 +57,7 @@ def solve(
     from knee_contact_ros.offline.solve import solve as solve_bag
     from knee_contact_ros.offline.summary_table import show_summary
     from knee_contact_ros.parameters.files import Subject
-    from knee_contact_ros.system.ros_arguments import parameters_of
+    from knee_contact_ros.system.files import parameters_of
     from knee_contact_ros.system.terminal import progress, warn
 
     person = Subject(subject) if subject else None
@@ -107,7 +107,7 @@ def estimate_load(
     from knee_contact_ros.offline.estimate_load import estimate_load as estimate
     from knee_contact_ros.parameters.schema import LoadParameters
     from knee_contact_ros.streams.topics import LOAD_INPUTS
-    from knee_contact_ros.system.ros_arguments import parameters_of
+    from knee_contact_ros.system.files import parameters_of
     from knee_contact_ros.system.terminal import progress, warn
 
     parameters = load_parameters(

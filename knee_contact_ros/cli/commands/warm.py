@@ -24,7 +24,7 @@ def warm(parameter_files: tuple[Path, ...], parameter_values: tuple[str, ...]) -
     from knee_contact_ros.model.ticks import run
     from knee_contact_ros.parameters.build import load_model
     from knee_contact_ros.system.errors import IncompleteError, UsageError
-    from knee_contact_ros.system.ros_arguments import parameters_of
+    from knee_contact_ros.system.files import parameters_of
     from knee_contact_ros.system.terminal import say
 
     if parameter_files or parameter_values:

@@ -52,8 +52,8 @@ from knee_contact_ros.parameters.schema import LoadParameters, NodeSection, Para
 from knee_contact_ros.results import Results
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, LOAD_INPUTS
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded
 from knee_contact_ros.system.output_files import partial_name, refuse_existing, refuse_impossible, write_new
-from knee_contact_ros.system.resources import DEFAULT_PARAMETERS, expanded
 from knee_contact_ros.system.terminal import WIDTH, progress, say, shown, warn
 
 LEVEL = 0.95

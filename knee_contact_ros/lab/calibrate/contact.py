@@ -33,7 +33,7 @@ from knee_contact_ros.parameters.files import (
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters, constants_of
 from knee_contact_ros.results import Results
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.regular_file import read_regular
+from knee_contact_ros.system.files import read_regular
 
 LARGEST_FILE = 2**28
 """Largest size [B] of a file"""

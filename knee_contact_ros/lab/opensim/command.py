@@ -52,8 +52,8 @@ from knee_contact_ros.lab.tables import Stamps, Storage, read_storage
 from knee_contact_ros.streams.gait_events import LOAD_PEAK, GaitEvents
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.output_files import replace, work_folder
 from knee_contact_ros.system.terminal import WIDTH, progress, say, shown
-from knee_contact_ros.system.work_folder import replace, work_folder
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,7 @@ from knee_contact_ros.lab.opensim import child
 from knee_contact_ros.lab.tables import Floats, Stamps, Storage, read_storage, repaired, text_of
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.extras import require
+from knee_contact_ros.system.files import require
 from knee_contact_ros.system.processes import kept, python_module
 from knee_contact_ros.system.terminal import Bar
 

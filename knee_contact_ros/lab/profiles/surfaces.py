@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.extras import require
+from knee_contact_ros.system.files import require
 
 Integers = NDArray[np.int64]
 UNITS = {"m": 1.0, "mm": 1e-3}

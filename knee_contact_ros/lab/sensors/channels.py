@@ -30,7 +30,7 @@ from knee_contact_ros.parameters.files import first_error
 from knee_contact_ros.parameters.schema import Section, one_of
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.yaml_file import read_mapping
+from knee_contact_ros.system.files import read_mapping
 
 REFUSE, LEAVE_OUT = "refuse", "leave_out"
 COMPRESSION, TENSION = "compression", "tension"

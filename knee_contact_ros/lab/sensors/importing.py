@@ -35,8 +35,8 @@ from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_LOAD
 from knee_contact_ros.parameters.build import LIGHTEST, weight_doubt
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.output_files import replace, work_folder
 from knee_contact_ros.system.terminal import WIDTH, say, shown, warn
-from knee_contact_ros.system.work_folder import replace, work_folder
 
 WIDEST = math.radians(180.0)
 """Range of motion [rad] beyond that of any knee"""

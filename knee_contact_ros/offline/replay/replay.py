@@ -31,7 +31,7 @@ from knee_contact_ros.offline.replay.read_ahead import ReadAhead, quick_switchin
 from knee_contact_ros.streams.messages import TF_STATIC
 from knee_contact_ros.streams.topics import INPUTS, JOINT_STATES, MESSAGE_TYPES, NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.ros_graph import joining
+from knee_contact_ros.system.ros import joining
 from knee_contact_ros.system.terminal import Bar, progress, say
 
 QOS = QoSProfile(depth=1000)

@@ -17,7 +17,7 @@ from knee_contact_ros.parameters.files import (
 )
 from knee_contact_ros.parameters.schema import LATERAL, ContactParameters, Parameters, constants_of
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.resources import parameter_file, refuse_twice
+from knee_contact_ros.system.files import parameter_file, refuse_twice
 
 SECTION = "contact."
 LAW = "law"

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from knee_contact_ros.bags.bag_files import in_a_line
 from knee_contact_ros.system.errors import IncompleteError, UsageError
-from knee_contact_ros.system.extras import how_to_get, require
+from knee_contact_ros.system.files import how_to_get, require
+from knee_contact_ros.system.output_files import replace, work_folder
 from knee_contact_ros.system.terminal import progress, warn
-from knee_contact_ros.system.work_folder import replace, work_folder
 from knee_contact_ros.tools.report.runs import ReportOptions, Run, collect
 from knee_contact_ros.tools.report.uncertain import (
     COLUMNS,

@@ -14,7 +14,7 @@ from knee_contact_ros.lab.opensim.leg import LegJoints, Places, leg_joints, thig
 from knee_contact_ros.lab.tables import Storage
 from knee_contact_ros.streams.topics import GROUND_REACTION_FORCE, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.extras import not_installed
+from knee_contact_ros.system.files import not_installed
 from tests.lab.opensim.plates import JOINT, MODEL, STANDS, external, plate, write_loads, write_model, write_plates
 from tests.lab.opensim.storages import kinematics, reactions, write_storage
 from tests.lab.opensim.test_import_opensim import origin
@@ -52,7 +52,7 @@ def loads(tmp_path: Path) -> list[str]:
 @pytest.fixture
 def by_tests(monkeypatch: pytest.MonkeyPatch) -> None:
     """As if OpenSim were installed."""
-    monkeypatch.setattr("knee_contact_ros.system.extras.find_spec", lambda name: name)
+    monkeypatch.setattr("knee_contact_ros.system.files.find_spec", lambda name: name)
     monkeypatch.setattr(leg, "places_of", stands_still)
 
 
@@ -192,7 +192,7 @@ def test_without_opensim_one_line_says_what_to_install(
     monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:
-    monkeypatch.setattr("knee_contact_ros.system.extras.find_spec", lambda name: None)
+    monkeypatch.setattr("knee_contact_ros.system.files.find_spec", lambda name: None)
     assert main([*results, *loads, "--side", "right"]) == 2
     assert capsys.readouterr().err == f"knee-contact: {not_installed('opensim', 'opensim')}\n"
     assert not (tmp_path / "walk").exists()

@@ -18,7 +18,7 @@ from knee_contact_ros.lab.opensim.pipeline import (
     static_setup,
 )
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.extras import not_installed
+from knee_contact_ros.system.files import not_installed
 
 SETUPS = {
     "scale.xml": "<ScaleTool name='s'><GenericModelMaker><model_file>generic.osim</model_file></GenericModelMaker>"
@@ -71,7 +71,7 @@ def test_properties(folder: Path) -> None:
 @pytest.fixture
 def installed(monkeypatch: pytest.MonkeyPatch) -> None:
     """Planning asks whether OpenSim is there, and needs nothing of it."""
-    monkeypatch.setattr("knee_contact_ros.system.extras.find_spec", lambda name: name)
+    monkeypatch.setattr("knee_contact_ros.system.files.find_spec", lambda name: name)
 
 
 @pytest.mark.parametrize(
@@ -182,7 +182,7 @@ def test_results_of_a_step_that_are_not_there(folder: Path) -> None:
 def test_without_opensim_the_command_says_what_to_install(
     folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    monkeypatch.setattr("knee_contact_ros.system.extras.find_spec", lambda name: None)
+    monkeypatch.setattr("knee_contact_ros.system.files.find_spec", lambda name: None)
     arguments = ["--setup", str(folder), "--side", "right", "--output", str(tmp_path / "walk")]
     assert main(["import-opensim", *arguments]) == 2
     assert not_installed("opensim", "opensim") in capsys.readouterr().err

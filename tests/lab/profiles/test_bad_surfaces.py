@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.cli.main import main
-from knee_contact_ros.system.extras import not_installed
+from knee_contact_ros.system.files import not_installed
 from tests.lab.profiles.meshes import femoral_curve, saved, swept, tibial_curve
 
 pytest.importorskip("pyvista", reason="needs the extra mesh")
@@ -150,7 +150,7 @@ def test_a_bone_must_be_behind_the_cartilage(tmp_path: Path, capsys: pytest.Capt
 def test_a_missing_library_is_named(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("knee_contact_ros.system.extras.find_spec", lambda _name: None)
+    monkeypatch.setattr("knee_contact_ros.system.files.find_spec", lambda _name: None)
     arguments = ["fit-profile", str(tmp_path / "a.stl"), "--slice", "-18", "--output", str(tmp_path / "c.csv")]
     assert main(arguments) == 2
     assert not_installed("pyvista", "mesh") in capsys.readouterr().err

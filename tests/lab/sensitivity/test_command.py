@@ -16,7 +16,7 @@ from knee_contact_ros.cli.main import main
 from knee_contact_ros.lab import run_study
 from knee_contact_ros.lab.run_study import Report
 from knee_contact_ros.lab.sensitivity import read_sensitivity_study
-from knee_contact_ros.system.resources import share_folder
+from knee_contact_ros.system.files import share_folder
 from tests.helpers.bags import write_rosbag2
 from tests.helpers.messages import raw_inputs
 

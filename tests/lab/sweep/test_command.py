@@ -11,7 +11,7 @@ import pytest
 
 from knee_contact_ros.cli.main import main
 from knee_contact_ros.lab import run_study
-from knee_contact_ros.system import extras
+from knee_contact_ros.system import files
 from tests import ROOT
 from tests.helpers.disks import remount
 from tests.lab.sweep.studies import table
@@ -135,7 +135,7 @@ def test_a_full_read_only_table_may_still_be_asked_for(
 def test_a_missing_extra_is_named(
     library: str, tmp_path: Path, capfd: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(extras, "find_spec", lambda name: None if name == library else name)
+    monkeypatch.setattr(files, "find_spec", lambda name: None if name == library else name)
     said = refused(["sweep", "study.yaml", "--output", str(tmp_path / "out")], capfd)
     assert f"{library} is not installed; " in said
     assert "[sweep]" in said

@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from knee_contact_ros.cli.main import main
-from knee_contact_ros.system.extras import not_installed
+from knee_contact_ros.system.files import not_installed
 from tests.tools.report.pages import page_of, text_of
 
 pytest.importorskip("matplotlib", minversion="3.7", reason="needs the extra report: matplotlib 3.7")

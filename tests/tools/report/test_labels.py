@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from knee_contact_ros.cli.main import main
-from knee_contact_ros.system.resources import share_folder
+from knee_contact_ros.system.files import share_folder
 from knee_contact_ros.tools.report.data import tables
 from knee_contact_ros.tools.report.runs import ReportOptions, Run, collect
 from tests.offline.test_solve import silent

@@ -1,0 +1,297 @@
+"""Finds the package's files, reads files of others within bounds, and says how to install what is missing.
+
+Of files from others only regular ones are read, no pipes and devices, and no more than a given size. YAML is bounded in
+the number of nodes, their depth and the size of numbers.
+"""
+
+from __future__ import annotations
+
+import errno
+import hashlib
+import os
+import re
+import stat
+import sys
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from importlib.util import find_spec
+from io import BufferedReader
+from itertools import accumulate
+from pathlib import Path
+from typing import Any
+
+from knee_contact_ros.system.errors import UsageError
+
+PACKAGE = "knee_contact_ros"
+DEFAULT_PARAMETERS = "healthy.yaml"
+"""Default parameter file"""
+
+
+def share_folder() -> Path:
+    """Share folder of the package: the source tree if this module runs from one, else that of an ament prefix.
+
+    Raises:
+        FileNotFoundError: the package is not installed completely.
+    """
+    source_tree = Path(__file__).resolve().parents[2]
+    if (source_tree / "package.xml").is_file():
+        return source_tree
+    prefixes = [*os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix]
+    for prefix in filter(None, prefixes):
+        share = Path(prefix) / "share" / PACKAGE
+        if (share / "package.xml").is_file():
+            return share
+    raise FileNotFoundError(f"share/{PACKAGE} is in none of {prefixes}; install the package again")
+
+
+def find_file(name: str) -> Path:
+    """Path of a file that a parameter names: from the current folder, else in the package's config folder."""
+    path = expanded(name)
+    if path.is_absolute() or path.exists():
+        return path
+    packaged = share_folder() / "config" / path
+    return packaged if packaged.exists() else path
+
+
+def parameter_file(name: str) -> Path:
+    """Path of a parameter file, found as by `find_file`; `.yaml` may be left out, as in `osteoarthritis`."""
+    path = find_file(name)
+    if path.suffix or path.is_file():
+        return path
+    with_suffix = find_file(f"{name}.yaml")
+    return with_suffix if with_suffix.is_file() else path
+
+
+def shipped_parameter_files(folder: str = "") -> list[Path]:
+    """Parameter files of the package in a folder within `config`, the default first."""
+    files = sorted((share_folder() / "config" / folder).glob("*.yaml"))
+    return sorted(files, key=lambda path: path.name != DEFAULT_PARAMETERS)
+
+
+def expanded(name: str) -> Path:
+    """Path with `~` and `~user` expanded; unchanged if there is no such user."""
+    try:
+        return Path(name).expanduser()
+    except RuntimeError:
+        return Path(name)
+
+
+def refuse_twice(paths: Sequence[Path], what: str = "") -> None:
+    """Check that no file is given twice, under whatever names; `what` precedes the name in the error.
+
+    Raises:
+        UsageError: a file is given twice.
+    """
+    places = [path.resolve() for path in paths]
+    for number, path in enumerate(paths):
+        if places[number] in places[:number]:
+            raise UsageError(f"{what}{path} is given twice")
+
+
+PART = 1 << 18
+"""Number of bytes that are read at a time"""
+
+
+def open_regular(path: Path) -> BufferedReader:
+    """Open a regular file for reading.
+
+    Raises:
+        OSError: it cannot be opened, or is no regular file (a folder, pipe, socket or device).
+    """
+    try:
+        descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
+    except ValueError:  # a zero byte, or a character that no file's name has
+        raise OSError(errno.EINVAL, "no file can have this name", str(path)) from None
+    try:
+        mode = os.fstat(descriptor).st_mode
+        if stat.S_ISDIR(mode):
+            raise OSError(errno.EISDIR, os.strerror(errno.EISDIR), str(path))
+        if not stat.S_ISREG(mode):
+            raise OSError(errno.EINVAL, "it is no regular file", str(path))
+    except BaseException:
+        os.close(descriptor)
+        raise
+    return os.fdopen(descriptor, "rb")  # which closes the descriptor if it fails or is interrupted
+
+
+def read_regular(path: Path, most: int) -> bytes:
+    """Read the content of a regular file.
+
+    Raises:
+        OSError: the file cannot be opened (see `open_regular`), or is longer than `most` bytes.
+    """
+    with open_regular(path) as file:
+        content = file.read(most + 1)
+    if len(content) > most:
+        raise OSError(errno.EFBIG, f"it is longer than {most} bytes", str(path))
+    return content
+
+
+def sha256_of(file: BufferedReader) -> str:
+    """SHA-256 of the rest of a file, in hexadecimal digits."""
+    digest = hashlib.sha256()
+    while part := file.read(PART):
+        digest.update(part)
+    return digest.hexdigest()
+
+
+LARGEST = 2**16
+"""Largest size of a file [B] by default: one with all parameters has some 3000"""
+LARGEST_METADATA = 2**20
+"""Largest size [B] of the `metadata.yaml` of a rosbag2 folder: a thousand topics, or some thousand files"""
+MOST_NODES = 100_000
+"""Largest number of texts, numbers, lists and mappings; what an alias repeats counts at each place"""
+DEEPEST = 50
+"""Largest depth of nested lists and mappings"""
+MOST_BITS = 64
+"""Largest number of bits of an integer"""
+TOO_DEEP = f"it is nested deeper than {DEEPEST} levels"
+BRACKETS = re.compile(r"[\[\]{}]")
+MERGE = re.compile(r"""<<['"]?\s*:""")
+"""Merge key, which inserts the entries of other mappings: the parser does so before they can be counted"""
+HALF = re.compile("[\ud800-\udfff]")
+"""Surrogate, which an escape may give: UTF-8 has none"""
+END = object()
+
+
+class BadYamlError(ValueError):
+    """A text is no YAML, or beyond the bounds; the text of the error is one line."""
+
+
+def read_yaml(path: Path, most: int = LARGEST) -> Any:
+    """Read a YAML file of at most `most` bytes.
+
+    Raises:
+        OSError: it cannot be read, is no regular file or too long.
+        BadYamlError: it is no YAML in UTF-8, or beyond the bounds.
+    """
+    try:
+        return parse_yaml(read_regular(path, most).decode("utf-8"))
+    except UnicodeDecodeError as error:
+        raise BadYamlError(str(error)) from None
+
+
+def parse_yaml(text: str) -> Any:
+    """Parse a YAML text.
+
+    Raises:
+        BadYamlError: it is no YAML, or beyond the bounds.
+    """
+    from ruamel.yaml import YAML
+
+    if _opened(text) > DEEPEST:  # the parser would take seconds to find out
+        raise BadYamlError(TOO_DEEP)
+    if MERGE.search(text):
+        raise BadYamlError("merge keys (<<) are not read")
+    try:
+        content = YAML(typ="safe", pure=True).load(text)
+    except RecursionError:
+        raise BadYamlError(TOO_DEEP) from None
+    except Exception as error:  # dates that are none, numbers of thousands of digits: the parser raises what it likes
+        raise BadYamlError(" ".join(str(error).split()) or type(error).__name__) from None
+    _check(content)
+    return content
+
+
+def read_mapping(
+    path: Path, kind: str = "parameter file", what: str = "node names to ros__parameters"
+) -> Mapping[str, Any]:
+    """Read a YAML file that holds a mapping; errors call it a `kind` that must map `what`.
+
+    Raises:
+        UsageError: it cannot be read, or holds no mapping.
+    """
+    try:
+        content = read_yaml(path)
+    except OSError as error:
+        raise UsageError(f"{path}: cannot read the {kind}: {error.strerror}") from None
+    except BadYamlError as error:
+        raise UsageError(f"{path}: not a YAML file: {error}") from None
+    if not isinstance(content, Mapping):
+        raise UsageError(f"{path}: not a {kind}: it must map {what}")
+    return content
+
+
+def _opened(text: str) -> int:
+    """Largest number of brackets that are open at a time, also within texts."""
+    return max(accumulate(1 if bracket in "[{" else -1 for bracket in BRACKETS.findall(text)), default=0)
+
+
+def _check(content: Any) -> None:
+    """Refuse content beyond the bounds, which would take long to process; aliases count at each place."""
+    branches, nodes = [iter([content])], 0
+    while branches:
+        node = next(branches[-1], END)
+        if node is END:
+            branches.pop()
+            continue
+        nodes += 1
+        if nodes > MOST_NODES:
+            raise BadYamlError(f"it has more than {MOST_NODES} nodes")
+        if isinstance(node, int) and node.bit_length() > MOST_BITS:
+            raise BadYamlError(f"it has a number of {node.bit_length()} bits; at most {MOST_BITS} are allowed")
+        if isinstance(node, str) and HALF.search(node):
+            raise BadYamlError("it has half a character, which cannot be written")
+        if isinstance(node, (Mapping, list, tuple, set)):
+            if len(branches) > DEEPEST:
+                raise BadYamlError(TOO_DEEP)
+            branches.append(_inside(node))
+
+
+def _inside(node: Any) -> Iterator[Any]:
+    """Keys and values of a mapping, or elements of a list."""
+    for entry in node:
+        yield entry
+        if isinstance(node, Mapping):
+            yield node[entry]
+
+
+def split(rule: str, option: str) -> tuple[str, str]:
+    """Split a rule of an option into its two sides.
+
+    Raises:
+        UsageError: a side is missing.
+    """
+    left, separator, right = (part.strip() for part in rule.partition(":="))
+    if not (left and separator and right):
+        raise UsageError(f"{option} {rule!r}: it must be NAME:=VALUE, as on ROS 2's command line")
+    return left, right
+
+
+def parameters_of(rules: Iterable[str]) -> dict[str, Any]:
+    """Parameters given as `-p NAME:=VALUE`, by name; values are read as in a parameter file.
+
+    Raises:
+        UsageError: a side of a rule is missing, or a value is no YAML.
+    """
+    values = {}
+    for rule in rules:
+        name, text = split(rule, "-p")
+        try:
+            values[name] = parse_yaml(text)
+        except BadYamlError:
+            raise UsageError(f"-p {rule!r}: the value is no YAML; put it in quotes") from None
+    return values
+
+
+def require(extra: str, *libraries: str) -> None:
+    """Check that libraries of an extra are installed; none is imported.
+
+    Raises:
+        UsageError: one is missing.
+    """
+    for library in libraries:
+        if find_spec(library) is None:
+            raise UsageError(not_installed(library, extra))
+
+
+def not_installed(library: str, extra: str) -> str:
+    """Message for a missing library of an extra."""
+    return f"{library} is not installed; {how_to_get(extra)}"
+
+
+def how_to_get(extra: str) -> str:
+    """Command that installs an extra, and the folder in which to run it."""
+    source = share_folder()
+    if Path(sys.prefix) == source / ".venv":
+        return f"in {source}: .venv/bin/uv pip install -e '.[{extra}]'"
+    return f"in the folder of the package's sources: {sys.executable} -m pip install '.[{extra}]'"
