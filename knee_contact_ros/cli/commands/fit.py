@@ -80,18 +80,13 @@ def fit_profile(mesh: Path, side: str, compartment: str, tolerance: float, slab:
     writes it as femur.profile and tibia.profile take it, with a picture and a parameter file beside it. Needs
     the extra mesh.
     """
-    from knee_contact_ros.lab.profiles import LABEL, FitOptions, run_fit_profile
+    from knee_contact_ros.lab.profiles import LABEL, run_fit_profile
     from knee_contact_ros.system.terminal import say
 
-    options = FitOptions(
-        mesh,
-        femur=side == "femur",
-        medial=compartment == "medial",
-        tolerance=1e-3 * tolerance,
-        slab=1e-3 * slab,
-        **others,
-    )
-    for line in run_fit_profile(options):
+    femur, medial = side == "femur", compartment == "medial"
+    for line in run_fit_profile(
+        mesh, femur=femur, medial=medial, tolerance=1e-3 * tolerance, slab=1e-3 * slab, **others
+    ):
         say(line, hang=LABEL)
 
 
@@ -135,11 +130,10 @@ def fit_share(
     Fits the medial share of the axial load over flexion and load to trials of walking, prints its RMS errors in
     every trial when fitted to all, and when fitted to the others, and writes it as load.share_file takes it.
     """
-    from knee_contact_ros.lab.shares import ShareOptions, Wanted, run_fit_share, show_errors
+    from knee_contact_ros.lab.shares import Wanted, run_fit_share
 
     wanted = Wanted(time, axial, medial, flexion, degrees=angle_unit == "deg")
-    files = [[Path(name.strip()) for name in trial.split(",")] for trial in trials]
-    show_errors(run_fit_share(ShareOptions(files, wanted, **rest)), rest["output"])
+    run_fit_share([[Path(name.strip()) for name in trial.split(",")] for trial in trials], wanted, **rest)
 
 
 @click.command()

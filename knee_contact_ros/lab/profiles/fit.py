@@ -1,230 +1,133 @@
-"""Charts: coordinates in which a profile is a function g of a single number, so that smoothing it is a linear problem.
-
-Femur: polar, about the centre of its mean circle. g = R/r over the angle α; its curvature has the sign of v = g'' + g,
-so that v > 0 is convexity, and v is constant for a circle about the centre. Tibia: height over x. g = y/L over x/L, and
-v = g'' is free. The smoothed quantity is v.
-
-Cut a surface along sagittal planes, and select the articular side of the cuts.
+"""Fit a profile to a slice of a surface: cut, select the articular side, smooth, and describe what came out.
 
 Beside the slice itself, parallel ones within a slab are cut: the noise of a mesh differs from one to the next, the bone
 does not.
 
-Find the smoothest profile that stays within a stated tolerance of a slice.
+**Chart.** Coordinates in which a profile is a function g of a single number make smoothing a linear problem. Femur:
+polar, about the centre of its mean circle. g = R/r over the angle α; its curvature has the sign of v = g'' + g, so that
+v > 0 is convexity, and v is constant for a circle about the centre. Tibia: height over x. g = y/L over x/L, and v = g''
+is free.
 
-The quantity v of `charts` is a cubic B-spline with a penalty on its bends (P-splines: Eilers & Marx 1996, Stat Sci
-11:89-121); a femur's is kept positive. The deviation that is left with hardly a penalty is the slice's roughness (noise
-and dents). The penalty is the largest with which the deviation is no more than roughness and tolerance together, added
-as independent errors are. So the noise of a mesh changes how far the profile is from the slice, but not how smooth it
-is.
-
-Shape of a profile as the model takes it: curvature, normals, convexity and fitted circles.
-
-Thickness of cartilage in a slice: the distance within the slice from its surface to the bone's surface.
-
-Fit a profile to a slice of a surface, with circles, thickness of cartilage, and remarks.
+**Smoothing.** v is a cubic B-spline with a penalty on its bends (P-splines: Eilers & Marx 1996, Stat Sci 11:89-121); a
+femur's is kept positive. The deviation that is left with hardly a penalty is the slice's roughness (noise and dents).
+The penalty is the largest with which the deviation is no more than roughness and tolerance together, added as
+independent errors are. So the noise of a mesh changes how far the profile is from the slice, but not how smooth it is.
 """
 
 from __future__ import annotations
 
 import math
-from abc import ABC, abstractmethod
-from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from knee_contact_ros.lab.profiles.surfaces import Surface
+from knee_contact_ros.lab.profiles.surfaces import Pieces, Surface, cut
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.system.errors import UsageError
 
-LEAST_V = 0.01
-"""Lower bound of v for a femur: a curvature of about this over R, so that a profile is convex throughout"""
-
-
-@dataclass(frozen=True)
-class Chart(ABC):
-    """Coordinates of a slice: a place along the profile, and the function g across it."""
-
-    middle: Floats
-    """Origin of the chart, shape (2,) [m]: centre of a femur's circle, middle of a tibia's plateau"""
-    scale: float
-    """Length of a unit of the place, about [m]: radius of a femur's circle, half the width of a tibia's plateau"""
-    half_turn: ClassVar[float]
-    """Smallest step of the place that only a piece round the back of a closed slice makes"""
-    least: ClassVar[float]
-    """Lower bound of v"""
-
-    @classmethod
-    @abstractmethod
-    def around(cls, points: Floats) -> Chart:
-        """Make the chart for points of shape (n, 2) [m]."""
-
-    @abstractmethod
-    def place(self, points: Floats) -> Floats:
-        """Places along the profile, increasing from posterior to anterior, shape (n,)."""
-
-    @abstractmethod
-    def outwards(self, points: Floats) -> Floats:
-        """Distances of points towards the joint [m], shape (n,)."""
-
-    @abstractmethod
-    def value(self, points: Floats) -> Floats:
-        """Values of the function g at points, shape (n,)."""
-
-    @abstractmethod
-    def metres(self, points: Floats) -> Floats:
-        """Distances across the profile that correspond to a unit of g at points [m], shape (n,)."""
-
-    @abstractmethod
-    def from_v(self, grid: Floats, v: Floats) -> Floats:
-        """Columns g for columns v, shape (grid, n), zero with zero slope at the beginning of the grid."""
-
-    @abstractmethod
-    def free(self, grid: Floats) -> Floats:
-        """The two columns g for which v = 0, shape (grid, 2): straight lines."""
-
-    @abstractmethod
-    def curve(self, grid: Floats, g: Floats) -> Floats:
-        """Points of the profile, shape (grid, 2) [m], from g on a grid of places."""
-
-
-@dataclass(frozen=True)
-class Polar(Chart):
-    """Chart of a femur: the place is the angle about a centre [rad], counted from the middle of the profile."""
-
-    turn: float
-    """Direction from the centre to the middle of the profile [rad]"""
-    half_turn = math.pi
-    least = LEAST_V
-
-    @classmethod
-    def around(cls, points: Floats) -> Polar:
-        """Make the chart about the centre of Coope's circle; its middle is where most of the points lie."""
-        centre, radius = circle(points)
-        offset = (points - centre).mean(axis=0)
-        return cls(centre, radius, math.atan2(offset[1], offset[0]))
-
-    def place(self, points: Floats) -> Floats:
-        """Angles counter-clockwise, which is from posterior over distal to anterior."""
-        x, y = (points - self.middle).T
-        angle: Floats = (np.arctan2(y, x) - self.turn + math.pi) % math.tau - math.pi
-        return angle
-
-    def outwards(self, points: Floats) -> Floats:
-        """Distances r from the centre [m]."""
-        return np.asarray(np.hypot(*(points - self.middle).T))
-
-    def value(self, points: Floats) -> Floats:
-        """Values g = R/r."""
-        return np.asarray(self.scale / self.outwards(points))
-
-    def metres(self, points: Floats) -> Floats:
-        """Distances |dr/dg| = r²/R [m]."""
-        return np.asarray(self.outwards(points) ** 2 / self.scale)
-
-    def from_v(self, grid: Floats, v: Floats) -> Floats:
-        """Solution of g'' + g = v: the integral of sin(α - β) v(β)."""
-        sine, cosine = np.sin(grid)[:, None], np.cos(grid)[:, None]
-        return sine * integral(grid, cosine * v) - cosine * integral(grid, sine * v)
-
-    def free(self, grid: Floats) -> Floats:
-        """Cosine and sine, which are straight lines in this chart."""
-        return np.column_stack([np.cos(grid), np.sin(grid)])
-
-    def curve(self, grid: Floats, g: Floats) -> Floats:
-        """Points at the distance R/g from the centre."""
-        angle = grid + self.turn
-        return np.asarray(self.middle + (self.scale / g)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]))
-
-
-@dataclass(frozen=True)
-class Flat(Chart):
-    """Chart of a tibia: the place is x from the middle of the plateau, in half widths."""
-
-    half_turn = math.inf
-    least = -math.inf
-
-    @classmethod
-    def around(cls, points: Floats) -> Flat:
-        """Make the chart about the middle of the box around the points."""
-        x, y = points.T
-        return cls(np.array([(x.min() + x.max()) / 2.0, y.mean()]), max(float(np.ptp(x)) / 2.0, 1e-9))
-
-    def place(self, points: Floats) -> Floats:
-        """Places towards anterior, -1 to 1."""
-        return np.asarray((points[:, 0] - self.middle[0]) / self.scale)
-
-    def outwards(self, points: Floats) -> Floats:
-        """Heights above the middle [m]."""
-        return np.asarray(points[:, 1] - self.middle[1])
-
-    def value(self, points: Floats) -> Floats:
-        """Heights in half widths."""
-        return self.outwards(points) / self.scale
-
-    def metres(self, points: Floats) -> Floats:
-        """The half width for every point, as the slopes of a plateau are small."""
-        return np.full(len(points), self.scale)
-
-    def from_v(self, grid: Floats, v: Floats) -> Floats:
-        """Solution of g'' = v: the double integral."""
-        return integral(grid, integral(grid, v))
-
-    def free(self, grid: Floats) -> Floats:
-        """One and the place, which are straight lines."""
-        return np.column_stack([np.ones_like(grid), grid])
-
-    def curve(self, grid: Floats, g: Floats) -> Floats:
-        """Points at the height g."""
-        return self.middle + self.scale * np.column_stack([grid, g])
-
-
-def integral(grid: Floats, columns: Floats) -> Floats:
-    """Integrate each column from the beginning of the grid, by trapezoids; shape (grid, n)."""
-    from scipy.integrate import cumulative_trapezoid
-
-    return np.asarray(cumulative_trapezoid(columns, grid, axis=0, initial=0.0))
-
-
-def chord_length(points: Floats) -> Floats:
-    """Length along the chords from the first of points of shape (n, 2) [m] to each, shape (n,) [m]."""
-    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
-
-
-def circle(points: Floats) -> tuple[Floats, float]:
-    """Fit a circle to points of shape (n, 2) [m] by least squares; return its centre, shape (2,), and radius [m].
-
-    Coope's linear form: (x² + y²) = 2 a x + 2 b y + c. I. D. Coope 1993, J Optim Theory Appl 76:381-388.
-    """
-    middle = points.mean(axis=0)
-    local = points - middle
-    rows = np.column_stack([2.0 * local, np.ones(len(local))])
-    solution = np.linalg.lstsq(rows, (local**2).sum(axis=1), rcond=None)[0]
-    centre = solution[:2]
-    return centre + middle, math.sqrt(max(float(solution[2] + centre @ centre), 0.0))
-
-
+TOLERANCE, SLAB = 0.05e-3, 2e-3
+"""Defaults of the tolerance and of the slab's half thickness [m]"""
 DISTANCE = 0.5e-3
-"""Distance of adjacent planes [m], or a little more"""
+"""Distance of adjacent planes of the slab [m], or a little less"""
 COVER = 0.5e-3
 """Distance [m] behind another part of the surface beyond which a part is not articular; noise is less"""
 LEAST_POINTS = 12
+"""The least number of points of a slice"""
 BLOCK = 256
 """Number of points that are compared with all pieces at once"""
 LEAST_LENGTH = 0.5e-3
 """Length [m] above which pieces that are left out are reported"""
+LEAST_V = 0.01
+"""Lower bound of v for a femur: a curvature of about this over R, so that a profile is convex throughout"""
+KNOTS, TILT_KNOTS = 2.5e-3, 10e-3
+"""Distance between the knots of v, and of the tilt across the slab [m]"""
+BENDS = 3
+"""Polynomial degree of the bend across the slab, as a function of the place"""
+GRID = 2001
+"""Number of places at which a profile is computed"""
+ROUGHEST, SMOOTHEST, HALVINGS = -5.0, 4.0, 12
+"""Decadic logarithms of the penalty, and steps of the search between them; with less than the first, a profile follows
+the noise of a mesh"""
+SPACING = 0.75e-3
+"""Distance between the points of a profile [m]"""
+PER_POINT = 10
+"""Number of places per point at which the profile's spline is evaluated"""
+FEMORAL_WINDOWS = ((-15.0, 25.0), (20.0, 70.0), (60.0, 110.0))
+"""Windows of circles: ranges of the direction of the outward normal [deg], 0 straight down, > 0 posterior: the flexion
+angle at which the place is in contact"""
+TIBIAL_WINDOWS = ((0.15, 0.75), (0.2, 0.8), (0.25, 0.75), (0.3, 0.7))
+"""Windows of circles: ranges of the share of the plateau's width, from posterior"""
+LEAST_PLACES = 8
+"""The least number of places to which a circle is fitted"""
+STRAIGHT = 1.0
+"""Magnitude of a negative curvature of a femur's profile [1/m] below which it counts as straight"""
+FEMORAL_ZONE, TIBIAL_ZONE = (-15.0, 70.0), (0.25, 0.75)
+"""What is in contact in gait: directions of a femur's normal [deg], shares of a tibia's width"""
+MOST_OUTSIDE, THICKEST = 0.1, 0.012
+"""Largest share of places whose bone may lie outside of the cartilage, as meshes cross at the rims; and the largest
+plausible thickness [m]: human cartilage of the knee has some 2 mm, of the patella up to 7 mm"""
+FLATTEST_FEMUR = 0.35
+"""Smallest ratio of height and width of a femur's slice: a condyle has some 0.8, a plateau 0.1 to 0.2"""
+NOTABLE = 0.5e-3
+"""Deviation of the slice from the profile [m] from which on it is reported"""
+GAIT, LEAST_REACH = (0.0, 60.0), 0.5
+"""Directions of the normal [deg] that are in contact in gait, and the least share of them that a condyle has"""
+WORST = 1e-3
+"""Largest roughness [m] of a slice that counts as a condyle or plateau"""
 
 
-class Pieces(NamedTuple):
-    """Straight pieces in which a plane cuts a mesh."""
+class Chart(NamedTuple):
+    """Coordinates of a slice: a place along the profile, and the function g across it."""
 
-    begins: Floats
-    """First ends, shape (n, 2) [m]"""
-    ends: Floats
-    """Second ends, shape (n, 2) [m]"""
-    numbers: Any
-    """Number of the connected line to which each piece belongs, shape (n,)"""
+    femur: bool
+    middle: Floats
+    """Origin, shape (2,) [m]: centre of a femur's circle, middle of a tibia's plateau"""
+    scale: float
+    """Length of a unit of the place, about [m]: radius of a femur's circle, half the width of a tibia's plateau"""
+    turn: float
+    """Direction from a femur's centre to the middle of the profile [rad]"""
+
+    @classmethod
+    def around(cls, points: Floats, femur: bool) -> Chart:
+        """Make the chart for points of shape (n, 2) [m]; that of a femur about the centre of Coope's circle."""
+        if not femur:
+            x, y = points.T
+            middle = np.array([(x.min() + x.max()) / 2.0, y.mean()])
+            return cls(False, middle, max(float(np.ptp(x)) / 2.0, 1e-9), 0.0)
+        centre, radius = circle(points)
+        x, y = (points - centre).mean(axis=0)
+        return cls(True, centre, radius, math.atan2(y, x))
+
+    def place(self, points: Floats) -> Floats:
+        """Places along the profile from posterior to anterior, shape (n,): angles [rad], or half widths."""
+        x, y = (points - self.middle).T
+        angle = (np.arctan2(y, x) - self.turn + math.pi) % math.tau - math.pi
+        return np.asarray(angle if self.femur else x / self.scale)
+
+    def outwards(self, points: Floats) -> Floats:
+        """Distances of points towards the joint [m], shape (n,): from a femur's centre, or heights."""
+        x, y = (points - self.middle).T
+        return np.asarray(np.hypot(x, y) if self.femur else y)
+
+    def values(self, points: Floats) -> tuple[Floats, Floats]:
+        """Values g of points, and the distances across the profile that a unit of g is there [m], shape (n,) each."""
+        out = self.outwards(points)
+        return (self.scale / out, out**2 / self.scale) if self.femur else (out / self.scale, 0.0 * out + self.scale)
+
+    def columns(self, grid: Floats, v: Floats) -> Floats:
+        """Columns g: the two straight lines, for which v = 0, and one for each column of v, shape (grid, 2 + n)."""
+        if not self.femur:
+            return np.column_stack([np.ones_like(grid), grid, _integral(grid, _integral(grid, v))])
+        sine, cosine = np.sin(grid)[:, None], np.cos(grid)[:, None]  # g'' + g = v: the integral of sin(α - β) v(β)
+        curved = sine * _integral(grid, cosine * v) - cosine * _integral(grid, sine * v)
+        return np.column_stack([cosine, sine, curved])
+
+    def curve(self, grid: Floats, g: Floats) -> Floats:
+        """Points of the profile, shape (grid, 2) [m], from g on a grid of places."""
+        if not self.femur:
+            return self.middle + self.scale * np.column_stack([grid, g])
+        angle = grid + self.turn
+        return np.asarray(self.middle + (self.scale / g)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]))
 
 
 class Slices(NamedTuple):
@@ -242,126 +145,6 @@ class Slices(NamedTuple):
         """Points of the slice itself, shape (n, 2) [m]; for a cloud with few of them all points of the slab."""
         own = self.offsets == 0.0
         return self.points[own] if np.count_nonzero(own) >= LEAST_POINTS else self.points
-
-
-def cut(surface: Surface, z: float) -> Pieces:
-    """Cut a mesh with the plane at `z` [m]."""
-    import pyvista
-
-    triangles: Any = surface.triangles
-    mesh: Any = pyvista.PolyData.from_regular_faces(surface.points, triangles)
-    line = mesh.slice(normal="z", origin=(0.0, 0.0, z))
-    if line.n_cells == 0:
-        nothing = np.empty((0, 2))
-        return Pieces(nothing, nothing, np.empty(0, np.int64))
-    line = line.clean().connectivity("all")
-    ends = line.lines.reshape(-1, 3)[:, 1:]
-    points = np.asarray(line.points, np.float64)[:, :2]
-    return Pieces(points[ends[:, 0]], points[ends[:, 1]], np.asarray(line.cell_data["RegionId"]))
-
-
-def slices(surface: Surface, z: float, slab: float, chart_of: type[Chart]) -> Slices:
-    """Select the articular side of a surface within `slab` [m] of the plane at `z` [m].
-
-    Raises:
-        UsageError: the plane misses the surface or hardly touches it.
-    """
-    if not len(surface.triangles):
-        return of_cloud(surface, z, slab)
-    middle = cut(surface, z)
-    if len(middle.begins) < LEAST_POINTS:
-        what = "misses" if not len(middle.begins) else "hardly touches"
-        raise UsageError(f"--slice {1e3 * z:g} {what} {surface.path}, which reaches from {surface.lateral_range}")
-    chart = chart_of.around(np.concatenate([middle.begins, middle.ends]))
-    points, remarks = articular(middle, chart)
-    chart = chart_of.around(points)
-    places = chart.place(points)
-    low, high = float(places.min()), float(places.max())
-    found, offsets = [points], [np.zeros(len(points))]
-    planes = math.ceil(slab / DISTANCE)
-    for step in range(1, planes + 1):
-        beside = [articular(cut(surface, z + side * slab * step / planes), chart)[0] for side in (-1.0, 1.0)]
-        if min(map(len, beside)) < LEAST_POINTS:
-            remarks = (*remarks, f"the slab of {1e3 * slab:g} mm reaches beyond the surface")
-            break
-        for side, piece in zip((-1.0, 1.0), beside, strict=True):
-            at = chart.place(piece)
-            kept = piece[(at >= low) & (at <= high)]
-            found.append(kept)
-            offsets.append(np.full(len(kept), side * step / planes))
-    return Slices(np.concatenate(found), np.concatenate(offsets), remarks)
-
-
-def of_cloud(surface: Surface, z: float, slab: float) -> Slices:
-    """Select the points of a cloud within `slab` [m] of `z` [m], or all of a cloud without a third column."""
-    flat = not surface.points[:, 2].any()
-    distance = np.zeros(len(surface.points)) if flat else surface.points[:, 2] - z
-    inside = np.abs(distance) <= slab
-    if np.count_nonzero(inside) < LEAST_POINTS:
-        raise UsageError(
-            f"--slice {1e3 * z:g}: only {np.count_nonzero(inside)} points of {surface.path} lie within "
-            f"{1e3 * slab:g} mm of it (--slab); it reaches from {surface.lateral_range}"
-        )
-    remark = "a cloud of points is taken whole: it must hold the articular side only"
-    offsets = distance[inside] / slab if slab > 0.0 else distance[inside]
-    return Slices(surface.points[inside, :2], offsets, (remark,))
-
-
-def articular(pieces: Pieces, chart: Chart) -> tuple[Floats, tuple[str, ...]]:
-    """Select the visible points of the line of which most is visible from outside; return remarks on the rest too."""
-    if not len(pieces.begins):
-        return np.empty((0, 2)), ()
-    middles = 0.5 * (pieces.begins + pieces.ends)
-    seen = outside(middles, pieces, chart)
-    lengths = np.hypot(*(pieces.ends - pieces.begins).T)
-    visible = np.bincount(pieces.numbers, weights=lengths * seen)
-    whole = np.bincount(pieces.numbers, weights=lengths)
-    best = int(visible.argmax())
-    chosen = (pieces.numbers == best) & seen
-    points = np.unique(np.concatenate([pieces.begins[chosen], pieces.ends[chosen]]), axis=0)
-    remarks = []
-    others = [length for number, length in enumerate(whole) if number != best and length > LEAST_LENGTH]
-    if others:
-        left = ", ".join(f"{1e3 * length:.1f}" for length in sorted(others, reverse=True)[:5])
-        remarks.append(
-            f"the slice has {1 + len(others)} pieces; taken is the one of which most is seen from outside "
-            f"({1e3 * whole[best]:.1f} mm), left out are {left} mm"
-        )
-    if whole[best] - visible[best] > LEAST_LENGTH:
-        hidden = 1e3 * (whole[best] - visible[best])
-        remarks.append(f"{hidden:.1f} mm of the slice lie behind the rest and are left out, as no articular side")
-    return points, tuple(remarks)
-
-
-def outside(points: Floats, pieces: Pieces, chart: Chart) -> Any:
-    """Whether no piece lies further out than each of points of shape (n, 2) [m] by more than `COVER`, shape (n,)."""
-    begin, end = chart.place(pieces.begins), chart.place(pieces.ends)
-    out_begin, out_end = chart.outwards(pieces.begins), chart.outwards(pieces.ends)
-    low, high = np.minimum(begin, end), np.maximum(begin, end)
-    usual = high - low < chart.half_turn  # a piece round the back covers nothing
-    rise = (out_end - out_begin) / np.where(end == begin, 1.0, end - begin)
-
-    def seen(part: Floats) -> Any:
-        place, out = chart.place(part)[:, None], chart.outwards(part)[:, None]
-        covers = (low <= place) & (place <= high) & usual & (out_begin + rise * (place - begin) > out + COVER)
-        return ~covers.any(axis=1)
-
-    blocks = range(0, len(points), BLOCK)  # of many points at once, the table would be large
-    return np.concatenate([seen(points[first : first + BLOCK]) for first in blocks])
-
-
-KNOTS = 2.5e-3
-"""Distance between the knots of v [m]"""
-TILT_KNOTS = 10e-3
-"""Distance between the knots of the tilt across the slab [m]"""
-BENDS = 3
-"""Polynomial degree of the bend across the slab, as a function of the place"""
-GRID = 2001
-ROUGHEST, SMOOTHEST = -5.0, 4.0
-"""Decadic logarithms of the penalty; with less than the first, a profile follows the noise of a mesh"""
-HALVINGS = 12
-SPACING = 0.75e-3
-"""Distance between the points of a profile [m]"""
 
 
 class Smoothed(NamedTuple):
@@ -389,136 +172,6 @@ class Smoothed(NamedTuple):
         return float(np.abs(self.deviations).max())
 
 
-class _Problem(NamedTuple):
-    """Linear least-squares problem with a penalty and lower bounds; its rows are scaled so that residuals are in m."""
-
-    data: Floats
-    """Rows of the points, in as many rows as unknowns"""
-    target: Floats
-    rest: float
-    """Sum of squares [m²] that is left of the points' own targets whatever the unknowns are"""
-    points: int
-    """Number of points"""
-    penalty: Floats
-    lower: Floats
-    basis: Floats
-    """Columns g on the grid for every unknown but those of tilt and bend across the slab"""
-    grid: Floats
-    """Places"""
-
-
-def smooth(slab: Slices, chart: Chart, tolerance: float) -> Smoothed:
-    """Smooth a slice so that its RMS distance is at most its roughness and `tolerance` [m], added as squares."""
-    problem = pose(slab, chart)
-    roughness = residual(problem, solve(problem, ROUGHEST))
-    allowed = math.hypot(roughness, tolerance)
-    low, high = ROUGHEST, SMOOTHEST
-    if residual(problem, solve(problem, high)) > allowed:
-        for _ in range(HALVINGS):
-            middle = 0.5 * (low + high)
-            within = residual(problem, solve(problem, middle)) <= allowed
-            low, high = (middle, high) if within else (low, middle)
-    else:
-        low = high
-    unknowns = solve(problem, low)
-    curve = chart.curve(problem.grid, problem.basis @ unknowns[: problem.basis.shape[1]])
-    raw = slab.raw[np.argsort(chart.place(slab.raw))]
-    deviations = distances(raw, curve, chart)
-    return Smoothed(evenly(curve), raw, deviations, roughness, residual(problem, unknowns))
-
-
-def pose(slab: Slices, chart: Chart) -> _Problem:
-    """Set up the least-squares problem of a slice."""
-    from scipy.interpolate import make_interp_spline
-
-    place = chart.place(slab.points)
-    low, high = float(place.min()), float(place.max())
-    grid = np.linspace(low, high, GRID)
-    v = b_splines(grid, low, high, KNOTS / chart.scale)
-    basis = np.column_stack([chart.free(grid), chart.from_v(grid, v)])
-    metres = chart.metres(slab.points)[:, None]
-    columns = [make_interp_spline(grid, basis, k=1)(place)]  # linear in between
-    if slab.offsets.any():
-        tilt = b_splines(place, low, high, TILT_KNOTS / chart.scale)
-        turn = np.polynomial.legendre.legvander(2.0 * (place - low) / (high - low) - 1.0, BENDS)
-        columns += [slab.offsets[:, None] * tilt, slab.offsets[:, None] ** 2 * turn]
-    data = np.concatenate(columns, axis=1) * metres
-    bends = np.diff(np.eye(v.shape[1]), 2, axis=0)
-    penalty = np.zeros((len(bends), data.shape[1]))
-    penalty[:, 2 : 2 + v.shape[1]] = bends * chart.scale
-    lower = np.full(data.shape[1], -np.inf)
-    lower[2 : 2 + v.shape[1]] = chart.least
-    values = chart.value(slab.points) * metres[:, 0]
-    orthogonal, triangle = np.linalg.qr(data)
-    target = orthogonal.T @ values
-    rest = float(np.sum((values - orthogonal @ target) ** 2))
-    return _Problem(triangle, target, rest, len(values), penalty, lower, basis, grid)
-
-
-def b_splines(places: Floats, low: float, high: float, spacing: float) -> Floats:
-    """Values of cubic B-splines on equally spaced knots from `low` to `high`, shape (places, n)."""
-    from scipy.interpolate import BSpline
-
-    pieces = max(3, math.ceil((high - low) / spacing))
-    knots = low + (high - low) / pieces * np.arange(-3, pieces + 4)
-    inside = np.clip(places, low, high - 1e-12 * (high - low))
-    return np.asarray(BSpline.design_matrix(inside, knots, 3).toarray())
-
-
-def solve(problem: _Problem, logarithm: float) -> Floats:
-    """Solve the problem for a penalty of 10^logarithm per point; return the unknowns."""
-    from scipy.optimize import lsq_linear
-
-    weight = math.sqrt(10.0**logarithm * problem.points)
-    rows = np.concatenate([problem.data, weight * problem.penalty])
-    target = np.concatenate([problem.target, np.zeros(len(problem.penalty))])
-    # The same problem in as many rows as unknowns.
-    orthogonal, triangle = np.linalg.qr(rows)
-    target = orthogonal.T @ target
-    free = np.linalg.lstsq(triangle, target, rcond=None)[0]
-    if (free >= problem.lower).all():
-        return np.asarray(free)
-    bounded: Any = lsq_linear(triangle, target, bounds=(problem.lower, np.inf), method="bvls")
-    return np.asarray(bounded.x)
-
-
-def residual(problem: _Problem, unknowns: Floats) -> float:
-    """RMS distance [m] of the slab's points from the profile, not counting tilt and bend across the slab."""
-    reached = float(np.sum((problem.data @ unknowns - problem.target) ** 2))
-    return math.sqrt((reached + problem.rest) / problem.points)
-
-
-def distances(points: Floats, curve: Floats, chart: Chart) -> Floats:
-    """Shortest distances [m] of points from a curve, shape (n,), > 0 outside of it."""
-    from scipy.spatial import cKDTree
-
-    nearest = np.clip(cKDTree(curve).query(points)[1], 1, len(curve) - 2)
-    along = curve[nearest + 1] - curve[nearest - 1]
-    offset = points - curve[nearest]
-    across = np.abs(along[:, 0] * offset[:, 1] - along[:, 1] * offset[:, 0]) / np.hypot(*along.T)
-    out = chart.outwards(points) - np.interp(chart.place(points), chart.place(curve), chart.outwards(curve))
-    return np.asarray(np.copysign(across, out))
-
-
-def evenly(curve: Floats) -> Floats:
-    """Points of a curve at equal steps of arc length, `SPACING` [m] or a little less; shape (n, 2) [m]."""
-    way = chord_length(curve)
-    places = np.linspace(0.0, way[-1], math.ceil(way[-1] / SPACING) + 1)
-    return np.column_stack([np.interp(places, way, axis) for axis in curve.T])
-
-
-PER_POINT = 10
-"""Number of places per point at which the spline is evaluated"""
-FEMORAL_WINDOWS = ((-15.0, 25.0), (20.0, 70.0), (60.0, 110.0))
-"""Ranges of the direction of the outward normal [deg], 0 straight down, > 0 posterior: the flexion angle at which the
-place is in contact"""
-TIBIAL_WINDOWS = ((0.15, 0.75), (0.2, 0.8), (0.25, 0.75), (0.3, 0.7))
-"""Ranges of the share of the plateau's width, from posterior"""
-LEAST_PLACES = 8
-STRAIGHT = 1.0
-"""Magnitude of a negative curvature of a femur's profile [1/m] below which it counts as straight"""
-
-
 class Shape(NamedTuple):
     """Points, curvatures and normals of a profile's spline, place by place."""
 
@@ -542,71 +195,8 @@ class FittedCircle(NamedTuple):
     """Points of the part, shape (n, 2) [m]"""
 
 
-def shape_of(points: Floats) -> Shape:
-    """Evaluate the cubic spline over chord length through points of shape (n, 2) [m], as the model does."""
-    from scipy.interpolate import CubicSpline
-
-    way = chord_length(points)
-    spline = CubicSpline(way, points)
-    places = np.linspace(0.0, way[-1], PER_POINT * (len(points) - 1) + 1)
-    (x1, y1), (x2, y2) = spline(places, 1).T, spline(places, 2).T
-    normal = -np.unwrap(np.arctan2(y1, x1))
-    normal -= 2.0 * np.pi * np.round(np.median(normal) / (2.0 * np.pi))
-    return Shape(spline(places), (x1 * y2 - y1 * x2) / np.hypot(x1, y1) ** 3, normal)
-
-
-def femoral_circles(shape: Shape) -> list[FittedCircle]:
-    """Fit circles over those `FEMORAL_WINDOWS` that the profile covers."""
-    degrees = np.degrees(shape.normal)
-    circles = []
-    for low, high in FEMORAL_WINDOWS:
-        part = shape.points[(degrees >= low) & (degrees <= high)]
-        if len(part) >= LEAST_PLACES and degrees.min() <= low + 1.0 and degrees.max() >= high - 1.0:
-            circles.append(FittedCircle((low, high), *circle(part), part))
-    return circles
-
-
-def tibial_circles(shape: Shape) -> list[FittedCircle]:
-    """Fit circles over `TIBIAL_WINDOWS`."""
-    x = shape.points[:, 0]
-    circles = []
-    for low, high in TIBIAL_WINDOWS:
-        begin, end = (x.min() + share * np.ptp(x) for share in (low, high))
-        part = shape.points[(x >= begin) & (x <= end)]
-        centre, radius = circle(part)
-        window = (1e3 * float(begin), 1e3 * float(end))
-        circles.append(FittedCircle(window, centre, radius if centre[1] > part[:, 1].mean() else -radius, part))
-    return circles
-
-
-def dented(shape: Shape) -> list[tuple[float, float]]:
-    """Ranges of the normal's direction [rad] in which a femur's profile is not convex."""
-    return runs(shape.curvature < -STRAIGHT, shape.normal)
-
-
-def concave(shape: Shape) -> list[tuple[float, float]]:
-    """Ranges of x [m] in which a tibia's profile is concave."""
-    return runs(shape.curvature > 0.0, shape.points[:, 0])
-
-
-def runs(where: Any, values: Floats) -> list[tuple[float, float]]:
-    """First and last value of every run of adjacent places that are marked in `where`."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(where, np.int8), [0]])))
-    return [(float(values[a]), float(values[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
-
-
-FEMORAL_ZONE = (-15.0, 70.0)
-"""Directions of a femur's normal [deg] that are in contact in gait"""
-TIBIAL_ZONE = (0.25, 0.75)
-"""Shares of a tibia's width that are in contact in gait"""
-MOST_INSIDE = 0.1
-"""Largest share of places whose bone may lie outside of the cartilage, as meshes cross at the rims"""
-THICKEST = 0.012
-"""Largest plausible thickness [m]: human cartilage of the knee has some 2 mm, of the patella up to 7 mm"""
-
-
 class Thickness(NamedTuple):
-    """Thickness of the cartilage under a profile."""
+    """Thickness of the cartilage under a profile: the distance within the slice from its surface to the bone's."""
 
     along: Floats
     """Thickness at the places of the shape, shape (n,) [m]"""
@@ -614,71 +204,6 @@ class Thickness(NamedTuple):
     """Mean thickness in the contact zone [m]"""
     bone: Floats
     """Straight pieces of the bone's cut, first and second end of each, shape (m, 2, 2) [m]"""
-
-
-def thickness(shape: Shape, chart: Chart, bone: Surface, z: float, femur: bool) -> Thickness:
-    """Measure the thickness at the places of a shape, from the bone cut at `z` [m].
-
-    Raises:
-        UsageError: the slice misses the bone, or the bone is not behind the cartilage.
-    """
-    if not len(bone.triangles):
-        raise UsageError(f"--bone {bone.path}: it must be a mesh or a label map, not a cloud of points")
-    pieces = cut(bone, z)
-    if not len(pieces.begins):
-        raise UsageError(f"--slice {1e3 * z:g} misses --bone {bone.path}, which reaches from {bone.lateral_range}")
-    along = np.sqrt(squared_distances(shape.points, pieces))
-    zone = in_zone(shape, femur)
-    if not zone.any():
-        raise UsageError(
-            "--bone: the profile does not reach the zone that touches in gait, so no thickness can be told"
-        )
-    mean = float(along[zone].mean())
-    if outside_share(shape.points[zone], chart, pieces) > MOST_INSIDE or mean > THICKEST:
-        raise UsageError(
-            f"--bone {bone.path} is not behind the cartilage (distance {1e3 * mean:.1f} mm on average): "
-            "MESH must be the cartilage's surface, --bone the bone's, both in the same axes and --unit"
-        )
-    return Thickness(along, mean, np.stack([pieces.begins, pieces.ends], axis=1))
-
-
-def in_zone(shape: Shape, femur: bool) -> NDArray[np.bool_]:
-    """Which places of a shape are in contact in gait, shape (n,)."""
-    if femur:
-        degrees = np.degrees(shape.normal)
-        return np.asarray((degrees >= FEMORAL_ZONE[0]) & (degrees <= FEMORAL_ZONE[1]))
-    x = shape.points[:, 0]
-    share = (x - x.min()) / np.ptp(x)
-    return np.asarray((share >= TIBIAL_ZONE[0]) & (share <= TIBIAL_ZONE[1]))
-
-
-def squared_distances(points: Floats, pieces: Pieces) -> Floats:
-    """Squared distance [m²] of each point from the nearest straight piece, shape (n,)."""
-    along = pieces.ends - pieces.begins
-    offset = points[:, None, :] - pieces.begins
-    squared_length = np.maximum((along**2).sum(axis=1), 1e-30)
-    share = np.clip((offset * along).sum(axis=2) / squared_length, 0.0, 1.0)
-    return np.asarray(((offset - share[..., None] * along) ** 2).sum(axis=2).min(axis=1))
-
-
-def outside_share(points: Floats, chart: Chart, pieces: Pieces) -> float:
-    """Share of the points for which the nearest bone lies further out than the point."""
-    middles = 0.5 * (pieces.begins + pieces.ends)
-    places, outwards = chart.place(middles), chart.outwards(middles)
-    nearest = np.abs(chart.place(points)[:, None] - places).argmin(axis=1)
-    return float(np.mean(outwards[nearest] > chart.outwards(points)))
-
-
-TOLERANCE, SLAB = 0.05e-3, 2e-3
-"""Defaults of the tolerance and of the slab's half thickness [m]"""
-FLATTEST_FEMUR = 0.35
-"""Smallest ratio of height and width of a femur's slice: a condyle has some 0.8, a plateau 0.1 to 0.2"""
-NOTABLE = 0.5e-3
-"""Deviation of the slice from the profile [m] from which on it is reported"""
-GAIT, LEAST_REACH = (0.0, 60.0), 0.5
-"""Directions of the normal [deg] that are in contact in gait, and the least share of them that a condyle has"""
-WORST = 1e-3
-"""Largest roughness [m] of a slice that counts as a condyle or plateau"""
 
 
 class Fit(NamedTuple):
@@ -706,31 +231,51 @@ def fit(
     """Fit a femur's or a tibia's profile to the slice of a surface at `z` [m]; see `smooth` for `tolerance` [m].
 
     Raises:
-        UsageError: the slice is empty, or no femur's or tibia's.
+        UsageError: the slice is empty, or no femur's or tibia's; or the bone is not behind the cartilage.
     """
-    chart_of: type[Chart] = Polar if femur else Flat
-    slab_points = slices(surface, z, slab, chart_of)
-    check_side(surface, slab_points.raw, femur)
-    chart = chart_of.around(slab_points.raw)
+    slab_points = slices(surface, z, slab, femur)
+    _check_side(surface, slab_points.raw, femur)
+    chart = Chart.around(slab_points.raw, femur)
     smoothed = smooth(slab_points, chart, tolerance)
+    worst = int(np.abs(smoothed.deviations).argmax())
+    off, (x, y) = float(smoothed.deviations[worst]), 1e3 * smoothed.raw[worst]
     if smoothed.roughness > WORST:
-        worst = smoothed.raw[int(np.abs(smoothed.deviations).argmax())]
         kind = "convex condyle" if femur else "plateau"
         raise UsageError(
             f"{surface.path}: the slice at z = {1e3 * z:g} mm is no {kind}: no profile comes closer to it than "
-            f"{1e3 * smoothed.roughness:.1f} mm RMS ({1e3 * smoothed.largest:.1f} mm at x = {1e3 * worst[0]:.1f}, "
-            f"y = {1e3 * worst[1]:.1f} mm); cut off what is no articular surface, or see --slice, --side and --axes"
+            f"{1e3 * smoothed.roughness:.1f} mm RMS ({1e3 * smoothed.largest:.1f} mm at x = {x:.1f}, y = {y:.1f} mm); "
+            "cut off what is no articular surface, or see --slice, --side and --axes"
         )
-    shape = shape_of(smoothed.points)
+    shape = _shape_of(smoothed.points)
     if femur:
-        check_reach(surface, z, shape)
-    cartilage = thickness(shape, chart, bone, z, femur) if bone is not None else None
-    circles = femoral_circles(shape) if femur else tibial_circles(shape)
-    remarks = (*slab_points.remarks, *far_off(smoothed))
-    return Fit(femur, z, slab, tolerance, smoothed, shape, circles, cartilage, remarks)
+        _check_reach(surface, z, shape)
+    cartilage = _thickness(shape, chart, bone, z) if bone is not None else None
+    remarks = slab_points.remarks
+    if abs(off) >= NOTABLE:
+        where = "outside of" if off > 0.0 else "behind"
+        remarks += (f"the slice lies {1e3 * abs(off):.1f} mm {where} the profile at x = {x:.1f}, y = {y:.1f} mm: a "
+                    "dent or a step?",)  # fmt: skip
+    return Fit(femur, z, slab, tolerance, smoothed, shape, _circles(shape, femur), cartilage, remarks)
 
 
-def check_reach(surface: Surface, z: float, shape: Shape) -> None:
+def _check_side(surface: Surface, raw: Floats, femur: bool) -> None:
+    """Refuse a tibia as a femur, a femur as a tibia, and a femur upside down."""
+    width, height = np.ptp(raw, axis=0)
+    flatness = height / max(width, 1e-9)
+    if (femur and flatness < FLATTEST_FEMUR) or (not femur and flatness > FLATTEST_FEMUR):
+        side, as_what, other = (("femur", "flat as a tibial plateau", "tibia") if femur
+                                else ("tibia", "round as a femoral condyle", "femur"))  # fmt: skip
+        raise UsageError(
+            f"--side {side}: the slice of {surface.path} is {1e3 * width:.1f} mm wide and {1e3 * height:.1f} mm high, "
+            f"as {as_what}: --side {other}? (or see --axes and --slice)"
+        )
+    if femur and (raw - circle(raw)[0]).mean(axis=0)[1] > 0.0:
+        raise UsageError(
+            f"--side femur: the condyle of {surface.path} looks up, not down: see --axes (x,-y,z turns it over)"
+        )
+
+
+def _check_reach(surface: Surface, z: float, shape: Shape) -> None:
     """Refuse a profile that cannot be in contact in most of a gait, as of a slice through the intercondylar notch."""
     low, high = np.degrees([shape.normal.min(), shape.normal.max()])
     if min(high, GAIT[1]) - max(low, GAIT[0]) < LEAST_REACH * (GAIT[1] - GAIT[0]):
@@ -741,34 +286,300 @@ def check_reach(surface: Surface, z: float, shape: Shape) -> None:
         )
 
 
-def far_off(smoothed: Smoothed) -> list[str]:
-    """Report where the slice lies far from the profile, which is more than the noise of a mesh."""
-    at = int(np.abs(smoothed.deviations).argmax())
-    off = float(smoothed.deviations[at])
-    if abs(off) < NOTABLE:
-        return []
-    x, y = 1e3 * smoothed.raw[at]
-    where = "outside of" if off > 0.0 else "behind"
-    return [
-        f"the slice lies {1e3 * abs(off):.1f} mm {where} the profile at x = {x:.1f}, y = {y:.1f} mm: a dent or a step?"
-    ]
+def slices(surface: Surface, z: float, slab: float, femur: bool) -> Slices:
+    """Select the articular side of a surface within `slab` [m] of the plane at `z` [m].
+
+    Raises:
+        UsageError: the plane misses the surface or hardly touches it.
+    """
+    if not len(surface.triangles):
+        return _of_cloud(surface, z, slab)
+    middle = cut(surface, z)
+    if len(middle.begins) < LEAST_POINTS:
+        what = "misses" if not len(middle.begins) else "hardly touches"
+        raise UsageError(f"--slice {1e3 * z:g} {what} {surface.path}, which reaches from {surface.lateral_range}")
+    points, remarks = _articular(middle, Chart.around(np.concatenate([middle.begins, middle.ends]), femur))
+    chart = Chart.around(points, femur)
+    places = chart.place(points)
+    found, offsets = [points], [np.zeros(len(points))]
+    planes = math.ceil(slab / DISTANCE)
+    for step in range(1, planes + 1):
+        beside = [_articular(cut(surface, z + side * slab * step / planes), chart)[0] for side in (-1.0, 1.0)]
+        if min(map(len, beside)) < LEAST_POINTS:
+            remarks = [*remarks, f"the slab of {1e3 * slab:g} mm reaches beyond the surface"]
+            break
+        for side, piece in zip((-1.0, 1.0), beside, strict=True):
+            at = chart.place(piece)
+            found.append(piece[(at >= places.min()) & (at <= places.max())])
+            offsets.append(np.full(len(found[-1]), side * step / planes))
+    return Slices(np.concatenate(found), np.concatenate(offsets), tuple(remarks))
 
 
-def check_side(surface: Surface, raw: Floats, femur: bool) -> None:
-    """Refuse a tibia as a femur, a femur as a tibia, and a femur upside down."""
-    width, height = np.ptp(raw, axis=0)
-    flatness = height / max(width, 1e-9)
-    if femur and flatness < FLATTEST_FEMUR:
+def _of_cloud(surface: Surface, z: float, slab: float) -> Slices:
+    """Select the points of a cloud within `slab` [m] of `z` [m], or all of a cloud without a third column."""
+    flat = not surface.points[:, 2].any()
+    distance = np.zeros(len(surface.points)) if flat else surface.points[:, 2] - z
+    inside = np.abs(distance) <= slab
+    if np.count_nonzero(inside) < LEAST_POINTS:
         raise UsageError(
-            f"--side femur: the slice of {surface.path} is {1e3 * width:.1f} mm wide and {1e3 * height:.1f} mm high, "
-            "as flat as a tibial plateau: --side tibia? (or see --axes and --slice)"
+            f"--slice {1e3 * z:g}: only {np.count_nonzero(inside)} points of {surface.path} lie within "
+            f"{1e3 * slab:g} mm of it (--slab); it reaches from {surface.lateral_range}"
         )
-    if not femur and flatness > FLATTEST_FEMUR:
+    remark = "a cloud of points is taken whole: it must hold the articular side only"
+    return Slices(surface.points[inside, :2], distance[inside] / (slab or 1.0), (remark,))
+
+
+def _articular(pieces: Pieces, chart: Chart) -> tuple[Floats, list[str]]:
+    """Select the visible points of the line of which most is visible from outside; return remarks on the rest too."""
+    if not len(pieces.begins):
+        return np.empty((0, 2)), []
+    seen = _seen(0.5 * (pieces.begins + pieces.ends), pieces, chart)
+    lengths = np.hypot(*(pieces.ends - pieces.begins).T)
+    visible = np.bincount(pieces.numbers, weights=lengths * seen)
+    whole = np.bincount(pieces.numbers, weights=lengths)
+    best = int(visible.argmax())
+    chosen = (pieces.numbers == best) & seen
+    points = np.unique(np.concatenate([pieces.begins[chosen], pieces.ends[chosen]]), axis=0)
+    remarks = []
+    others = [length for number, length in enumerate(whole) if number != best and length > LEAST_LENGTH]
+    if others:
+        left = ", ".join(f"{1e3 * length:.1f}" for length in sorted(others, reverse=True)[:5])
+        remarks.append(
+            f"the slice has {1 + len(others)} pieces; taken is the one of which most is seen from outside "
+            f"({1e3 * whole[best]:.1f} mm), left out are {left} mm"
+        )
+    hidden = whole[best] - visible[best]
+    if hidden > LEAST_LENGTH:
+        remarks.append(f"{1e3 * hidden:.1f} mm of the slice lie behind the rest and are left out, as no articular side")
+    return points, remarks
+
+
+def _seen(points: Floats, pieces: Pieces, chart: Chart) -> Any:
+    """Whether no piece lies further out than each of points of shape (n, 2) [m] by more than `COVER`, shape (n,)."""
+    begin, end = chart.place(pieces.begins), chart.place(pieces.ends)
+    out_begin, out_end = chart.outwards(pieces.begins), chart.outwards(pieces.ends)
+    low, high = np.minimum(begin, end), np.maximum(begin, end)
+    usual = high - low < (math.pi if chart.femur else math.inf)  # a piece round the back of a femur covers nothing
+    rise = (out_end - out_begin) / np.where(end == begin, 1.0, end - begin)
+    seen = []
+    for first in range(0, len(points), BLOCK):  # of many points at once, the table would be large
+        part = points[first : first + BLOCK]
+        place, out = chart.place(part)[:, None], chart.outwards(part)[:, None]
+        covers = (low <= place) & (place <= high) & usual & (out_begin + rise * (place - begin) > out + COVER)
+        seen.append(~covers.any(axis=1))
+    return np.concatenate(seen)
+
+
+class _Problem(NamedTuple):
+    """Linear least-squares problem with a penalty and lower bounds; its rows are scaled so that residuals are in m."""
+
+    data: Floats
+    """Rows of the points, in as many rows as unknowns"""
+    target: Floats
+    rest: float
+    """Sum of squares [m²] that is left of the points' own targets whatever the unknowns are"""
+    points: int
+    """Number of points"""
+    penalty: Floats
+    lower: Floats
+    basis: Floats
+    """Columns g on the grid for every unknown except those of tilt and bend across the slab"""
+    grid: Floats
+    """Places"""
+
+    def solve(self, logarithm: float) -> Floats:
+        """Solve the problem for a penalty of 10^logarithm per point; return the unknowns."""
+        from scipy.optimize import lsq_linear
+
+        rows = np.concatenate([self.data, math.sqrt(10.0**logarithm * self.points) * self.penalty])
+        target = np.concatenate([self.target, np.zeros(len(self.penalty))])
+        orthogonal, triangle = np.linalg.qr(rows)  # the same problem in as many rows as unknowns
+        target = orthogonal.T @ target
+        free = np.linalg.lstsq(triangle, target, rcond=None)[0]
+        if (free >= self.lower).all():
+            return np.asarray(free)
+        bounded: Any = lsq_linear(triangle, target, bounds=(self.lower, np.inf), method="bvls")
+        return np.asarray(bounded.x)
+
+    def residual(self, unknowns: Floats) -> float:
+        """RMS distance [m] of the slab's points from the profile, not counting tilt and bend across the slab."""
+        reached = float(np.sum((self.data @ unknowns - self.target) ** 2))
+        return math.sqrt((reached + self.rest) / self.points)
+
+
+def smooth(slab: Slices, chart: Chart, tolerance: float) -> Smoothed:
+    """Smooth a slice so that its RMS distance is at most its roughness and `tolerance` [m], added as squares."""
+    problem = _pose(slab, chart)
+    roughness = problem.residual(problem.solve(ROUGHEST))
+    allowed = math.hypot(roughness, tolerance)
+    low, high = ROUGHEST, SMOOTHEST
+    if problem.residual(problem.solve(high)) <= allowed:
+        low = high
+    for _ in range(HALVINGS if low < high else 0):
+        middle = 0.5 * (low + high)
+        within = problem.residual(problem.solve(middle)) <= allowed
+        low, high = (middle, high) if within else (low, middle)
+    unknowns = problem.solve(low)
+    curve = chart.curve(problem.grid, problem.basis @ unknowns[: problem.basis.shape[1]])
+    raw = slab.raw[np.argsort(chart.place(slab.raw))]
+    way = _chord_length(curve)
+    evenly = np.linspace(0.0, way[-1], math.ceil(way[-1] / SPACING) + 1)
+    points = np.column_stack([np.interp(evenly, way, axis) for axis in curve.T])
+    return Smoothed(points, raw, _distances(raw, curve, chart), roughness, problem.residual(unknowns))
+
+
+def _pose(slab: Slices, chart: Chart) -> _Problem:
+    """Set up the least-squares problem of a slice."""
+    from scipy.interpolate import make_interp_spline
+
+    place = chart.place(slab.points)
+    low, high = float(place.min()), float(place.max())
+    grid = np.linspace(low, high, GRID)
+    v = _b_splines(grid, low, high, KNOTS / chart.scale)
+    basis = chart.columns(grid, v)
+    values, metres = chart.values(slab.points)
+    columns = [make_interp_spline(grid, basis, k=1)(place)]  # linear in between
+    if slab.offsets.any():
+        tilt = _b_splines(place, low, high, TILT_KNOTS / chart.scale)
+        turn = np.polynomial.legendre.legvander(2.0 * (place - low) / (high - low) - 1.0, BENDS)
+        columns += [slab.offsets[:, None] * tilt, slab.offsets[:, None] ** 2 * turn]
+    data = np.concatenate(columns, axis=1) * metres[:, None]
+    own = slice(2, 2 + v.shape[1])
+    bends = np.diff(np.eye(v.shape[1]), 2, axis=0)
+    penalty = np.zeros((len(bends), data.shape[1]))
+    penalty[:, own] = bends * chart.scale
+    lower = np.full(data.shape[1], -np.inf)
+    lower[own] = LEAST_V if chart.femur else -np.inf
+    orthogonal, triangle = np.linalg.qr(data)
+    target = orthogonal.T @ (values * metres)
+    rest = float(np.sum((values * metres - orthogonal @ target) ** 2))
+    return _Problem(triangle, target, rest, len(values), penalty, lower, basis, grid)
+
+
+def _b_splines(places: Floats, low: float, high: float, spacing: float) -> Floats:
+    """Values of cubic B-splines on equally spaced knots from `low` to `high`, shape (places, n)."""
+    from scipy.interpolate import BSpline
+
+    pieces = max(3, math.ceil((high - low) / spacing))
+    knots = low + (high - low) / pieces * np.arange(-3, pieces + 4)
+    inside = np.clip(places, low, high - 1e-12 * (high - low))
+    return np.asarray(BSpline.design_matrix(inside, knots, 3).toarray())
+
+
+def _integral(grid: Floats, columns: Floats) -> Floats:
+    """Integrate each column from the beginning of the grid, by trapezoids; shape (grid, n)."""
+    from scipy.integrate import cumulative_trapezoid
+
+    return np.asarray(cumulative_trapezoid(columns, grid, axis=0, initial=0.0))
+
+
+def _distances(points: Floats, curve: Floats, chart: Chart) -> Floats:
+    """Shortest distances [m] of points from a curve, shape (n,), > 0 outside of it."""
+    from scipy.spatial import cKDTree
+
+    nearest = np.clip(cKDTree(curve).query(points)[1], 1, len(curve) - 2)
+    along = curve[nearest + 1] - curve[nearest - 1]
+    offset = points - curve[nearest]
+    across = np.abs(along[:, 0] * offset[:, 1] - along[:, 1] * offset[:, 0]) / np.hypot(*along.T)
+    out = chart.outwards(points) - np.interp(chart.place(points), chart.place(curve), chart.outwards(curve))
+    return np.asarray(np.copysign(across, out))
+
+
+def _chord_length(points: Floats) -> Floats:
+    """Length along the chords from the first of points of shape (n, 2) [m] to each, shape (n,) [m]."""
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
+
+
+def _shape_of(points: Floats) -> Shape:
+    """Evaluate the cubic spline over chord length through points of shape (n, 2) [m], as the model does."""
+    from scipy.interpolate import CubicSpline
+
+    way = _chord_length(points)
+    spline = CubicSpline(way, points)
+    places = np.linspace(0.0, way[-1], PER_POINT * (len(points) - 1) + 1)
+    (x1, y1), (x2, y2) = spline(places, 1).T, spline(places, 2).T
+    normal = -np.unwrap(np.arctan2(y1, x1))
+    normal -= 2.0 * np.pi * np.round(np.median(normal) / (2.0 * np.pi))
+    return Shape(spline(places), (x1 * y2 - y1 * x2) / np.hypot(x1, y1) ** 3, normal)
+
+
+def circle(points: Floats) -> tuple[Floats, float]:
+    """Fit a circle to points of shape (n, 2) [m] by least squares; return its centre, shape (2,), and radius [m].
+
+    Coope's linear form: (x² + y²) = 2 a x + 2 b y + c. I. D. Coope 1993, J Optim Theory Appl 76:381-388.
+    """
+    middle = points.mean(axis=0)
+    local = points - middle
+    rows = np.column_stack([2.0 * local, np.ones(len(local))])
+    solution = np.linalg.lstsq(rows, (local**2).sum(axis=1), rcond=None)[0]
+    centre = solution[:2]
+    return centre + middle, math.sqrt(max(float(solution[2] + centre @ centre), 0.0))
+
+
+def _circles(shape: Shape, femur: bool) -> list[FittedCircle]:
+    """Fit circles over `TIBIAL_WINDOWS`, or over those `FEMORAL_WINDOWS` that the profile covers."""
+    circles, x, degrees = [], shape.points[:, 0], np.degrees(shape.normal)
+    for low, high in FEMORAL_WINDOWS if femur else ():
+        part = shape.points[(degrees >= low) & (degrees <= high)]
+        if len(part) >= LEAST_PLACES and degrees.min() <= low + 1.0 and degrees.max() >= high - 1.0:
+            circles.append(FittedCircle((low, high), *circle(part), part))
+    for window in () if femur else TIBIAL_WINDOWS:
+        begin, end = (float(x.min() + share * np.ptp(x)) for share in window)
+        part = shape.points[(x >= begin) & (x <= end)]
+        centre, radius = circle(part)
+        radius = radius if centre[1] > part[:, 1].mean() else -radius
+        circles.append(FittedCircle((1e3 * begin, 1e3 * end), centre, radius, part))
+    return circles
+
+
+def dented(shape: Shape) -> list[tuple[float, float]]:
+    """Ranges of the normal's direction [rad] in which a femur's profile is not convex."""
+    return _runs(shape.curvature < -STRAIGHT, shape.normal)
+
+
+def concave(shape: Shape) -> list[tuple[float, float]]:
+    """Ranges of x [m] in which a tibia's profile is concave."""
+    return _runs(shape.curvature > 0.0, shape.points[:, 0])
+
+
+def _runs(where: Any, values: Floats) -> list[tuple[float, float]]:
+    """First and last value of every run of adjacent places that are marked in `where`."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(where, np.int8), [0]])))
+    return [(float(values[a]), float(values[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _thickness(shape: Shape, chart: Chart, bone: Surface, z: float) -> Thickness:
+    """Measure the thickness at the places of a shape, from the bone cut at `z` [m]."""
+    if not len(bone.triangles):
+        raise UsageError(f"--bone {bone.path}: it must be a mesh or a label map, not a cloud of points")
+    pieces = cut(bone, z)
+    if not len(pieces.begins):
+        raise UsageError(f"--slice {1e3 * z:g} misses --bone {bone.path}, which reaches from {bone.lateral_range}")
+    along = _distances_to(pieces, shape.points)
+    x = shape.points[:, 0]
+    reach = np.degrees(shape.normal) if chart.femur else (x - x.min()) / np.ptp(x)
+    first, last = FEMORAL_ZONE if chart.femur else TIBIAL_ZONE
+    zone = (reach >= first) & (reach <= last)
+    if not zone.any():
         raise UsageError(
-            f"--side tibia: the slice of {surface.path} is {1e3 * width:.1f} mm wide and {1e3 * height:.1f} mm high, "
-            "as round as a femoral condyle: --side femur? (or see --axes and --slice)"
+            "--bone: the profile does not reach the zone that touches in gait, so no thickness can be told"
         )
-    if femur and (raw - circle(raw)[0]).mean(axis=0)[1] > 0.0:
+    mean = float(along[zone].mean())
+    middles, points = 0.5 * (pieces.begins + pieces.ends), shape.points[zone]
+    nearest = np.abs(chart.place(points)[:, None] - chart.place(middles)).argmin(axis=1)
+    outside = float(np.mean(chart.outwards(middles)[nearest] > chart.outwards(points)))
+    if outside > MOST_OUTSIDE or mean > THICKEST:
         raise UsageError(
-            f"--side femur: the condyle of {surface.path} looks up, not down: see --axes (x,-y,z turns it over)"
+            f"--bone {bone.path} is not behind the cartilage (distance {1e3 * mean:.1f} mm on average): "
+            "MESH must be the cartilage's surface, --bone the bone's, both in the same axes and --unit"
         )
+    return Thickness(along, mean, np.stack([pieces.begins, pieces.ends], axis=1))
+
+
+def _distances_to(pieces: Pieces, points: Floats) -> Floats:
+    """Distance [m] of each point from the nearest straight piece, shape (n,)."""
+    along = pieces.ends - pieces.begins
+    offset = points[:, None, :] - pieces.begins
+    squared_length = np.maximum((along**2).sum(axis=1), 1e-30)
+    share = np.clip((offset * along).sum(axis=2) / squared_length, 0.0, 1.0)
+    return np.asarray(np.sqrt(((offset - share[..., None] * along) ** 2).sum(axis=2).min(axis=1)))
