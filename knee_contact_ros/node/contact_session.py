@@ -27,7 +27,7 @@ from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.node.health import ContactHealth
 from knee_contact_ros.node.kind import NodeKind, Topics
 from knee_contact_ros.node.markers import MARKER_DEPTH, MARKER_PERIOD, MarkerTopic
-from knee_contact_ros.node.session import DIAGNOSTICS, OUTPUT_DEPTH, Session, deserialize
+from knee_contact_ros.node.session import DIAGNOSTICS, OUTPUT_DEPTH, Session
 from knee_contact_ros.node.subscription import HandedInputs
 from knee_contact_ros.parameters.files import curve_texts
 from knee_contact_ros.parameters.schema import LATERAL, Parameters, has_both
@@ -107,7 +107,7 @@ class ContactSession(Session):
             UsageError: a profile cannot be used or an output file cannot be written.
         """
         self._curves = curve_texts(parameters, {})
-        pipeline = ContactStream(parameters, deserialize, compiled=False, curves=self._curves)
+        pipeline = ContactStream(parameters, compiled=False, curves=self._curves)
         super().__init__(node, parameters, pipeline, ContactHealth(node, parameters, pipeline))
         source = parameters.knee.source
         on_angle = self._on_dynamic_joint_state if source == DYNAMIC_JOINT_STATES else self._on_joint_state

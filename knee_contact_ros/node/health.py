@@ -13,7 +13,7 @@ from std_msgs.msg import Header
 from knee_contact_ros.node.diagnostics import LagMeter, PairingMeter, TickMeter, diagnostic_entry, diagnostic_status
 from knee_contact_ros.node.outputs import Outputs
 from knee_contact_ros.node.subscription import HandedStream, Inputs, InputStream
-from knee_contact_ros.streams.intake import Intake
+from knee_contact_ros.streams.pairing import PairedStreams
 
 if TYPE_CHECKING:
     from knee_contact_ros.parameters.schema import LoadParameters, Parameters
@@ -38,7 +38,7 @@ class Health:
     """Counts ticks, faults and delays of a session, and reports them."""
 
     def __init__(
-        self, node: LifecycleNode, parameters: Parameters | LoadParameters, pipeline: Intake, ticks: TickMeter
+        self, node: LifecycleNode, parameters: Parameters | LoadParameters, pipeline: PairedStreams, ticks: TickMeter
     ) -> None:
         """Begin to count; `ticks` counts the answers."""
         self.parameters = parameters
@@ -117,10 +117,7 @@ class Health:
         if lag > self.parameters.deadline:
             problems.append(f"the node is behind by up to {1e3 * lag:.0f} ms")
             self.node.get_logger().warning(problems[-1], **at_most_every(REFUSAL_LOG_PERIOD))
-        values = self.ticks.values(period) | {
-            "lag max [ms]": f"{1e3 * lag:.1f}",
-            "decoded by ROS": str(self._pipeline.decoder.ordinary),
-        }
+        values = self.ticks.values(period) | {"lag max [ms]": f"{1e3 * lag:.1f}"}
         return diagnostic_status(f"{self.name}: ticks", values, "; ".join(problems))
 
 

@@ -22,7 +22,7 @@ from knee_contact_ros.msg import LoadEstimate
 from knee_contact_ros.node.diagnostics import TickMeter
 from knee_contact_ros.node.health import Health
 from knee_contact_ros.node.kind import NodeKind, Topics
-from knee_contact_ros.node.session import DIAGNOSTICS, OUTPUT_DEPTH, Session, deserialize
+from knee_contact_ros.node.session import DIAGNOSTICS, OUTPUT_DEPTH, Session
 from knee_contact_ros.node.subscription import HandedInputs, HandOver
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.sinks.protocol import Knee
@@ -67,7 +67,7 @@ class LoadSession(Session):
         Raises:
             UsageError: an output file cannot be written.
         """
-        pipeline = LoadStream(parameters, deserialize)
+        pipeline = LoadStream(parameters)
         health = Health(node, parameters, pipeline, TickMeter(Level, "level"))
         super().__init__(node, parameters, pipeline, health)
         self.inputs = self._input_streams(JOINT_STATES, JointState, self._on_joint_state, qos_given)

@@ -14,8 +14,6 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
-from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, TICK, change_record
@@ -27,9 +25,8 @@ from knee_contact_ros.node.transforms import StaticTransformTopic
 from knee_contact_ros.sinks.process import Listeners
 from knee_contact_ros.sinks.protocol import Knee
 from knee_contact_ros.streams.frames import FORCE_TURNED
-from knee_contact_ros.streams.intake import Intake
-from knee_contact_ros.streams.pairing import PairedSample
-from knee_contact_ros.streams.topics import GROUND_REACTION_FORCE, JOINT_REACTION_FORCE, JOINT_STATES, Ending
+from knee_contact_ros.streams.pairing import PairedSample, PairedStreams
+from knee_contact_ros.streams.topics import JOINT_STATES, Ending
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import stamped
 
@@ -37,12 +34,6 @@ OUTPUT_DEPTH = 100
 """Number of messages that a publisher keeps for slow subscribers"""
 DIAGNOSTICS, DIAGNOSTICS_PERIOD = "/diagnostics", 1.0
 """Topic of the diagnostics, and the period [s] of its messages"""
-ROS_TYPES = {JOINT_STATES: JointState, JOINT_REACTION_FORCE: WrenchStamped, GROUND_REACTION_FORCE: WrenchStamped}
-
-
-def deserialize(data: bytes, topic: str) -> Any:
-    """Read an input message with ROS's own deserializer."""
-    return deserialize_message(data, ROS_TYPES[topic])
 
 
 class Session(ABC):
@@ -51,7 +42,7 @@ class Session(ABC):
     streaming: ClassVar[set[Session]] = set()
     """Sessions of this process that are started: the garbage collector is off as long as there is one"""
 
-    def __init__(self, node: LifecycleNode, parameters: Any, pipeline: Intake, health: Health) -> None:
+    def __init__(self, node: LifecycleNode, parameters: Any, pipeline: PairedStreams, health: Health) -> None:
         """Make a session without inputs and outputs; `parameters` are those of the kind of node."""
         self.node, self.parameters, self.pipeline, self.health = node, parameters, pipeline, health
         self.inputs: Inputs

@@ -8,8 +8,7 @@ from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import DurabilityPolicy, QoSProfile
 
 from knee_contact_ros.node.health import REFUSAL_LOG_PERIOD, at_most_every
-from knee_contact_ros.streams.frames import ForceFrame, isb_transform
-from knee_contact_ros.streams.messages import TF_STATIC, decode_transforms, encode_transforms
+from knee_contact_ros.streams.frames import TF_STATIC, ForceFrame, decode_transforms, encode_transforms, isb_transform
 
 LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 """QoS of `/tf_static` as tf2 has it: late subscribers get all earlier messages"""

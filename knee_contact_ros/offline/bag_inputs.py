@@ -10,22 +10,14 @@ from knee_contact_ros.bags.batch import Batch
 from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.bags.topic_names import Names
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.streams.frames import ForceFrame
-from knee_contact_ros.streams.messages import (
-    TF_MESSAGE,
-    TF_STATIC,
-    Decoder,
-    RefusedSampleError,
-    as_joint_state,
-    decode_transforms,
-)
+from knee_contact_ros.streams.frames import TF_MESSAGE, TF_STATIC, ForceFrame, decode_transforms
+from knee_contact_ros.streams.messages import JOINT_STATE, RefusedSampleError, as_joint_state
 from knee_contact_ros.streams.topics import (
     DYNAMIC_JOINT_STATE,
     DYNAMIC_JOINT_STATES,
     JOINT_REACTION_FORCE,
     JOINT_STATES,
     MESSAGE_TYPES,
-    deserialize,
 )
 from knee_contact_ros.system.errors import UsageError, listed
 from knee_contact_ros.system.terminal import warn
@@ -88,11 +80,10 @@ def check_joints(bag: BagInputs, wanted: Mapping[str, str]) -> None:
     Raises:
         UsageError: no sample has one of the joints; the message lists those of the bag.
     """
-    decoder = Decoder(deserialize)
     joints: dict[str, None] = {}  # a set that keeps the order
     for message in bag.messages((f"/{bag.source}",)):
         try:
-            names = decoder.joint_state(message.data)[0].name
+            names = JOINT_STATE.read(message.data, JOINT_STATES)[0].name
         except RefusedSampleError:
             continue
         joints |= dict.fromkeys(names)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.parameters.schema import Knee
 from knee_contact_ros.streams.contact_stream import angle_sample, load_sample
-from knee_contact_ros.streams.messages import joint_state_of, wrench_of
-from knee_contact_ros.streams.topics import JOINT_STATES
+from knee_contact_ros.streams.messages import JOINT_STATE, WRENCH
+from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, JOINT_STATES
 from knee_contact_ros.system.files import share_folder
 
 
@@ -29,12 +29,12 @@ def gait(side: str) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[n
     """
     angles, loads = {}, {}
     with BagReader(share_folder() / "bags" / f"gait2354_{side}") as reader:
-        for topic, _, message in reader.messages():
+        for topic, _, data in reader.raw_messages():
             if topic == f"/{JOINT_STATES}":
-                angle = angle_sample(joint_state_of(message), Knee())
+                angle = angle_sample(JOINT_STATE.read(data, JOINT_STATES)[0], Knee())
                 angles[angle.stamp] = angle.angle
             else:
-                load = load_sample(wrench_of(message))
+                load = load_sample(WRENCH.read(data, JOINT_REACTION_FORCE)[0])
                 loads[load.stamp] = 0.5 * load.axial
     stamps = sorted(loads)
     time = np.array(stamps, dtype=np.float64) * 1e-9

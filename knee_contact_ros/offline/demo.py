@@ -24,7 +24,7 @@ from knee_contact_ros.offline.summary_table import counts, show_summary
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.contact_stream import ContactStream, angle_sample
-from knee_contact_ros.streams.messages import RefusedSampleError
+from knee_contact_ros.streams.messages import JOINT_STATE, RefusedSampleError
 from knee_contact_ros.streams.topics import INPUTS, JOINT_REACTION_FORCE, JOINT_STATES, MESSAGE_TYPES
 from knee_contact_ros.streams.watch import Doubts
 from knee_contact_ros.system.errors import UsageError
@@ -104,7 +104,7 @@ class Recorded(Source):
         with BagReader(self.bag) as reader:
             angle = next(message.data for message in reader.raw_messages() if message.topic == f"/{JOINT_STATES}")
         try:
-            message, _ = pipeline.decoder.joint_state(angle)
+            message, _ = JOINT_STATE.read(angle, JOINT_STATES)
             angle_sample(message, pipeline.parameters.knee, pipeline.model.height_prescribed)
         except RefusedSampleError as refused:
             raise UsageError(f"bag {self.bag}: {refused} (parameters knee.*)") from None

@@ -194,11 +194,11 @@ def _hand_over(
     knee, displacement = pipeline.parameters.knee, pipeline.model.height_prescribed
 
     def angle(index: int) -> AngleSample:
-        message, data = pipeline.decoder.joint_state(states[index])
+        message, data = JOINT_STATE.read(states[index], JOINT_STATES)
         return angle_sample(message, knee, displacement, data, pipeline.synchroniser.angle_delay)
 
     def force(index: int) -> LoadSample:
-        message, data = pipeline.decoder.force(forces[index], JOINT_REACTION_FORCE)
+        message, data = WRENCH.read(forces[index], JOINT_REACTION_FORCE)
         return load_sample(message, pipeline.by_moment, data=data)
 
     untaken = np.flatnonzero(fresh & (paired.tick_of_angle == number))

@@ -19,9 +19,8 @@ from knee_contact_ros.parameters.build import build_model, load_rule, retuned
 from knee_contact_ros.parameters.files import curve_texts, lateral_texts
 from knee_contact_ros.parameters.schema import Knee, Parameters, has_both, lateral_knee
 from knee_contact_ros.streams.frames import ForceFrame
-from knee_contact_ros.streams.intake import Intake
 from knee_contact_ros.streams.messages import (
-    Deserialize,
+    JOINT_STATE,
     JointState,
     RefusedSampleError,
     Stamps,
@@ -31,7 +30,8 @@ from knee_contact_ros.streams.messages import (
     encode_answer_wrench,
     number_of,
 )
-from knee_contact_ros.streams.pairing import TIME_RESET, AngleSample, LoadSample, PairedSample
+from knee_contact_ros.streams.messages import WRENCH as WRENCH_STAMPED
+from knee_contact_ros.streams.pairing import TIME_RESET, AngleSample, LoadSample, PairedSample, PairedStreams
 from knee_contact_ros.streams.topics import (
     JOINT_REACTION_FORCE,
     JOINT_STATES,
@@ -40,7 +40,6 @@ from knee_contact_ros.streams.topics import (
     KNEE_CONTACT_WRENCH,
     Answer,
     Record,
-    deserialize,
     is_lateral,
 )
 from knee_contact_ros.streams.watch import Doubts, Split, doubts_about
@@ -111,20 +110,19 @@ def load_sample(
     return LoadSample(stamp, -axial, moment, message.frame_id, data, arrived)
 
 
-class ContactStream(Intake):
+class ContactStream(PairedStreams):
     """Pipeline of the contact node: samples, pairing and model."""
 
     def __init__(
         self,
         parameters: Parameters,
-        deserialize: Deserialize = deserialize,
         *,
         compiled: bool,
         curves: Mapping[str, str] | None = None,
     ) -> None:
-        """Build the model; see `build_model` for `curves`, and `Decoder` for `deserialize`."""
+        """Build the model; see `build_model` for `curves`."""
         frame = ForceFrame(parameters.frame.tibia, JOINT_REACTION_FORCE)
-        super().__init__(JOINT_REACTION_FORCE, parameters.pairing, frame, deserialize)
+        super().__init__(JOINT_REACTION_FORCE, parameters.pairing, frame)
         self.parameters = parameters
         self._texts = curve_texts(parameters, {}) if curves is None else curves
         self.compartments = compartments_of(parameters, self._texts)
@@ -155,14 +153,25 @@ class ContactStream(Intake):
         """Sentences about implausible parameters of either compartment, each once."""
         return list(dict.fromkeys(doubt for part in self.compartments for doubt in part.doubts.about_parameters))
 
-    def angle_sample(self, message: JointState, data: bytes) -> AngleSample:
-        """Flexion angle, and femoral height with the displacement drive; see `samples.angle_sample`."""
+    def take_joint_state(self, data: bytes) -> list[PairedSample]:
+        """Take a JointState; see `PairedStreams.take_joint_state`."""
         knee, delay = self.parameters.knee, self.synchroniser.angle_delay
-        return angle_sample(message, knee, self.model.height_prescribed, data, delay)
+        try:
+            message, recorded = JOINT_STATE.read(data, JOINT_STATES)
+            sample = angle_sample(message, knee, self.model.height_prescribed, recorded, delay)
+        except RefusedSampleError as refused:
+            return self.refuse(refused)
+        return self.synchroniser.push_angle(sample)
 
-    def force_sample(self, message: WrenchStamped, data: bytes, arrived: float) -> LoadSample:
-        """Joint reaction on the tibia; see `samples.load_sample`."""
-        return load_sample(message, self.by_moment, arrived, data)
+    def take_force(self, data: bytes, arrived: float = 0.0) -> list[PairedSample]:
+        """Take the joint reaction on the tibia; see `PairedStreams.take_force`."""
+        try:
+            came, as_it_came = WRENCH_STAMPED.read(data, JOINT_REACTION_FORCE)
+            wrench, recorded = self.frame.turned(came, as_it_came)
+            sample = load_sample(wrench, self.by_moment, arrived, recorded)
+        except RefusedSampleError as refused:
+            return self.refuse(refused)
+        return self.push_load(sample, came.frame_id)
 
     def compute(self, pair: PairedSample) -> list[bytes]:
         """Compute a tick; return the answer of each compartment as the bytes of a `KneeContact`."""

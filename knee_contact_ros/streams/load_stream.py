@@ -13,9 +13,9 @@ from knee_contact_ros.joint_reaction.leg import UNKNOWN, Ground, Joints, Motion,
 from knee_contact_ros.model.knee import LARGEST_ANGLE
 from knee_contact_ros.parameters.schema import ActuatedJoint, GroundForce, LoadParameters, MeasuredJoint
 from knee_contact_ros.streams.frames import ForceFrame
-from knee_contact_ros.streams.intake import Intake
 from knee_contact_ros.streams.messages import (
-    Deserialize,
+    JOINT_STATE,
+    WRENCH,
     JointState,
     RefusedSampleError,
     WrenchStamped,
@@ -24,7 +24,7 @@ from knee_contact_ros.streams.messages import (
     header,
     number_of,
 )
-from knee_contact_ros.streams.pairing import TIME_RESET, AngleSample, LoadSample, PairedSample
+from knee_contact_ros.streams.pairing import TIME_RESET, AngleSample, LoadSample, PairedSample, PairedStreams
 from knee_contact_ros.streams.topics import (
     GROUND_REACTION_FORCE,
     JOINT_REACTION_FORCE,
@@ -32,7 +32,6 @@ from knee_contact_ros.streams.topics import (
     LOAD_ESTIMATE,
     Answer,
     Record,
-    deserialize,
 )
 
 LARGEST_TORQUE = 1e5
@@ -123,13 +122,13 @@ def _turned(vector: Vector, angle: float) -> Vector:
     return cosine * x - sine * y, sine * x + cosine * y, z
 
 
-class LoadStream(Intake):
+class LoadStream(PairedStreams):
     """Pipeline of the load node: samples, pairing and estimator."""
 
-    def __init__(self, parameters: LoadParameters, deserialize: Deserialize = deserialize) -> None:
-        """Begin without samples; see `Decoder` for `deserialize`."""
+    def __init__(self, parameters: LoadParameters) -> None:
+        """Begin without samples."""
         frame = ForceFrame(parameters.frame.ground, GROUND_REACTION_FORCE)
-        super().__init__(GROUND_REACTION_FORCE, parameters.pairing, frame, deserialize)
+        super().__init__(GROUND_REACTION_FORCE, parameters.pairing, frame)
         self.parameters = parameters
         self.level = parameters.chosen_level
         self._motion = MotionFilter(parameters.motion_window)
@@ -137,13 +136,24 @@ class LoadStream(Intake):
         self.estimate: Estimate | None = None
         """Last estimate; None before the first tick"""
 
-    def angle_sample(self, message: JointState, data: bytes) -> AngleSample:
-        """Angles and actuators' torques of the leg; see `leg_sample`."""
-        return leg_sample(message, self.parameters, data, self.synchroniser.angle_delay)
+    def take_joint_state(self, data: bytes) -> list[PairedSample]:
+        """Take angles and actuators' torques of the leg; see `PairedStreams.take_joint_state`."""
+        try:
+            message, recorded = JOINT_STATE.read(data, JOINT_STATES)
+            sample = leg_sample(message, self.parameters, recorded, self.synchroniser.angle_delay)
+        except RefusedSampleError as refused:
+            return self.refuse(refused)
+        return self.synchroniser.push_angle(sample)
 
-    def force_sample(self, message: WrenchStamped, data: bytes, arrived: float) -> LoadSample:
-        """Ground force; see `ground_sample`."""
-        return ground_sample(message, self.parameters.ground, data, arrived)
+    def take_force(self, data: bytes, arrived: float = 0.0) -> list[PairedSample]:
+        """Take the ground force; see `PairedStreams.take_force`."""
+        try:
+            came, as_it_came = WRENCH.read(data, GROUND_REACTION_FORCE)
+            wrench, recorded = self.frame.turned(came, as_it_came)
+            sample = ground_sample(wrench, self.parameters.ground, recorded, arrived)
+        except RefusedSampleError as refused:
+            return self.refuse(refused)
+        return self.push_load(sample, came.frame_id)
 
     def sense(self, pair: PairedSample) -> tuple[Joints, Motion, Ground]:
         """Joints, motion and ground force at a pair's stamp. To be called for every pair in order.

@@ -22,14 +22,7 @@ from rosbags.typesys.store import Typestore
 
 from knee_contact_ros.model.types import MESSAGE
 from knee_contact_ros.model.types import WRENCH as WRENCH_BYTES
-from knee_contact_ros.streams.topics import (
-    DYNAMIC_JOINT_STATE,
-    JOINT_STATES,
-    NANOSECONDS,
-    check_stamp,
-    stamp_to_ns,
-    typestore,
-)
+from knee_contact_ros.streams.topics import DYNAMIC_JOINT_STATE, NANOSECONDS, check_stamp, stamp_to_ns, typestore
 from knee_contact_ros.system.errors import listed, printable
 
 Bytes = NDArray[np.uint8]
@@ -47,7 +40,7 @@ STAMP_END = 12
 MOST_TRAILING = 12
 """Largest surplus [B] of ROS's `serialize_message`, which makes room to align numbers even where none follow"""
 LONGEST = 65536
-"""Largest message [B] that is read here, so that the remembered layouts stay small"""
+"""Largest message [B] whose layout is remembered, so that these stay small"""
 MOST_LAYOUTS = 16
 """Largest number of layouts remembered at a time"""
 UNKNOWN = (struct.error, ValueError, KeyError)
@@ -94,40 +87,45 @@ Shape = tuple[Any, ...]
 
 
 class Layout:
-    """Layout of messages of one shape.
+    """Layout of messages of one shape, found in one of them.
 
-    The parts of a message are the first half of the encapsulation, seconds, nanoseconds, and then constants, which the
-    shape fixes (`known`), and numbers; between them is padding.
+    The parts of a message are the first half of the encapsulation, seconds, nanoseconds, and then constants, which all
+    messages of the shape have (`known`), and numbers; between them is padding.
     """
 
-    def __init__(self, kind: type, shape: Shape, order: Order = "<", trailing: int = 0) -> None:
-        """Lay out a message of a kind and shape in a byte order, followed by `trailing` bytes."""
-        self.written = self
-        """Layout in which such messages are written"""
+    def __init__(self, kind: type, data: bytes) -> None:
+        """Find the layout of a message; raises one of `UNKNOWN`."""
+        self._data, self._order = data, BYTE_ORDERS[data[:2]]
+        self._form, self._end, self._parts = [f"{self._order}2s2xiI"], STAMP_END, 3
         self.known: dict[int, bytes] = {}
         """Bytes of the constant parts, by the number of the part"""
-        self._form, self._end, self._parts = [f"{order}2s2xiI"], STAMP_END, 3
         self.texts: list[Any] = []
         """Values of the fields that are text or texts, which come before the fields of numbers"""
         self._slots: list[slice] = []  # the parts of each field of numbers
-        self._order, self._types = order, {"seconds": ("i4", 4), "nanoseconds": ("u4", 8)}
-        for (name, form), given in zip(FIELDS[kind].items(), shape, strict=True):
-            if form in (NUMBERS, VECTOR):
-                self._slots.append(self._numbers(name, given, counted=form == NUMBERS))
+        self._types = {"seconds": ("i4", 4), "nanoseconds": ("u4", 8)}
+        for name, form in FIELDS[kind].items():
+            if form == TEXT:
+                self.texts.append(self._text())
+            elif form == TEXTS:
+                self.texts.append(tuple([self._text() for _ in range(self._count())]))
             else:
-                self._texts(given if form == TEXTS else [given], counted=form == TEXTS)
-                self.texts.append(given)
+                self._slots.append(self._numbers(name, self._count() if form == NUMBERS else 3))
         self.length = self._end
         """Length [B] of a message without trailing bytes"""
+        trailing = len(data) - self._end
+        if not 0 <= trailing <= MOST_TRAILING:
+            raise ValueError("truncated, or something behind the message")
         self.numbers_in: Callable[[tuple[Any, ...]], tuple[tuple[float, ...], ...]] = itemgetter(*self._slots)
         """Takes the numbers of each field out of the parts of a message"""
         self._pick = itemgetter(0, *self.known)
-        self._fixed = (b"\x00\x01" if order == "<" else b"\x00\x00", *self.known.values())
+        self._fixed = (data[:2], *self.known.values())
         packing = struct.Struct("".join(self._form) + f"{trailing}x")
         self.unpack: Callable[[bytes], tuple[Any, ...]] = packing.unpack
         """Splits the bytes of a message into its parts; padding, in which ROS leaves old memory, is skipped"""
         self.pack = packing.pack
         """Joins parts to the bytes of a message; padding becomes zeros"""
+        self.written = self
+        """Layout in which such messages are written"""
 
     @property
     def numbers(self) -> np.dtype[Any]:
@@ -150,9 +148,30 @@ class Layout:
             parts[slot] = value
         return parts
 
-    def _numbers(self, name: str, count: int, counted: bool) -> slice:
-        if counted:
-            self._constant(struct.pack(f"{self._order}I", count))
+    def _text(self) -> str:
+        content = self._constant(4 + self._length())[4:]
+        if content.index(0) != len(content) - 1:
+            raise ValueError("no text, or not all of it")
+        return content[:-1].decode()
+
+    def _count(self) -> int:
+        count = self._length()
+        self._constant(4)
+        return count
+
+    def _length(self) -> int:
+        self._align(4)
+        return int(struct.unpack_from(f"{self._order}I", self._data, self._end)[0])
+
+    def _constant(self, length: int) -> bytes:
+        content = self._data[self._end : self._end + length]
+        self._form.append(f"{length}s")
+        self.known[self._parts] = content
+        self._parts += 1
+        self._end += length
+        return content
+
+    def _numbers(self, name: str, count: int) -> slice:
         begin = self._parts
         if count:  # without any there is no padding either
             self._align(8)
@@ -161,20 +180,6 @@ class Layout:
             self._end += 8 * count
             self._parts += count
         return slice(begin, self._parts)
-
-    def _texts(self, texts: Sequence[str], counted: bool) -> None:
-        if counted:
-            self._constant(struct.pack(f"{self._order}I", len(texts)))
-        for text in texts:
-            encoded = text.encode()
-            self._constant(struct.pack(f"{self._order}I{len(encoded)}sx", len(encoded) + 1, encoded))
-
-    def _constant(self, content: bytes) -> None:
-        self._align(4)
-        self._form.append(f"{len(content)}s")
-        self.known[self._parts] = content
-        self._parts += 1
-        self._end += len(content)
 
     def _align(self, size: int) -> None:
         padding = (len(HEADER) - self._end) % size
@@ -190,7 +195,7 @@ class Coder(Generic[Content]):
         self._layouts: dict[int, Layout] = {}
 
     def decode(self, data: bytes | bytearray | memoryview) -> tuple[Content, bytes] | None:
-        """Content of a message, and the bytes to record; None if ROS's own deserializer has to read it."""
+        """Content of a message, and the bytes to record; None if they are none."""
         try:
             received = data if type(data) is bytes else bytes(data)
             layout = self._layouts.get(len(received))
@@ -205,6 +210,17 @@ class Coder(Generic[Content]):
         except UNKNOWN:
             return None
 
+    def read(self, data: bytes, topic: str) -> tuple[Content, bytes]:
+        """Content of a message of a topic, and the bytes to record.
+
+        Raises:
+            RefusedSampleError: the bytes are no such message.
+        """
+        decoded = self.decode(data)
+        if decoded is None:
+            raise RefusedSampleError("undecodable", f"{topic}: {len(data)} bytes are no message of its type")
+        return decoded
+
     def encode(self, content: Content) -> bytes:
         """Bytes of a message with this content.
 
@@ -217,52 +233,16 @@ class Coder(Generic[Content]):
 
     def _read(self, data: bytes) -> Layout:
         """Find the layout of a message, and remember it; raises one of `UNKNOWN`."""
+        layout = Layout(self.kind, data)
+        content = self.kind(0, *layout.texts, *layout.numbers_in(layout.unpack(data)))
         if len(data) > LONGEST:
-            raise ValueError("too long")
-        order = BYTE_ORDERS[data[:2]]
-        shape, end = _Walk(data, order).shape(FIELDS[self.kind])
-        if not 0 <= len(data) - end <= MOST_TRAILING:
-            raise ValueError("truncated, or something behind the message")
+            layout.written = Layout(self.kind, _plain(content))
+            return layout
+        layout.written = written_layout(self.kind, shape_of(content))
         if len(self._layouts) >= MOST_LAYOUTS:
             self._layouts.clear()
-        self._layouts[len(data)] = layout = Layout(self.kind, shape, order, len(data) - end)
-        layout.written = written_layout(self.kind, shape)
+        self._layouts[len(data)] = layout
         return layout
-
-
-class _Walk:
-    """Single pass through the bytes of a message; raises one of `UNKNOWN`."""
-
-    def __init__(self, data: bytes, order: Order) -> None:
-        self._data, self._order, self._at = data, order, STAMP_END
-
-    def shape(self, fields: dict[str, str]) -> tuple[Shape, int]:
-        """Shape of the message, and the offset [B] of its end."""
-        return tuple([self._field(form) for form in fields.values()]), self._at
-
-    def _field(self, form: str) -> Any:
-        if form == TEXT:
-            return self._text()
-        if form == TEXTS:
-            return tuple([self._text() for _ in range(self._length())])
-        count = self._length() if form == NUMBERS else 3
-        if count:
-            self._at += (len(HEADER) - self._at) % 8 + 8 * count
-        return count
-
-    def _length(self) -> int:
-        self._at += (len(HEADER) - self._at) % 4
-        (length,) = struct.unpack_from(f"{self._order}I", self._data, self._at)
-        self._at += 4
-        return int(length)
-
-    def _text(self) -> str:
-        length = self._length()
-        text = self._data[self._at : self._at + length]
-        if text.index(0) != length - 1:
-            raise ValueError("no text, or not all of it")
-        self._at += length
-        return text[:-1].decode()
 
 
 def shape_of(content: JointState | WrenchStamped) -> Shape:
@@ -273,9 +253,30 @@ def shape_of(content: JointState | WrenchStamped) -> Shape:
 
 
 @lru_cache(maxsize=MOST_LAYOUTS)
-def written_layout(kind: type, shape: Shape) -> Layout:
+def written_layout(kind: Any, shape: Shape) -> Layout:
     """Layout in which messages of a shape are written."""
-    return Layout(kind, shape)
+    forms = FIELDS[kind].values()
+    values = [given if form in (TEXT, TEXTS) else (0.0,) * given for form, given in zip(forms, shape, strict=True)]
+    return Layout(kind, _plain(kind(0, *values)))
+
+
+def _plain(content: JointState | WrenchStamped) -> bytes:
+    """Bytes of a message with this content, but for the stamp; written field by field."""
+    data = bytearray(HEADER + bytes(STAMP_END - len(HEADER)))
+
+    def put(part: bytes, size: int) -> None:
+        data.extend(bytes((len(HEADER) - len(data)) % size) + part)
+
+    values: Sequence[Any] = content[1:]
+    for form, value in zip(FIELDS[type(content)].values(), values, strict=True):
+        if form in (TEXTS, NUMBERS):
+            put(struct.pack("<I", len(value)), 4)
+        for text in [value] if form == TEXT else value if form == TEXTS else []:
+            encoded = text.encode() + b"\x00"
+            put(struct.pack("<I", len(encoded)) + encoded, 4)
+        if form in (NUMBERS, VECTOR) and value:
+            put(struct.pack(f"<{len(value)}d", *value), 8)
+    return bytes(data)
 
 
 def stamp_in(data: bytes) -> int:
@@ -297,13 +298,13 @@ encode_wrench_stamped = WRENCH.encode
 
 
 def decode_joint_state(data: bytes | bytearray | memoryview) -> JointState | None:
-    """Content of a JointState; None if ROS's own deserializer has to read the bytes."""
+    """Content of a JointState; None if the bytes are none."""
     decoded = JOINT_STATE.decode(data)
     return decoded and decoded[0]
 
 
 def decode_wrench_stamped(data: bytes | bytearray | memoryview) -> WrenchStamped | None:
-    """Content of a WrenchStamped; None if ROS's own deserializer has to read the bytes."""
+    """Content of a WrenchStamped; None if the bytes are none."""
     decoded = WRENCH.decode(data)
     return decoded and decoded[0]
 
@@ -318,64 +319,6 @@ class RefusedSampleError(Exception):
     def __init__(self, reason: str, text: str) -> None:
         super().__init__(printable(text))
         self.reason = reason
-
-
-Deserialize = Callable[[bytes, str], Any]
-"""General deserializer: returns a message from its bytes and its topic; raises anything if they are no such message"""
-
-
-class Decoder:
-    """Reader of the input messages: our own coder, or the general deserializer for messages that it cannot read."""
-
-    def __init__(self, deserialize: Deserialize) -> None:
-        self.ordinary = 0
-        """Number of messages for the general deserializer"""
-        self._deserialize = deserialize
-
-    def joint_state(self, data: bytes) -> tuple[JointState, bytes]:
-        """Content of a JointState, and the bytes in which it is recorded.
-
-        Raises:
-            RefusedSampleError: the bytes are no such message.
-        """
-        return JOINT_STATE.decode(data) or self._deserialized(data, JOINT_STATES, JOINT_STATE, joint_state_of)
-
-    def force(self, data: bytes, topic: str) -> tuple[WrenchStamped, bytes]:
-        """Content of a WrenchStamped of a topic, and the bytes in which it is recorded.
-
-        Raises:
-            RefusedSampleError: the bytes are no such message.
-        """
-        return WRENCH.decode(data) or self._deserialized(data, topic, WRENCH, wrench_of)
-
-    def _deserialized(
-        self, data: bytes, topic: str, coder: Coder[Content], content_of: Callable[[Any], Content]
-    ) -> tuple[Content, bytes]:
-        self.ordinary += 1
-        try:
-            content = content_of(self._deserialize(data, topic))
-        except Exception as error:  # whatever broken bytes provoke in a deserializer
-            text = f"{topic}: {len(data)} bytes are no message of its type ({' '.join(str(error).split())})"
-            raise RefusedSampleError("undecodable", text) from None
-        checked_stamp(content.stamp, topic)
-        return content, coder.encode(content)
-
-
-def joint_state_of(message: Any) -> JointState:
-    """Content of a JointState, of ROS's own class or that of rosbags."""
-    return JointState(
-        stamp_to_ns(message.header.stamp), message.header.frame_id, tuple(message.name),
-        *(tuple(map(float, numbers)) for numbers in (message.position, message.velocity, message.effort)),
-    )  # fmt: skip
-
-
-def wrench_of(message: Any) -> WrenchStamped:
-    """Content of a WrenchStamped, of ROS's own class or that of rosbags."""
-    force, torque = message.wrench.force, message.wrench.torque
-    return WrenchStamped(
-        stamp_to_ns(message.header.stamp), message.header.frame_id,
-        (force.x, force.y, force.z), (torque.x, torque.y, torque.z),
-    )  # fmt: skip
 
 
 def number_of(message: JointState, joint: str, quantity: str) -> float:
@@ -476,56 +419,3 @@ def as_joint_state(data: bytes) -> bytes:
         return encode_joint_state(content)
     except Exception:  # whatever broken bytes provoke
         return b""
-
-
-TF_STATIC = "/tf_static"
-TF_MESSAGE = "tf2_msgs/msg/TFMessage"
-
-
-class Transform(NamedTuple):
-    """Pose of a child frame in its parent frame: p_parent = rotation · p_child + translation."""
-
-    parent: str
-    """Name of the parent frame"""
-    child: str
-    """Name of the child frame"""
-    translation: tuple[float, float, float]
-    """Translation x, y, z [m]"""
-    rotation: tuple[float, float, float, float]
-    """Rotation as a quaternion x, y, z, w"""
-
-
-def decode_transforms(data: bytes) -> list[Transform]:
-    """Transforms in the bytes of a TFMessage.
-
-    Raises:
-        ValueError: the bytes are no such message.
-    """
-    try:
-        message: Any = typestore().deserialize_cdr(data, TF_MESSAGE)
-        return [_transform(one.header.frame_id, one.child_frame_id, one.transform) for one in message.transforms]
-    except Exception as error:  # whatever broken bytes provoke
-        raise ValueError(f"{len(data)} bytes are no {TF_MESSAGE} ({' '.join(str(error).split())})") from None
-
-
-def encode_transforms(transforms: list[Transform], stamp: int) -> bytes:
-    """Bytes of a TFMessage with transforms that share a stamp [ns]."""
-    types = typestore().types
-    vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
-    transform, stamped = types["geometry_msgs/msg/Transform"], types["geometry_msgs/msg/TransformStamped"]
-    time, header = types["builtin_interfaces/msg/Time"], types["std_msgs/msg/Header"]
-    message = types[TF_MESSAGE]([
-        stamped(
-            header(time(*divmod(stamp, NANOSECONDS)), one.parent), one.child,
-            transform(vector(*one.translation), quaternion(*one.rotation)),
-        )
-        for one in transforms
-    ])  # fmt: skip
-    return bytes(typestore().serialize_cdr(message, TF_MESSAGE))
-
-
-def _transform(parent: str, child: str, transform: Any) -> Transform:
-    place, turn = transform.translation, transform.rotation
-    return Transform(
-        parent.removeprefix("/"), child.removeprefix("/"), (place.x, place.y, place.z), (turn.x, turn.y, turn.z, turn.w)
-    )

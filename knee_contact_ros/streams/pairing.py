@@ -14,15 +14,17 @@ from __future__ import annotations
 
 import itertools
 import math
+from abc import ABC, abstractmethod
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import pairwise
 from typing import Any, Generic, NamedTuple, Protocol, TypeVar
 
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.parameters.schema import Pairing
-from knee_contact_ros.streams.messages import WrenchStamped
-from knee_contact_ros.streams.topics import NANOSECONDS
+from knee_contact_ros.streams.frames import ForceFrame
+from knee_contact_ros.streams.messages import RefusedSampleError, WrenchStamped
+from knee_contact_ros.streams.topics import JOINT_STATES, NANOSECONDS, Answer, Ending
 
 STEPS = 8
 """Number of past steps that show how far the next one may go; the second longest counts, as one may be a pause"""
@@ -507,3 +509,91 @@ def _between(before: AngleSample, after: AngleSample, stamp: int) -> AngleSample
         return before._replace(stamp=stamp, angle=angle, height=height)
     others = tuple([old + part * (new - old) for old, new in zip(before.others, after.others, strict=True)])
     return before._replace(stamp=stamp, angle=angle, height=height, others=others)
+
+
+class PairedStreams(ABC):
+    """What all computations on two streams have in common: samples are refused or paired, and pairs are answered."""
+
+    def __init__(self, force_topic: str, pairing: Pairing, frame: ForceFrame) -> None:
+        """Begin without samples."""
+        self.force_topic = force_topic
+        self.frame = frame
+        self.synchroniser = Synchroniser(pairing)
+        self.ticks = 0
+        self.last_refusal = ""
+        self._pending: deque[PairedSample] = deque()  # what is being answered
+
+    @abstractmethod
+    def take_joint_state(self, data: bytes) -> list[PairedSample]:
+        """Take the bytes of a JointState; return the pairs that it makes possible, to be computed one by one."""
+
+    @abstractmethod
+    def take_force(self, data: bytes, arrived: float = 0.0) -> list[PairedSample]:
+        """Take the bytes of a WrenchStamped that arrived at a time [s] by the caller's clock; return the pairs."""
+
+    @abstractmethod
+    def compute(self, pair: PairedSample) -> list[bytes]:
+        """Compute a tick; return the bytes of its messages."""
+
+    @abstractmethod
+    def answer(self, pair: PairedSample, messages: Sequence[bytes], latency: float = 0.0) -> Answer:
+        """Answer of the tick that was computed last: its `messages`, and the inputs that led to them.
+
+        `latency` [s] is the time from the arrival of the force to the publication, where it is measured.
+        """
+
+    @abstractmethod
+    def retune(self, parameters: Any) -> None:
+        """Continue with other numbers among the parameters, between two ticks."""
+
+    @property
+    def refused(self) -> int:
+        """Number of refused samples."""
+        return self.synchroniser.refused.total()
+
+    def refuse(self, refused: RefusedSampleError) -> list[PairedSample]:
+        """Count a sample that cannot be used; it makes no pairs."""
+        self.synchroniser.refuse(refused.reason)
+        self.last_refusal = str(refused)
+        return []
+
+    def push_load(self, sample: LoadSample, came_in: str) -> list[PairedSample]:
+        """Take a load whose message came in a frame; all others are expected in it unless this one is refused."""
+        if self.frame.is_held:
+            return self.synchroniser.push_load(sample)
+        refused_before = self.refused
+        pairs = self.synchroniser.push_load(sample)
+        if self.refused == refused_before:
+            self.frame.hold(came_in)
+        return pairs
+
+    def joint_state(self, data: bytes) -> Iterator[Answer]:
+        """Take the bytes of a JointState; yield the answers that it makes possible."""
+        return self._answers(self.take_joint_state(data))
+
+    def force(self, data: bytes) -> Iterator[Answer]:
+        """Take the bytes of a WrenchStamped; yield the answers that it makes possible."""
+        return self._answers(self.take_force(data))
+
+    def finish(self) -> Iterator[Answer]:
+        """Yield the answers to all that waits: no more samples will come."""
+        return self._answers(self.synchroniser.finish())
+
+    def reset(self) -> None:
+        """Restart from rest at the next tick, which is flagged (`TIME_RESET`), with forces in any frame."""
+        self.frame.forget()
+        if self._pending:
+            self._pending[0] = self._pending[0]._replace(status=self._pending[0].status | TIME_RESET)
+        else:
+            self.synchroniser.start_anew()
+
+    def ending(self) -> Ending:
+        """End of a recording: the angles that belong to no answer, and the counts of refused samples."""
+        inputs = tuple((JOINT_STATES, sample.came_at, sample.data) for sample in self.synchroniser.rest())
+        return Ending(inputs, dict(self.synchroniser.refused))
+
+    def _answers(self, pairs: Sequence[PairedSample]) -> Iterator[Answer]:
+        self._pending.extend(pairs)
+        while self._pending:
+            pair = self._pending.popleft()
+            yield self.answer(pair, self.compute(pair))

@@ -14,19 +14,21 @@ from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.bags.topic_names import names_in_bag
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.streams.frames import FORCE_TURNED
-from knee_contact_ros.streams.messages import (
+from knee_contact_ros.streams.frames import (
+    FORCE_TURNED,
     TF_MESSAGE,
     TF_STATIC,
-    JointState,
     Transform,
+    decode_transforms,
+    encode_transforms,
+)
+from knee_contact_ros.streams.messages import (
+    JointState,
     WrenchStamped,
     _types,
     as_joint_state,
     decode_joint_state,
-    decode_transforms,
     encode_joint_state,
-    encode_transforms,
     encode_wrench_stamped,
 )
 from knee_contact_ros.streams.topics import DYNAMIC_JOINT_STATE, MESSAGE_TYPES

@@ -25,17 +25,16 @@ from knee_contact_ros.offline.estimate_load import LoadSummary, estimate_load
 from knee_contact_ros.offline.solve import SOURCE_DAMAGE, solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
-from knee_contact_ros.streams.frames import FORCE_TURNED, FROM_REP_103
-from knee_contact_ros.streams.load_stream import LoadStream
-from knee_contact_ros.streams.messages import (
+from knee_contact_ros.streams.frames import (
+    FORCE_TURNED,
+    FROM_REP_103,
     TF_MESSAGE,
     TF_STATIC,
-    JointState,
     Transform,
-    encode_joint_state,
     encode_transforms,
-    encode_wrench_stamped,
 )
+from knee_contact_ros.streams.load_stream import LoadStream
+from knee_contact_ros.streams.messages import JointState, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.streams.topics import LOAD_INPUTS, LOAD_RECORDED, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.bags import write_rosbag2

@@ -17,8 +17,7 @@ from rclpy.serialization import deserialize_message
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.streams.frames import isb_transform
-from knee_contact_ros.streams.messages import Transform, decode_transforms, encode_transforms
+from knee_contact_ros.streams.frames import Transform, decode_transforms, encode_transforms, isb_transform
 from tests.helpers.messages import RosMessages, header
 from tests.offline.test_bag_inputs import PLAIN, answers, bag_of, dynamic, forces, plain_angles
 from tests.ros.conftest import NodeProcess, Peer

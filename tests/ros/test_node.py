@@ -30,7 +30,6 @@ from tests.helpers.messages import RosMessages
 from tests.helpers.needs import needs_viewer
 from tests.helpers.sockets import internet_sockets
 from tests.ros.conftest import PATIENCE, NodeProcess, Peer, call, own_words
-from tests.ros.faults import many_joints
 from tests.ros.series import ANGLES, AXIAL, STAMPS, STEP, send_all
 
 Start = Callable[..., NodeProcess]
@@ -167,13 +166,6 @@ def test_simulated_time_stamps_the_diagnostics_and_nothing_else(peer: Peer, star
     peer.wait_until(lambda: len(peer.contacts) == len(peer.wrenches) == 3)
     for answers in (peer.contacts, peer.wrenches):
         assert [answer.header.stamp.nanosec for answer in answers] == [0, STEP, 2 * STEP]
-
-
-def test_what_only_ros_can_decode_is_counted(peer: Peer, start_node: Start) -> None:
-    start_node()
-    peer.wait_for_node()
-    many_joints(peer, STEP)
-    peer.wait_until(lambda: peer.diagnostics.get("knee_contact: ticks", {}).get("decoded by ROS") == "1")
 
 
 def test_a_node_that_stood_still_says_by_how_much_it_is_late(peer: Peer, start_node: Start) -> None:

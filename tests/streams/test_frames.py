@@ -11,10 +11,16 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from knee_contact_ros.streams.frames import FROM_REP_103, ForceFrame, StaticTransforms, isb_transform, turned_wrench
+from knee_contact_ros.streams.frames import (
+    FROM_REP_103,
+    ForceFrame,
+    StaticTransforms,
+    Transform,
+    isb_transform,
+    turned_wrench,
+)
 from knee_contact_ros.streams.messages import (
     RefusedSampleError,
-    Transform,
     WrenchStamped,
     decode_wrench_stamped,
     encode_wrench_stamped,

@@ -12,11 +12,10 @@ from hypothesis import strategies as st
 
 from knee_contact_ros.bags.reader import RawMessage
 from knee_contact_ros.joint_reaction.estimator import LEVELS, Deviation
-from knee_contact_ros.streams.frames import FROM_REP_103
+from knee_contact_ros.streams.frames import FROM_REP_103, Transform
 from knee_contact_ros.streams.messages import (
     JOINT_STATE,
     WRENCH,
-    Transform,
     WrenchStamped,
     encode_joint_state,
     encode_wrench_stamped,

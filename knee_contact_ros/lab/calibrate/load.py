@@ -27,8 +27,8 @@ from knee_contact_ros.offline.sensed import Sensed, SensedBag, sensed_in
 from knee_contact_ros.parameters.files import all_values, known_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.contact_stream import load_sample
-from knee_contact_ros.streams.messages import Decoder, RefusedSampleError
-from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, LOAD_ESTIMATE, MESSAGE_TYPES, NANOSECONDS, deserialize
+from knee_contact_ros.streams.messages import WRENCH, RefusedSampleError
+from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, LOAD_ESTIMATE, MESSAGE_TYPES, NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 
 Stamps = NDArray[np.int64]
@@ -122,11 +122,11 @@ def interpolated(stamps: Stamps, values: Floats, sensed: SensedBag, max_gap: int
 
 def _reference(bag: Path, topic: str) -> tuple[Stamps, Floats, Counter[str]]:
     """Read increasing stamps [ns] and axial forces [N] of the reference, and count refused samples by the reason."""
-    decoder, kept, refused, last = Decoder(deserialize), [], Counter[str](), -1
+    kept, refused, last = [], Counter[str](), -1
     with _opened(bag, topic) as reader:
         for message in reader.raw_messages():
             try:
-                sample = load_sample(decoder.force(message.data, JOINT_REACTION_FORCE)[0])
+                sample = load_sample(WRENCH.read(message.data, JOINT_REACTION_FORCE)[0])
             except RefusedSampleError as error:
                 refused[error.reason] += 1
                 continue

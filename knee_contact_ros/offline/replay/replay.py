@@ -28,7 +28,7 @@ from knee_contact_ros.offline.replay.keyboard import HELP, Keyboard, has_termina
 from knee_contact_ros.offline.replay.lateness import Lateness
 from knee_contact_ros.offline.replay.player import Player
 from knee_contact_ros.offline.replay.read_ahead import ReadAhead, quick_switching
-from knee_contact_ros.streams.messages import TF_STATIC
+from knee_contact_ros.streams.frames import TF_STATIC
 from knee_contact_ros.streams.topics import INPUTS, JOINT_STATES, MESSAGE_TYPES, NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.ros import joining
