@@ -53,7 +53,7 @@ studies: $(VENV)/.installed-dev
 	$(BIN)/python -m studies.long_runs
 	$(BIN)/python -m studies.budgets
 	$(BIN)/python -m studies.stability
-	$(BIN)/python -m studies.choosing --turns 3
+	$(BIN)/python -m studies.choosing
 	$(BIN)/python -m studies.reproduction
 	$(BIN)/python -m studies.osteoarthritis
 	$(BIN)/python -m studies.validation

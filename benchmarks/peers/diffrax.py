@@ -1,4 +1,4 @@
-"""diffrax, in 64 bits: runs of one knee as functions that JAX compiles (`jit`) and maps over many knees (`vmap`).
+"""diffrax, in 64 bits: runs of one knee as functions that JAX compiles (`jit`).
 
 The state is the depth [m] and its rate [m/s] times `RATE_UNIT` [s]. The constants of a knee are stiffness, damping and
 1 / mass; of a second layer also its begin [m], the force there [N], stiffness and damping. Options of a run are those
@@ -23,10 +23,8 @@ from benchmarks.peers.problems import Problem, start_depth
 
 jax.config.update("jax_enable_x64", True)
 
-FIRST_STEPS = {"Tsit5": 3, "Dopri5": 3, "Dopri8": 1, "Kvaerno5": 2}
-"""Steps per tick that a method with error control begins with"""
-Control = Callable[[Any, Any], Any]
-"""Function of a run's setting and the stamps [s] that makes a step size controller of diffrax"""
+FIRST_STEPS = {"Tsit5": 3, "Dopri8": 1}
+"""Steps per tick that a method begins with"""
 
 
 def rates(state: Any, load: Any, constants: Any) -> Any:
@@ -58,34 +56,24 @@ def in_tick(time: Any, state: Any, arguments: Any) -> Any:
     return rates(state, begin + slope * time, constants)
 
 
-def by_tolerance(value: Any, _stamps: Any) -> Any:
+def control(tolerance: Any) -> Any:
     """Control the error by a relative tolerance."""
-    return diffrax.PIDController(rtol=value, atol=value * DEPTH_SCALE)
+    return diffrax.PIDController(rtol=tolerance, atol=tolerance * DEPTH_SCALE)
 
 
-def by_tolerance_with_jumps(value: Any, stamps: Any) -> Any:
-    """Control the error by a relative tolerance, with the kinks of the load told as jumps."""
-    return diffrax.ClipStepSizeController(by_tolerance(value, stamps), jump_ts=stamps[1:-1])
+def series(method: str, **options: Any) -> Callable[..., Any]:
+    """Build a run over the whole series.
 
-
-def equal_steps(_value: Any, _stamps: Any) -> Any:
-    """Keep the first step, without error control."""
-    return diffrax.ConstantStepSize()
-
-
-def series(method: str, steps: int, control: Control = by_tolerance, **options: Any) -> Callable[..., Any]:
-    """Build a run over the whole series that begins with a number of steps per tick.
-
-    It takes start [m], constants, loads [N], a tick's duration [s] and the setting, and returns the depths [m].
+    It takes start [m], constants, loads [N], a tick's duration [s] and a relative tolerance; returns the depths [m].
     """
 
     def solve(start: Any, constants: Any, loads: Any, tick: Any, value: Any) -> Any:
         stamps = jnp.arange(len(loads)) * tick
         return diffrax.diffeqsolve(
-            diffrax.ODETerm(in_series), getattr(diffrax, method)(), 0.0, stamps[-1], tick / steps,
+            diffrax.ODETerm(in_series), getattr(diffrax, method)(), 0.0, stamps[-1], tick / FIRST_STEPS[method],
             (start, jnp.zeros_like(start)), (constants, loads, tick),
             saveat=diffrax.SaveAt(ts=stamps, fn=lambda _time, state, _arguments: state[0]),
-            stepsize_controller=control(value, stamps), throw=False, **options,
+            stepsize_controller=control(value), throw=False, **options,
         ).ys  # fmt: skip
 
     return solve
@@ -103,7 +91,7 @@ def one_tick(method: str, **options: Any) -> Callable[..., Any]:
         answer = diffrax.diffeqsolve(
             diffrax.ODETerm(in_tick), getattr(diffrax, method)(), 0.0, tick, tick / FIRST_STEPS[method],
             state, (constants, before, (load - before) / tick), saveat=diffrax.SaveAt(t1=True),
-            stepsize_controller=by_tolerance(value, None), throw=False, **options,
+            stepsize_controller=control(value), throw=False, **options,
         )  # fmt: skip
         return tuple(column[0] for column in answer.ys)
 
@@ -190,7 +178,7 @@ def compiled(method: str) -> Compiled:
     """Runs of a method over the series, tick by tick over the series, and over one tick."""
     options: dict[str, Any] = {"max_steps": MOST_STEPS, "adjoint": diffrax.ForwardMode()}
     step = one_tick(method, **options)
-    runs = series(method, FIRST_STEPS[method], **options), tick_by_tick(step), step
+    runs = series(method, **options), tick_by_tick(step), step
     return Compiled(*map(jax.jit, runs))
 
 

@@ -52,18 +52,6 @@ def series(
 
 
 @njit
-def equal_steps(
-    _method: int, function: int, state: Any, time: Any, numbers: Any, rtol: float, atol: float, step: float
-) -> Any:
-    """Depth [m] at every stamp [s] as by `series`, with DOP853 whose first and largest step is `step` [s]."""
-    answer = solve_ivp(
-        function, np.array([time[0], time[-1]]), state, time, data=numbers.ctypes.data, first_step=step, max_step=step,
-        rtol=rtol, atol=atol,
-    )  # fmt: skip
-    return answer.y[:, 0] if answer.success else np.full(len(time), np.nan)
-
-
-@njit
 def advance(method: int, function: int, state: Any, span: Any, numbers: Any, rtol: float, atol: float) -> bool:
     """Move a state on in place from `span[0]` (0) to `span[1]` [s]; return whether the solver could."""
     states, reached = solved(method, function, state, span, numbers, rtol, atol)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.parameters.build import load_model
-from studies.choosing.geometries import CIRCLE, MRI_FEMUR, MRI_KNEE, geometries
+from studies.choosing.scenes import CIRCLE, MRI_FEMUR, MRI_KNEE, geometries
 from studies.choosing.surfaces import OnPlane, OnPlateau, deepest, femur_through, lowest, plateau_through
 
 A, B = 0.034, 0.028

@@ -1,1 +1,0 @@
-"""The compiled kernel against the same algorithm in C."""
