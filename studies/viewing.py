@@ -25,11 +25,10 @@ from benchmarks.latency.driver import Snapshot, samples, snapshot
 from benchmarks.report import Section, machine, save
 from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES
 from knee_contact_ros.model.types import ROW
-from knee_contact_ros.node.outputs import Outputs
+from knee_contact_ros.node.outputs import Listeners, Outputs
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.sinks.process import Listeners
-from knee_contact_ros.sinks.protocol import Knee
 from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.output import Knee
 from knee_contact_ros.streams.topics import KNEE_CONTACT, NANOSECONDS, Ending
 from knee_contact_ros.system.files import share_folder
 from knee_contact_ros.system.processes import free_port

@@ -13,7 +13,7 @@ from shutil import disk_usage
 from threading import Event, Thread
 
 from knee_contact_ros.bags.writer import MB, REFUSED_SAMPLES, BagWriter, Limits, Settings
-from knee_contact_ros.sinks.protocol import PROVENANCE, Job, Knee, Sink
+from knee_contact_ros.streams.output import PROVENANCE, Job, Knee, Sink
 from knee_contact_ros.streams.topics import MESSAGE_TYPES, NANOSECONDS, RECORDED, Ending, Record
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import cut_off, leftovers, refuse_impossible

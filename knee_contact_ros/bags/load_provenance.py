@@ -9,7 +9,7 @@ from knee_contact_ros import __version__
 from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT, bag_digest
 from knee_contact_ros.parameters.files import flat_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
-from knee_contact_ros.sinks.protocol import LOAD_PROVENANCE
+from knee_contact_ros.streams.output import LOAD_PROVENANCE
 
 __all__ = ["LOAD_PROVENANCE", "load_provenance_record"]
 

@@ -15,7 +15,7 @@ from knee_contact_ros.bags.mcap_metadata import metadata_records
 from knee_contact_ros.bags.writer import CONTINUED
 from knee_contact_ros.parameters.files import curve_files, flat_parameters, load_parameters, read_curve, stored_texts
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.sinks.protocol import LOAD_PROVENANCE, PROVENANCE
+from knee_contact_ros.streams.output import LOAD_PROVENANCE, PROVENANCE
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import open_regular, sha256_of
 

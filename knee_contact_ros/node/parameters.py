@@ -1,22 +1,45 @@
-"""ROS 2 parameters of a node: overrides, declarations with descriptions, changes at run time, and QoS overrides.
+"""Kinds of nodes, and their ROS 2 parameters: overrides, declarations with descriptions, changes at run time, QoS.
 
 rclpy ignores QoS overrides that do not fit; here they are refused.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
-from typing import Any
+from collections.abc import Callable, Collection, Iterable, Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
+from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import HistoryPolicy, ReliabilityPolicy
 
-from knee_contact_ros.node.kind import NodeKind, Topics
 from knee_contact_ros.parameters.files import all_values, known_parameters, load_parameters
-from knee_contact_ros.parameters.schema import Declaration
+from knee_contact_ros.parameters.schema import Declaration, NodeSection
 from knee_contact_ros.system.errors import UsageError
+
+if TYPE_CHECKING:
+    from knee_contact_ros.node.session import Session
+
+
+class Topics(NamedTuple):
+    """Topics whose QoS a user may override."""
+
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+
+class NodeKind(NamedTuple):
+    """Kind of node; what all kinds have in common is in `managed_node.py` and `session.py`."""
+
+    schema: type[NodeSection]
+    """Name of the node, and its parameters"""
+    live: frozenset[str]
+    """Names of the parameters that may change while the node is configured: they take effect between two ticks"""
+    topics: Topics
+    session: Callable[[LifecycleNode, Any, Collection[str]], Session]
+    """Makes the session of a node from its parameters and the names of the QoS overrides that the user has given"""
+
 
 LARGEST_INTEGER = 2**63 - 1
 """Largest integer that a parameter can hold"""

@@ -17,14 +17,11 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_srvs.srv import Trigger
 
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, TICK, change_record
-from knee_contact_ros.node.diagnostics import InputMeter, LagMeter
-from knee_contact_ros.node.health import REFUSAL_LOG_PERIOD, STEADY, Health, at_most_every
-from knee_contact_ros.node.outputs import Outputs
-from knee_contact_ros.node.subscription import HandedInputs, HandedStream, Inputs, InputStream
-from knee_contact_ros.node.transforms import StaticTransformTopic
-from knee_contact_ros.sinks.process import Listeners
-from knee_contact_ros.sinks.protocol import Knee
+from knee_contact_ros.node.diagnostics import REFUSAL_LOG_PERIOD, STEADY, Health, InputMeter, LagMeter, at_most_every
+from knee_contact_ros.node.inputs import HandedInputs, HandedStream, Inputs, InputStream, StaticTransformTopic
+from knee_contact_ros.node.outputs import Listeners, Outputs
 from knee_contact_ros.streams.frames import FORCE_TURNED
+from knee_contact_ros.streams.output import Knee
 from knee_contact_ros.streams.pairing import PairedSample, PairedStreams
 from knee_contact_ros.streams.topics import JOINT_STATES, Ending
 from knee_contact_ros.system.errors import UsageError

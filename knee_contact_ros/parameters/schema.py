@@ -165,7 +165,7 @@ def queue_size(size: float) -> Any:
     return parameter(size, "[MB] of memory that these may take", ge=1.0, le=1e5)
 
 
-# A section of an output names the module that describes it: see `sinks/protocol.py`.
+# A section of an output names the module that describes it: see `streams/output.py`.
 
 
 class Record(Section):

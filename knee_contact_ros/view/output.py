@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from knee_contact_ros.model.types import ROW
-from knee_contact_ros.sinks.protocol import Job, Knee, Sink
+from knee_contact_ros.streams.output import Job, Knee, Sink
 from knee_contact_ros.streams.topics import KNEE_CONTACT, LATERAL, MEDIAL, Ending, compartment_name, knee_name
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import (
@@ -122,7 +122,7 @@ def open_output(path: Path | None, serving: Serving, own: Sequence[KneeOutlines]
 
 
 class Viewer:
-    """An output (`sinks.protocol.Output`) that shows answers in batches."""
+    """An output (`streams.output.Output`) that shows answers in batches."""
 
     def __init__(
         self, target: RerunFile | Served, scenes: Sequence[Scene], period: float, remarks: Sequence[str] = (),

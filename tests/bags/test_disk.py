@@ -13,7 +13,7 @@ import pytest
 
 from knee_contact_ros.bags.recover import recover
 from knee_contact_ros.bags.writer import Limits, Settings
-from knee_contact_ros.sinks.process import SinkProcess
+from knee_contact_ros.node.outputs import SinkProcess
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import PARTIAL
 from tests.helpers.sinks import NOTHING_LEFT, PATIENCE, Started, put, readable, recorded_ticks, wait_until

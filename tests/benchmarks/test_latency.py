@@ -37,8 +37,8 @@ from benchmarks.latency.driver import (
     snapshot,
 )
 from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.node.inputs import DEPTH
 from knee_contact_ros.node.session import OUTPUT_DEPTH
-from knee_contact_ros.node.subscription import DEPTH
 from knee_contact_ros.streams.messages import decode_joint_state, decode_wrench_stamped
 from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError

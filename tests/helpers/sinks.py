@@ -16,9 +16,8 @@ from knee_contact_ros.bags import answer_recorder
 from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES
 from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.bags.writer import Settings
+from knee_contact_ros.node.outputs import Listeners, Queue, SinkProcess
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.sinks.process import Listeners, Queue, SinkProcess
-from knee_contact_ros.sinks.protocol import Job, Sink
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.messages import (
     JointState,
@@ -28,6 +27,7 @@ from knee_contact_ros.streams.messages import (
     encode_joint_state,
     encode_wrench_stamped,
 )
+from knee_contact_ros.streams.output import Job, Sink
 from knee_contact_ros.streams.topics import (
     JOINT_REACTION_FORCE,
     JOINT_STATES,

@@ -10,12 +10,11 @@ import pytest
 
 from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES
 from knee_contact_ros.bags.writer import Limits, Settings
-from knee_contact_ros.node.outputs import queue_of, sections_of_outputs, sink_of
+from knee_contact_ros.node.outputs import Queue, queue_of, sections_of_outputs, sink_of
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.sinks.process import Queue
-from knee_contact_ros.sinks.protocol import Knee
 from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.output import Knee
 from knee_contact_ros.streams.topics import KNEE_CONTACT
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.needs import needs_viewer

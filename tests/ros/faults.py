@@ -22,7 +22,7 @@ from sensor_msgs.msg import JointState as RosJointState
 from std_srvs.srv import Trigger
 
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.node.stop import MEANINGLESS
+from knee_contact_ros.node.managed_node import MEANINGLESS
 from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.streams.topics import typestore
 from tests.helpers.messages import PlainMessages, RosMessages, header

@@ -19,7 +19,7 @@ from std_srvs.srv import Trigger
 import knee_contact_ros
 from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.node.health import SILENCE
+from knee_contact_ros.node.diagnostics import SILENCE
 from knee_contact_ros.streams.topics import MESSAGE_TYPES
 from tests.ros.conftest import NodeProcess, Peer, call, change_state, state_of
 from tests.ros.series import ANGLES, AXIAL, STAMPS, send_all
@@ -151,9 +151,7 @@ def test_a_transition_that_fails_leaves_the_node_unconfigured(
     peer: Peer, start_node: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """The middleware fails where the node begins to listen: no QoS does that here, so Python's `site` sees to it."""
-    code = (
-        "from knee_contact_ros.node.subscription import InputStream\ndef fail(_self): raise RuntimeError('no\\nway')\n"
-    )
+    code = "from knee_contact_ros.node.inputs import InputStream\ndef fail(_self): raise RuntimeError('no\\nway')\n"
     (tmp_path / "sitecustomize.py").write_text(f"{code}InputStream.open = fail\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
     node = start_node("-p", "autostart:=false")

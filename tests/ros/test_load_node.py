@@ -27,11 +27,11 @@ from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.bags.writer import REFUSED_SAMPLES
 from knee_contact_ros.cli.main import main
 from knee_contact_ros.model.types import Status
+from knee_contact_ros.node.outputs import PATIENCE
 from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
-from knee_contact_ros.sinks.process import PATIENCE
 from knee_contact_ros.streams.messages import encode_wrench_stamped
 from knee_contact_ros.streams.topics import KNEE_CONTACT, LOAD_RECORDED, MESSAGE_TYPES
 from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, ground, walk, walking_bag

@@ -10,7 +10,7 @@ import pytest
 from lifecycle_msgs.msg import Transition
 from visualization_msgs.msg import Marker, MarkerArray
 
-from knee_contact_ros.node.markers import MARKER_DEPTH, MarkerTopic
+from knee_contact_ros.node.contact_node import MARKER_DEPTH, MarkerTopic
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.topics import KNEE_CONTACT_MARKERS

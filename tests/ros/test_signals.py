@@ -75,7 +75,7 @@ def test_a_node_that_compiles_ends_without_a_kernel(
 
 LOST = """
 import os, signal, time
-from knee_contact_ros.node.stop import Stop
+from knee_contact_ros.node.managed_node import Stop
 
 class Owner:
     def __del__(self):

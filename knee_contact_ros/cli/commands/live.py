@@ -87,7 +87,7 @@ def run(ros_arguments: tuple[str, ...], kinds: Callable[[], Sequence[Any]]) -> N
     if ros_arguments in (("--help",), ("-h",)):
         click.echo(click.get_current_context().get_help())
         return
-    from knee_contact_ros.node.node import run_nodes
+    from knee_contact_ros.node.managed_node import run_nodes
 
     if code := run_nodes(list(ros_arguments), list(kinds())):
         sys.exit(code)
@@ -102,7 +102,7 @@ def node(ros_arguments: tuple[str, ...]) -> None:
     """
 
     def kinds() -> Sequence[Any]:
-        from knee_contact_ros.node.contact_session import CONTACT_NODE
+        from knee_contact_ros.node.contact_node import CONTACT_NODE
 
         return [CONTACT_NODE]
 
@@ -121,10 +121,10 @@ def load(ros_arguments: tuple[str, ...], with_contact: bool) -> None:
 
     def kinds() -> Sequence[Any]:
         if with_contact:
-            from knee_contact_ros.node.sensors_to_contact import load_and_contact
+            from knee_contact_ros.node.load_node import load_and_contact
 
             return load_and_contact()
-        from knee_contact_ros.node.load_session import LOAD_NODE
+        from knee_contact_ros.node.load_node import LOAD_NODE
 
         return [LOAD_NODE]
 

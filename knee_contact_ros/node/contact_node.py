@@ -24,17 +24,16 @@ from knee_contact_ros.bags.provenance import provenance_record
 from knee_contact_ros.model.compiler import COMPILING, kept_files
 from knee_contact_ros.model.types import ROW, reader
 from knee_contact_ros.msg import KneeContact
-from knee_contact_ros.node.health import ContactHealth
-from knee_contact_ros.node.kind import NodeKind, Topics
-from knee_contact_ros.node.markers import MARKER_DEPTH, MARKER_PERIOD, MarkerTopic
+from knee_contact_ros.node.diagnostics import ContactHealth
+from knee_contact_ros.node.inputs import HandedInputs
+from knee_contact_ros.node.parameters import NodeKind, Topics
 from knee_contact_ros.node.session import DIAGNOSTICS, OUTPUT_DEPTH, Session
-from knee_contact_ros.node.subscription import HandedInputs
 from knee_contact_ros.parameters.files import curve_texts
 from knee_contact_ros.parameters.schema import LATERAL, Parameters, has_both
-from knee_contact_ros.sinks.protocol import Knee
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.messages import as_joint_state
-from knee_contact_ros.streams.pairing import PairedSample
+from knee_contact_ros.streams.output import Knee
+from knee_contact_ros.streams.pairing import LoadSample, PairedSample
 from knee_contact_ros.streams.topics import (
     DYNAMIC_JOINT_STATES,
     INPUTS,
@@ -51,6 +50,30 @@ from knee_contact_ros.system.processes import OWN_GROUP, python_module, start
 from knee_contact_ros.view.anatomy import drawings_of
 from knee_contact_ros.view.markers import KneeMarkers
 from knee_contact_ros.view.viewer import address
+
+MARKER_PERIOD = 1.0 / 30.0
+"""Shortest time [s] from one message to the next"""
+MARKER_DEPTH = 1
+"""Number of messages that the publisher keeps: an old picture is of no use"""
+
+
+class MarkerTopic:
+    """Publishes markers between ticks, and not with every tick."""
+
+    def __init__(self, publisher: Any, markers: KneeMarkers) -> None:
+        """Publish `markers` with the publisher of a MarkerArray."""
+        self.publisher = publisher
+        self.newest: tuple[LoadSample, bytes] | None = None
+        """The answer to show next: its load, and the bytes of its row; None if it has been shown"""
+        self._markers = markers
+
+    def publish(self) -> None:
+        """Publish the newest answer, unless nobody subscribes or it has been published."""
+        if self.newest and self.publisher.get_subscription_count():
+            load, row = self.newest
+            self.newest = None
+            self.publisher.publish(self._markers.encode(load.stamp, load.frame_id, row))
+
 
 COUNTED = reader("load", "penetration_depth", "fidelity", "status")
 """Reader of the fields of an answer's row that the health of the node depends on"""

@@ -16,7 +16,7 @@ from importlib import import_module
 from multiprocessing.connection import Connection
 from typing import Any
 
-from knee_contact_ros.sinks.protocol import DONE, ENDED, FAILED, OPEN, REFUSED, Discard, Job, Note, Output, Report
+from knee_contact_ros.streams.output import DONE, ENDED, FAILED, OPEN, REFUSED, Discard, Job, Note, Output, Report
 from knee_contact_ros.system.errors import UsageError
 
 REPORT_PERIOD = 1.0

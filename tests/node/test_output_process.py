@@ -14,11 +14,11 @@ import psutil
 import pytest
 
 from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES
+from knee_contact_ros.node.outputs import SinkProcess, size_of
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.sinks.process import SinkProcess, size_of
-from knee_contact_ros.sinks.protocol import Job
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.streams.output import Job
 from knee_contact_ros.streams.topics import Answer
 from tests.helpers.needs import needs_viewer
 from tests.helpers.sinks import (
@@ -157,11 +157,11 @@ def test_a_process_that_does_not_start_is_told(started: Started, tmp_path: Path,
         patch.setattr("sys.executable", "/no/where")
         assert words() == "no process can be started: No such file or directory"
     with monkeypatch.context() as patch:
-        patch.setattr("knee_contact_ros.sinks.process.WORKER", "only_here")  # found where we look for modules
+        patch.setattr("knee_contact_ros.node.outputs.WORKER", "only_here")  # found where we look for modules
         patch.syspath_prepend(tmp_path)
         (tmp_path / "only_here.py").write_text("raise SystemExit(7)")
         assert words() == "its process ended with code 7"
-    monkeypatch.setattr("knee_contact_ros.sinks.process.START", 0.05)
+    monkeypatch.setattr("knee_contact_ros.node.outputs.START", 0.05)
     assert words(lambda sink: os.kill(pid(sink), signal.SIGSTOP)) == "its process did not start within 0.05 s"
     assert len(started.told) == 3
 
@@ -258,7 +258,7 @@ def test_a_process_that_stands_still_does_not_hold_up_the_end(started: Started, 
 def test_a_process_that_is_busy_completes_its_output_by_itself(
     started: Started, tmp_path: Path, monkeypatch: Any
 ) -> None:
-    monkeypatch.setattr("knee_contact_ros.sinks.process.is_stopped", lambda _pid: False)  # it is as good as busy
+    monkeypatch.setattr("knee_contact_ros.node.outputs.is_stopped", lambda _pid: False)  # it is as good as busy
     path = tmp_path / "out.mcap"
     sink = started.recorder(path)
     os.kill(pid(sink), signal.SIGSTOP)
@@ -275,7 +275,7 @@ def test_a_process_that_is_busy_completes_its_output_by_itself(
 
 
 def test_a_process_that_has_got_all_is_not_given_up(started: Started, tmp_path: Path, monkeypatch: Any) -> None:
-    monkeypatch.setattr("knee_contact_ros.sinks.process.is_stopped", lambda _pid: False)  # it is as good as busy
+    monkeypatch.setattr("knee_contact_ros.node.outputs.is_stopped", lambda _pid: False)  # it is as good as busy
     path = tmp_path / "out.mcap"
     sink = started.recorder(path)
     put(sink, range(10))

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Collection
+from functools import partial
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.lifecycle import LifecycleNode
@@ -19,14 +20,13 @@ from sensor_msgs.msg import JointState
 from knee_contact_ros.bags.load_provenance import LOAD_PROVENANCE, load_provenance_record
 from knee_contact_ros.joint_reaction.estimator import Level
 from knee_contact_ros.msg import LoadEstimate
-from knee_contact_ros.node.diagnostics import TickMeter
-from knee_contact_ros.node.health import Health
-from knee_contact_ros.node.kind import NodeKind, Topics
+from knee_contact_ros.node.diagnostics import Health, TickMeter
+from knee_contact_ros.node.inputs import HandedInputs, HandOver
+from knee_contact_ros.node.parameters import NodeKind, Topics
 from knee_contact_ros.node.session import DIAGNOSTICS, OUTPUT_DEPTH, Session
-from knee_contact_ros.node.subscription import HandedInputs, HandOver
 from knee_contact_ros.parameters.schema import LoadParameters
-from knee_contact_ros.sinks.protocol import Knee
 from knee_contact_ros.streams.load_stream import LoadStream
+from knee_contact_ros.streams.output import Knee
 from knee_contact_ros.streams.pairing import PairedSample
 from knee_contact_ros.streams.topics import (
     JOINT_REACTION_FORCE,
@@ -117,3 +117,18 @@ class LoadSession(Session):
 
 LOAD_TOPICS = Topics(LOAD_INPUTS, (JOINT_REACTION_FORCE, LOAD_ESTIMATE, DIAGNOSTICS))
 LOAD_NODE = NodeKind(LoadParameters, LIVE, LOAD_TOPICS, LoadSession)
+
+
+def load_and_contact() -> tuple[NodeKind, NodeKind]:
+    """Kinds of both nodes, `knee_load` first, in one process: the first hands its angles and answers to the second.
+
+    A message over a topic takes longer than estimate and contact together (decision 60). All topics are published as
+    usual.
+    """
+    from knee_contact_ros.node.contact_node import CONTACT_NODE, ContactSession  # which a load node alone does not need
+
+    handed = HandedInputs(HandOver(), HandOver())
+    return (
+        LOAD_NODE._replace(session=partial(LoadSession, takers=handed)),
+        CONTACT_NODE._replace(session=partial(ContactSession, handed=handed)),
+    )

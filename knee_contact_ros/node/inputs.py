@@ -1,4 +1,4 @@
-"""One input topic of the node: a subscription as reliable as its publishers allow, and a meter of its messages."""
+"""The node's inputs: subscriptions as reliable as their publishers allow, another node in the process, transforms."""
 
 from __future__ import annotations
 
@@ -7,10 +7,11 @@ from typing import Any, NamedTuple
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.lifecycle import LifecycleNode
-from rclpy.qos import QoSPolicyKind, QoSProfile, ReliabilityPolicy
+from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
 
-from knee_contact_ros.node.diagnostics import InputMeter
+from knee_contact_ros.node.diagnostics import REFUSAL_LOG_PERIOD, InputMeter, at_most_every
+from knee_contact_ros.streams.frames import TF_STATIC, ForceFrame, decode_transforms, encode_transforms, isb_transform
 from knee_contact_ros.streams.messages import stamp_in
 
 DEPTH = 1000
@@ -165,3 +166,50 @@ class InputStream:
 
 Inputs = tuple[InputStream | HandedStream, InputStream | HandedStream]
 """Streams of angles and of forces"""
+
+
+LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
+"""QoS of `/tf_static` as tf2 has it: late subscribers get all earlier messages"""
+
+
+class StaticTransformTopic:
+    """Publisher and subscription of `/tf_static`, if `frame.tibia` names a frame and tf2_msgs is installed."""
+
+    def __init__(self, node: LifecycleNode, frame: ForceFrame) -> None:
+        """Publish where the tibia frame lies, if its name says so; transforms of others are handed to `frame`."""
+        self._node, self._frame = node, frame
+        self._publisher: Any = None
+        self._subscription: Any = None
+        if not frame.wanted:
+            return
+        try:
+            from tf2_msgs.msg import TFMessage
+        except ImportError:
+            node.get_logger().warning(
+                f"the ROS 2 package tf2_msgs is not installed: forces in other frames than {frame.wanted} are refused, "
+                "and nobody is told where that lies"
+            )
+            return
+        own = isb_transform(frame.wanted)
+        if own:
+            self._publisher = node.create_publisher(TFMessage, TF_STATIC, LATCHED)
+            self._publisher.publish(encode_transforms([own], node.get_clock().now().nanoseconds))
+        self._subscription = node.create_subscription(TFMessage, TF_STATIC, self._on_transforms, LATCHED, raw=True)
+
+    def close(self) -> None:
+        """Close publisher and subscription."""
+        if self._publisher is not None:
+            self._node.destroy_publisher(self._publisher)
+        if self._subscription is not None:
+            self._node.destroy_subscription(self._subscription)
+        self._publisher = self._subscription = None
+
+    def _on_transforms(self, data: bytes) -> None:
+        try:
+            problems = self._frame.learn(decode_transforms(data))
+        except ValueError as error:
+            problems = [str(error)]
+        if problems:
+            more = f" (and {len(problems) - 1} more like that)" if len(problems) > 1 else ""
+            text = f"{TF_STATIC}: {problems[0]}{more}"
+            self._node.get_logger().warning(text, **at_most_every(REFUSAL_LOG_PERIOD))

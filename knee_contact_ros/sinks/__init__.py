@@ -1,1 +1,0 @@
-"""Outputs for answers, each in a process of its own."""
