@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from importlib import import_module
 from pkgutil import extend_path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 # The generated message modules lie in another folder when this package runs from its source tree.
 __path__ = extend_path(__path__, __name__)
@@ -18,25 +18,15 @@ __all__ = [
     "Results", "UsageError", "calibrate", "estimate_load", "load_model", "sensitivity", "solve", "sweep", "uncertainty",
 ]  # fmt: skip
 
-if TYPE_CHECKING:
-    from knee_contact_ros.lab.calibrate import calibrate
-    from knee_contact_ros.lab.sensitivity import sensitivity
-    from knee_contact_ros.lab.sweep import sweep
-    from knee_contact_ros.lab.uncertainty import uncertainty
-    from knee_contact_ros.offline.in_memory import solve
-    from knee_contact_ros.offline.load_in_memory import estimate_load
-    from knee_contact_ros.parameters.build import load_model
-    from knee_contact_ros.results import Results
-    from knee_contact_ros.system.errors import UsageError
-
+# `__init__.pyi` says the same to type checkers.
 _PLACES = {
     "Results": "results",
     "UsageError": "system.errors",
     "calibrate": "lab.calibrate",
-    "estimate_load": "offline.load_in_memory",
+    "estimate_load": "offline.notebooks",
     "load_model": "parameters.build",
     "sensitivity": "lab.sensitivity",
-    "solve": "offline.in_memory",
+    "solve": "offline.notebooks",
     "sweep": "lab.sweep",
     "uncertainty": "lab.uncertainty",
 }

@@ -17,7 +17,7 @@ from knee_contact_ros.system.processes import PATIENCE, kept
 from knee_contact_ros.system.ros import private_graph
 
 ROOT = Path(__file__).parents[1]
-COMMAND = [sys.executable, "-m", "knee_contact_ros.cli.main"]
+COMMAND = [sys.executable, "-m", "knee_contact_ros.commands.main"]
 MODEL = ("model/",)
 
 

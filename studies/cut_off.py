@@ -133,7 +133,7 @@ class Peer(Driver):
 @contextmanager
 def recording_node(folder: Path) -> Iterator[Child]:
     """Run the recording node in a process of its own, which may be killed."""
-    arguments = ["-m", "knee_contact_ros.cli.main", "node", "--ros-args", "--params-file", str(PARAMETERS)]
+    arguments = ["-m", "knee_contact_ros.commands.main", "node", "--ros-args", "--params-file", str(PARAMETERS)]
     arguments += ["-p", f'record.path:="{folder / RECORDING}"', "-p", f"record.max_duration:={SPAN}"]
     folder.mkdir()
     with child_process("the node", arguments, folder / "node.log") as child:

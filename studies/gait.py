@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from knee_contact_ros.offline.bundled_gait import gait
+from benchmarks.gait import gait
 
 __all__ = ["BODY_WEIGHT", "HEEL_STRIKE", "gait"]
 

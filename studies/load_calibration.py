@@ -23,7 +23,7 @@ from benchmarks.report import Section, machine, save
 from knee_contact_ros.joint_reaction.leg import STILL, UNKNOWN, Ground, Joints
 from knee_contact_ros.lab.calibrate.fit import LINEAR, correlations, fitted, intervals, samples_per_value, unknowns_of
 from knee_contact_ros.lab.calibrate.load import AXIAL_FORCE, LoadProblem, Referenced, fittable_in, load_problem_of
-from knee_contact_ros.offline.sensed import Sensed
+from knee_contact_ros.offline.estimate_load import Sensed
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
 

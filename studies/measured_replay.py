@@ -26,9 +26,9 @@ from knee_contact_ros.bags.mcap_metadata import metadata_records
 from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader, RawMessage
 from knee_contact_ros.bags.recorded_answers import answer_blocks
 from knee_contact_ros.bags.writer import REFUSED_SAMPLES, BagWriter
-from knee_contact_ros.cli.main import main as knee_contact
+from knee_contact_ros.commands.main import main as knee_contact
 from knee_contact_ros.model.types import Rows, Status
-from knee_contact_ros.offline.in_memory import solve
+from knee_contact_ros.offline.notebooks import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.messages import JOINT_STATE, encode_joint_state
 from knee_contact_ros.system.errors import UsageError
@@ -189,7 +189,9 @@ def replayed(bag: Path, overlay: Path, folder: Path) -> Run:
     words = [word for name, value in values.items() for word in ("-p", f"{name}:={value}")]
     node = NodeProcess("--params-file", str(healthy), "--params-file", str(overlay), *words)
     peer.wait_for_node()
-    replay = subprocess.Popen([sys.executable, "-m", "knee_contact_ros.cli.main", "replay", str(bag), "--wait", "60"])
+    replay = subprocess.Popen(
+        [sys.executable, "-m", "knee_contact_ros.commands.main", "replay", str(bag), "--wait", "60"]
+    )
     peer.wait_until(lambda: replay.poll() is not None)
     peer.spin(2.5)
     missed = next(values["missed deadlines"] for values in peer.diagnostics.values() if "missed deadlines" in values)

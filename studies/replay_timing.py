@@ -24,11 +24,8 @@ from benchmarks.latency.driver import read
 from benchmarks.report import Section, machine, save
 from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader, RawMessage
 from knee_contact_ros.bags.writer import BagWriter
-from knee_contact_ros.offline.replay.keyboard import Keyboard
-from knee_contact_ros.offline.replay.lateness import LATE, Lateness
-from knee_contact_ros.offline.replay.player import Player
-from knee_contact_ros.offline.replay.read_ahead import ReadAhead
-from knee_contact_ros.offline.replay.replay import Replayer, undisturbed
+from knee_contact_ros.commands.player import LATE, Keyboard, Lateness, Player
+from knee_contact_ros.commands.replay import ReadAhead, Replayer, undisturbed
 from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.ros import private_graph

@@ -24,7 +24,7 @@ import psutil
 
 from benchmarks.latency.driver import PARAMETERS, joined
 from benchmarks.report import Section, machine, save
-from knee_contact_ros.offline.stage import node_process
+from knee_contact_ros.commands.stage import node_process
 from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks import reference
-from knee_contact_ros.offline.bundled_gait import gait
+from benchmarks.gait import gait
 
 EXPONENT = 1.5
 K1, K2 = 7.905694e7, 3.112e9

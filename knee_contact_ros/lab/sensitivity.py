@@ -15,7 +15,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_valida
 
 from knee_contact_ros.lab.study import Floats, Spaced, Study, axes_of, in_ranges
 from knee_contact_ros.lab.sweep import LATERAL, OUTCOMES, Cohort, sweep
-from knee_contact_ros.offline.in_memory import Name
+from knee_contact_ros.offline.notebooks import Name
 from knee_contact_ros.parameters.files import Source, first_error
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, read_mapping

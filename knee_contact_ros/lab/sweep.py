@@ -23,7 +23,7 @@ from knee_contact_ros.model.laws import ContactLaw
 from knee_contact_ros.model.readouts import ContactPatch
 from knee_contact_ros.model.surfaces import ContactPair
 from knee_contact_ros.model.types import NANOSECOND, ROW, ContactState, Rows, Status
-from knee_contact_ros.offline.in_memory import Name, in_python_words
+from knee_contact_ros.offline.notebooks import Name, in_python_words
 from knee_contact_ros.parameters.build import build_model, contact_pair, load_rule
 from knee_contact_ros.parameters.files import (
     Source,

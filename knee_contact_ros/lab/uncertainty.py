@@ -20,7 +20,7 @@ from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
 from knee_contact_ros.joint_reaction.compartments import LoadRule
 from knee_contact_ros.model.compiler import worth_compiling
 from knee_contact_ros.model.types import Rows, Status
-from knee_contact_ros.offline.in_memory import Name, in_python_words, solve_inputs
+from knee_contact_ros.offline.notebooks import Name, in_python_words, solve_inputs
 from knee_contact_ros.offline.solve import parameters_in, solve, texts_of
 from knee_contact_ros.parameters.build import load_rule
 from knee_contact_ros.parameters.files import (

@@ -170,7 +170,7 @@ class ContactSession(Session):
         words = f"making the model ready; if it has to be compiled, once on a machine, for some {COMPILING:.0f} s"
         self.node.get_logger().info(words)
         if find_spec("numba") and not kept_files():
-            process = start(output=None, **OWN_GROUP, **python_module("knee_contact_ros.cli.main", "warm"))
+            process = start(output=None, **OWN_GROUP, **python_module("knee_contact_ros.commands.main", "warm"))
             try:
                 with interrupting():
                     process.wait()

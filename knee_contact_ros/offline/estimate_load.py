@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,12 +19,14 @@ from knee_contact_ros.bags.load_provenance import LOAD_PROVENANCE, load_provenan
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
 from knee_contact_ros.bags.writer import BagWriter
 from knee_contact_ros.joint_reaction.estimator import Estimate
+from knee_contact_ros.joint_reaction.leg import Ground, Joints, Motion
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms
 from knee_contact_ros.offline.solve import SOURCE_DAMAGE
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.load_stream import LoadStream
+from knee_contact_ros.streams.pairing import PairedSample
 from knee_contact_ros.streams.topics import GROUND_REACTION_FORCE, JOINT_STATES, LOAD_RECORDED, NANOSECONDS, Answer
 from knee_contact_ros.system.errors import UsageError
 
@@ -160,3 +163,44 @@ def _keep(
         assert pipeline.estimate is not None  # noqa: S101  (there is an answer)
         for taker in takers:
             taker(answer.records[-1][1], pipeline.estimate)
+
+
+class Sensed(NamedTuple):
+    """Inputs of the load estimator at a stamp."""
+
+    stamp: int
+    """Stamp [ns] of the ground force"""
+    joints: Joints
+    motion: Motion
+    ground: Ground
+    status: int
+    """Bits of `Status`"""
+
+
+class SensedBag(NamedTuple):
+    """The inputs of the load estimator in a bag, in the order of their stamps."""
+
+    samples: list[Sensed]
+    refused: Counter[str]
+    """Number of refused messages by reason"""
+    damage: list[str]
+    """Damage of the bag, as sentences"""
+
+
+def sensed_in(bag: Path, parameters: LoadParameters, names: Names, advance: Callable[[int, int], None]) -> SensedBag:
+    """Read a bag and pair its samples as `estimate_load` does; `advance` is called with messages done and in all.
+
+    Raises:
+        UsageError: the bag cannot be used, or lacks one of the joints that the parameters name.
+    """
+    with leg_pipeline(bag, parameters, names) as (inputs, pipeline):
+        pairs: list[PairedSample] = []
+        for number, message in enumerate(inputs.messages(), start=1):
+            take = pipeline.take_joint_state if message.topic == f"/{JOINT_STATES}" else pipeline.take_force
+            pairs += take(message.data)
+            if number % MESSAGES_PER_ADVANCE == 0:
+                advance(number, inputs.reader.count)
+        pairs += pipeline.synchroniser.finish()
+        damage = list(inputs.reader.damage)
+    samples = [Sensed(pair.load.stamp, *pipeline.sense(pair), pair.status) for pair in pairs]
+    return SensedBag(samples, pipeline.synchroniser.refused, damage)

@@ -1,15 +1,18 @@
-"""`knee-contact solve`: a bag through the pipeline as fast as the machine allows, without ROS."""
+"""A bag through the stream as fast as the machine allows, without ROS: what `knee-contact solve` does."""
 
 from __future__ import annotations
 
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
+from types import TracebackType
 from typing import Any
 
 import numpy as np
+from pydantic import Field, ValidationError
 
 from knee_contact_ros.bags.answer_recorder import AnswerWriter
 from knee_contact_ros.bags.bag_files import in_a_line, refuse_input
@@ -23,21 +26,24 @@ from knee_contact_ros.bags.provenance import (
     Provenance,
     change_record,
     provenance_record,
+    read_provenance,
+    with_values,
 )  # fmt: skip
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
 from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.model.compiler import worth_compiling
 from knee_contact_ros.model.types import ROW, Rows
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms, wanted_joints
 from knee_contact_ros.offline.solve_blocks import take
 from knee_contact_ros.offline.summary import Summary
-from knee_contact_ros.parameters.files import all_values, curve_texts, load_parameters
-from knee_contact_ros.parameters.schema import Parameters, has_both
+from knee_contact_ros.parameters.files import Source, all_values, curve_texts, first_error, load_parameters
+from knee_contact_ros.parameters.schema import Parameters, Section, has_both, parameter
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.topics import JOINT_STATES, Answer, recorded_topics
-from knee_contact_ros.system.behind import Behind
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded, find_file, read_mapping
 
 BLOCK = 8192
 """Number of messages in a block: few enough for a few MB, many enough that handling a block costs nothing"""
@@ -244,3 +250,117 @@ def _changed(pipeline: ContactStream, tick: int, values: Mapping[str, Any]) -> P
         return load_parameters(all_values(pipeline.parameters) | dict(values))
     except UsageError as error:
         raise UsageError(f"the recording tells of a change after {tick} ticks that cannot be made: {error}") from None
+
+
+FEMORAL_SHARE = 9.3014 / 75.16
+"""Ratio of the masses of the femur's segment and the body in OpenSim's model gait2354, which scales both alike"""
+
+
+def basis_of(
+    bag: Path, params: Source | None, values: Mapping[str, Any], person: Subject | None
+) -> Parameters | Provenance:
+    """Return what a bag is computed with: given parameters, else the provenance of a recording, else the healthy knee.
+
+    `values`, by dotted names, win over `params`, and these over the subject file of a `person`.
+
+    Raises:
+        UsageError: parameters or the recording cannot be used; see `load_parameters` and `read_provenance`.
+    """
+    stored = read_provenance(bag) if params is None and person is None else None
+    if stored:
+        return with_values(stored, values)
+    if params is None:
+        params = () if person else DEFAULT_PARAMETERS
+    given = params if isinstance(params, Sequence) and not isinstance(params, str) else [params]
+    return load_parameters([*(person.sources() if person else ()), *given, values])
+
+
+class SubjectFile(Section):
+    """Content of a subject file: properties of a person's knee, and the gait to compute."""
+
+    name: str = parameter("", "of the person; for the reader")
+    mass: float = Field(ge=1.0, le=500.0, description="[kg] of the body")
+    parameters: list[str] = parameter([DEFAULT_PARAMETERS], "parameter files, the later one wins", min_length=1)
+    profile: str = parameter("", "femoral profile: CSV of x, y [m]")
+    tibial_profile: str = parameter("", "CSV of x, y [m]")
+    scale: float = parameter(1.0, "size of this knee over that of the surfaces given", ge=0.2, le=5.0)
+    thickness: float | None = parameter(None, "[m] of cartilage at which bone begins", gt=0.0, le=0.1)
+    joint: str = parameter("", "in joint_states")
+    bag: str = parameter("", "gait bag")
+
+
+class Subject:
+    """Subject of a subject file; files that it names lie beside it, or among the package's own."""
+
+    def __init__(self, path: Path) -> None:
+        """Read a subject file.
+
+        Raises:
+            UsageError: it cannot be read, or has an entry that is not allowed.
+        """
+        self.path = path
+        mapping = read_mapping(path, "subject file", "names to values")
+        try:
+            self.content = SubjectFile.model_validate(dict(mapping))
+        except ValidationError as error:
+            raise UsageError(f"subject file {path}: {first_error(error)}") from None
+
+    @property
+    def bag(self) -> Path | None:
+        """Gait bag that the file names; None if it names none."""
+        return self._file(self.content.bag) if self.content.bag else None
+
+    def sources(self) -> list[Path | Mapping[str, Any]]:
+        """Sources for `load_parameters`: the parameter files of the subject, and the subject's own values, which win.
+
+        Raises:
+            UsageError: one of the parameter files cannot be used.
+        """
+        content, files = self.content, [self._file(name) for name in self.content.parameters]
+        before = load_parameters(files)
+        values: dict[str, Any] = {"body_weight": content.mass * GRAVITY, "femur.mass": content.mass * FEMORAL_SHARE}
+        if content.thickness is not None:
+            values["contact.layer_depth"] = content.thickness
+        if content.joint:
+            values["knee.joint_name"] = content.joint
+        surfaces = (("femur", content.profile, before.femur), ("tibia", content.tibial_profile, before.tibia))
+        for bone, profile, surface in surfaces:
+            if profile:
+                values |= {f"{bone}.geometry": "profile", f"{bone}.profile": str(self._file(profile))}
+            if profile or surface.geometry == "profile":
+                values[f"{bone}.scale"] = content.scale
+            elif surface.geometry == "circle":
+                values[f"{bone}.radius"] = surface.radius * content.scale
+        return [*files, values]
+
+    def _file(self, name: str) -> Path:
+        path = expanded(name)
+        beside = self.path.parent / path
+        return path if path.is_absolute() else beside if beside.exists() else find_file(name)
+
+
+class Behind:
+    """Background thread that makes one call at a time, in order; a context manager that ends with the thread."""
+
+    def __init__(self) -> None:
+        self._thread = ThreadPoolExecutor(1, "behind")
+        self._last: Future[Any] | None = None
+
+    def do(self, function: Callable[..., object], *arguments: Any) -> None:
+        """Call a function in the thread, after waiting for the previous call; an error of that one is raised here."""
+        self.wait()
+        self._last = self._thread.submit(function, *arguments)
+
+    def wait(self) -> None:
+        """Wait for the last call; an error of it is raised here."""
+        last, self._last = self._last, None
+        if last:
+            last.result()
+
+    def __enter__(self) -> Behind:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._thread.shutdown()

@@ -15,10 +15,9 @@ from typing import Any, TypeVar, overload
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, ValidationError
+from pydantic import ValidationError
 
 from knee_contact_ros.joint_reaction.compartments import ShareTable
-from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.model.knee import LARGEST_ANGLE
 from knee_contact_ros.parameters.schema import (
     LATERAL,
@@ -29,12 +28,9 @@ from knee_contact_ros.parameters.schema import (
     has_both,
     lateral_knee,
     limits_of,
-    parameter,
 )
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import (
-    DEFAULT_PARAMETERS,
-    expanded,
     find_file,
     parameter_file,
     read_mapping,
@@ -61,8 +57,6 @@ SHARE_COLUMNS = ("flexion_angle", "axial_load", "medial_share")
 """Columns of that file, in rad, body weights and 1"""
 LARGEST_LOAD_IN_BW = 30.0
 """Largest axial load of a knee [BW]; larger numbers must be in N"""
-FEMORAL_SHARE = 9.3014 / 75.16
-"""Ratio of the masses of the femur's segment and the body in OpenSim's model gait2354, which scales both alike"""
 Part = NodeSection | Mapping[str, Any] | str | Path
 Source = Part | Sequence[Part]
 """Source of parameters: a file, a mapping, or several of these, of which the later one wins"""
@@ -465,67 +459,3 @@ def _refuse_degrees(by: str, name: str, angles: NDArray[np.float64]) -> None:
     reached = np.abs(angles).max(initial=0.0)
     if reached > LARGEST_ANGLE:
         raise UsageError(f"parameter {by}: {name} reaches {reached:g} rad; flexion angles must be in rad, not deg")
-
-
-class SubjectFile(Section):
-    """Content of a subject file: properties of a person's knee, and the gait to compute."""
-
-    name: str = parameter("", "of the person; for the reader")
-    mass: float = Field(ge=1.0, le=500.0, description="[kg] of the body")
-    parameters: list[str] = parameter([DEFAULT_PARAMETERS], "parameter files, the later one wins", min_length=1)
-    profile: str = parameter("", "femoral profile: CSV of x, y [m]")
-    tibial_profile: str = parameter("", "CSV of x, y [m]")
-    scale: float = parameter(1.0, "size of this knee over that of the surfaces given", ge=0.2, le=5.0)
-    thickness: float | None = parameter(None, "[m] of cartilage at which bone begins", gt=0.0, le=0.1)
-    joint: str = parameter("", "in joint_states")
-    bag: str = parameter("", "gait bag")
-
-
-class Subject:
-    """Subject of a subject file; files that it names lie beside it, or among the package's own."""
-
-    def __init__(self, path: Path) -> None:
-        """Read a subject file.
-
-        Raises:
-            UsageError: it cannot be read, or has an entry that is not allowed.
-        """
-        self.path = path
-        mapping = read_mapping(path, "subject file", "names to values")
-        try:
-            self.content = SubjectFile.model_validate(dict(mapping))
-        except ValidationError as error:
-            raise UsageError(f"subject file {path}: {first_error(error)}") from None
-
-    @property
-    def bag(self) -> Path | None:
-        """Gait bag that the file names; None if it names none."""
-        return self._file(self.content.bag) if self.content.bag else None
-
-    def sources(self) -> list[Path | Mapping[str, Any]]:
-        """Sources for `load_parameters`: the parameter files of the subject, and the subject's own values, which win.
-
-        Raises:
-            UsageError: one of the parameter files cannot be used.
-        """
-        content, files = self.content, [self._file(name) for name in self.content.parameters]
-        before = load_parameters(files)
-        values: dict[str, Any] = {"body_weight": content.mass * GRAVITY, "femur.mass": content.mass * FEMORAL_SHARE}
-        if content.thickness is not None:
-            values["contact.layer_depth"] = content.thickness
-        if content.joint:
-            values["knee.joint_name"] = content.joint
-        surfaces = (("femur", content.profile, before.femur), ("tibia", content.tibial_profile, before.tibia))
-        for bone, profile, surface in surfaces:
-            if profile:
-                values |= {f"{bone}.geometry": "profile", f"{bone}.profile": str(self._file(profile))}
-            if profile or surface.geometry == "profile":
-                values[f"{bone}.scale"] = content.scale
-            elif surface.geometry == "circle":
-                values[f"{bone}.radius"] = surface.radius * content.scale
-        return [*files, values]
-
-    def _file(self, name: str) -> Path:
-        path = expanded(name)
-        beside = self.path.parent / path
-        return path if path.is_absolute() else beside if beside.exists() else find_file(name)

@@ -11,8 +11,8 @@ import numpy as np
 
 from benchmarks.report import machine
 from knee_contact_ros import load_model
+from knee_contact_ros.commands.demo import FORCE_LIMIT, LOAD_FILE, RECORDED, largest
 from knee_contact_ros.joint_reaction.estimator import LEVELS
-from knee_contact_ros.offline.demo_sensors import FORCE_LIMIT, LOAD_FILE, RECORDED, largest
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE

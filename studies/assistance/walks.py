@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 import knee_contact_ros
 from examples.assist_as_needed import AssistLaw, Settings
 from knee_contact_ros.bags.reader import read_bag
+from knee_contact_ros.commands.demo import BAG, FORCE_LIMIT, LOAD_FILE
 from knee_contact_ros.joint_reaction.estimator import Estimator
 from knee_contact_ros.joint_reaction.leg import STILL, UNKNOWN, Ground, Joints
 from knee_contact_ros.model.knee import KneeModel
-from knee_contact_ros.offline.demo_sensors import BAG, FORCE_LIMIT, LOAD_FILE
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.topics import GROUND_REACTION_FORCE, JOINT_STATES, LOAD_INPUTS, MESSAGE_TYPES, stamp_to_ns

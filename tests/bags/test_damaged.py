@@ -10,7 +10,7 @@ from mcap.writer import CompressionType
 
 from knee_contact_ros.bags.bag_files import MOST_SHOWN, in_a_line
 from knee_contact_ros.bags.reader import BagReader, read_bag
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import SOURCE_DAMAGE, solve
 from knee_contact_ros.parameters.files import load_parameters

@@ -24,7 +24,7 @@ from knee_contact_ros.bags.provenance import (
     read_provenance,
 )
 from knee_contact_ros.bags.writer import BagWriter, Limits
-from knee_contact_ros.cli.main import knee_contact, main
+from knee_contact_ros.commands.main import knee_contact, main
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters

@@ -20,7 +20,7 @@ from ruamel.yaml import YAML
 from knee_contact_ros.bags.mcap_file import McapFile
 from knee_contact_ros.bags.recorded_answers import read_answers
 from knee_contact_ros.bags.recover import RECOVERED, recover
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.system.errors import UsageError
 from studies.fuzz_bags.bags import TICKS, mcap, messages
 from tests.bags.test_mcap_file import chunks
@@ -182,7 +182,7 @@ def test_a_disk_that_is_full_at_any_call_leaves_nothing_behind(
     folder.mkdir()
     output, log = folder / "bag.mcap", tmp_path / "log"
     environment = {"LD_PRELOAD": str(watching), "WATCHED_FOLDER": str(folder), "WATCHED_LOG": str(log)}
-    command = [sys.executable, "-m", "knee_contact_ros.cli.main", "recover", str(cut), str(output), "--overwrite"]
+    command = [sys.executable, "-m", "knee_contact_ros.commands.main", "recover", str(cut), str(output), "--overwrite"]
     failed = 0
     while True:
         output.write_text("precious")

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.joint_reaction.estimator import LEVELS
 from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.offline.estimate_load import estimate_load
@@ -39,7 +39,8 @@ def estimated(walking: Path) -> Path:
 @pytest.mark.parametrize("asks", [["load", "--help"], ["load", "-h"], ["estimate-load", "--help"]])
 def test_help_needs_no_ros_and_says_which_topics(asks: list[str]) -> None:
     code = (
-        f"import sys; sys.modules['rclpy'] = None; from knee_contact_ros.cli.main import main; sys.exit(main({asks}))"
+        "import sys; sys.modules['rclpy'] = None; from knee_contact_ros.commands.main import main; "
+        f"sys.exit(main({asks}))"
     )
     done = subprocess.run([sys.executable, "-c", code, *asks], capture_output=True, text=True, timeout=60, check=False)
     assert (done.returncode, done.stderr) == (0, "")
@@ -89,7 +90,7 @@ def test_a_reader_that_has_gone_is_no_reason_to_lose_the_bag(walking: Path, tmp_
     command = [
         sys.executable,
         "-m",
-        "knee_contact_ros.cli.main",
+        "knee_contact_ros.commands.main",
         "estimate-load",
         str(walking),
         "--output",

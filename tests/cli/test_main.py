@@ -11,7 +11,7 @@ from pathlib import Path
 import click
 import pytest
 
-from knee_contact_ros.cli.main import INTERRUPTED, knee_contact, main
+from knee_contact_ros.commands.main import INTERRUPTED, knee_contact, main
 
 
 @pytest.fixture
@@ -48,7 +48,7 @@ def test_ctrl_c_while_a_data_class_is_made_is_an_interruption(tmp_path: Path) ->
         "import click\nclick.Group.main = lambda *_, **__: exec('raise KeyboardInterrupt')\n"
     )
     done = subprocess.run(
-        [sys.executable, "-m", "knee_contact_ros.cli.main"],
+        [sys.executable, "-m", "knee_contact_ros.commands.main"],
         env=os.environ | {"PYTHONPATH": str(tmp_path)}, capture_output=True, text=True, timeout=60, check=False,
     )  # fmt: skip
     assert done.returncode == INTERRUPTED

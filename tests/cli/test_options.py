@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from knee_contact_ros.bags.reader import read_bag
-from knee_contact_ros.cli.commands.live import replay
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.live import replay
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.streams.topics import MESSAGE_TYPES, RECORDED
 from tests.helpers.bags import write_rosbag2
 from tests.helpers.messages import raw_inputs

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 
 FIT_SHARE = ["fit-share", "--trial", "a.csv", "--axial", "a", "--medial", "a", "--flexion", "a", "--body-weight", "700"]
 

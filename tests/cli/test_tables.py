@@ -11,13 +11,13 @@ import pytest
 
 from knee_contact_ros import solve
 from knee_contact_ros.bags.recover import Recovery, TopicCount
-from knee_contact_ros.cli import load_table
-from knee_contact_ros.cli.main import main
-from knee_contact_ros.cli.recovery_table import show_recovery
+from knee_contact_ros.commands import tables as load_table
+from knee_contact_ros.commands import tables as summary_table
+from knee_contact_ros.commands.main import main
+from knee_contact_ros.commands.tables import show_recovery
 from knee_contact_ros.lab import trade
 from knee_contact_ros.lab.opensim import command as show
 from knee_contact_ros.lab.opensim.pipeline import Check as Quality
-from knee_contact_ros.offline import summary_table
 from tests.helpers.terminals import Terminal
 from tests.helpers.walking import walk, walking_bag
 from tests.lab.opensim.storages import kinematics, reactions

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.model import compiler
 
 LOADED = """

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from knee_contact_ros.cli.main import knee_contact
+from knee_contact_ros.commands.main import knee_contact
 from knee_contact_ros.parameters.files import STANDARD_PARAMETERS, known_parameters
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters
 from knee_contact_ros.system.files import PACKAGE, share_folder

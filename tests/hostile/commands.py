@@ -13,7 +13,7 @@ import sys
 from importlib import import_module
 from pathlib import Path
 
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from tests.helpers.needs import HAS_VIEWER
 
 for needed in (

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.joint_reaction.compartments import MeasuredShare, ShareTable
 from knee_contact_ros.lab.shares import Trial, constant, errors, fit
 from knee_contact_ros.parameters.files import read_share_table

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from knee_contact_ros import UsageError, load_model, solve
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.trade import LEVELS, NAMES, REFERENCE, TOLERANCES, Setting, Trade, advice, measure
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.results import Results

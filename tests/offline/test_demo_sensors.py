@@ -13,7 +13,7 @@ from knee_contact_ros.streams.messages import JointState, decode_joint_state, en
 
 pytest.importorskip("rclpy", reason="the demo needs ROS")
 
-from knee_contact_ros.offline.demo_sensors import relief, with_assistance
+from knee_contact_ros.commands.demo import relief, with_assistance
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

@@ -18,7 +18,7 @@ from knee_contact_ros.bags.reader import BagReader, RawMessage, read_bag
 from knee_contact_ros.bags.recover import recover
 from knee_contact_ros.bags.topic_names import names_in_bag
 from knee_contact_ros.bags.writer import REFUSED_SAMPLES, BagWriter, Limits
-from knee_contact_ros.cli.main import INTERRUPTED, main
+from knee_contact_ros.commands.main import INTERRUPTED, main
 from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.estimate_load import LoadSummary, estimate_load

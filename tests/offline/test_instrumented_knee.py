@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.bags.recorded_answers import read_answers
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 
 pytest.importorskip("tabulate", reason="the studies' tables")
 

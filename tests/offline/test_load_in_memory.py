@@ -9,7 +9,7 @@ import pytest
 
 import knee_contact_ros
 from knee_contact_ros.offline.estimate_load import estimate_load
-from knee_contact_ros.offline.load_in_memory import DTYPE
+from knee_contact_ros.offline.notebooks import DTYPE
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
 from tests.helpers.walking import WHOLE_LEG, walk, walking_bag

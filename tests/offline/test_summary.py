@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
+from knee_contact_ros.commands.tables import show_summary
 from knee_contact_ros.model.types import blank
 from knee_contact_ros.offline.summary import Summary, bound, read_summary
-from knee_contact_ros.offline.summary_table import show_summary
 
 
 @pytest.mark.parametrize("errors", [[0.0, 3e-6, 1e-6], [0.0, math.nan, 1e-6], [math.inf, 0.0, math.nan]])

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.joint_reaction.compartments import RULES
 from knee_contact_ros.parameters.build import load_rule
 from knee_contact_ros.parameters.files import curve_texts, load_parameters

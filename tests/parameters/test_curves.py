@@ -11,7 +11,7 @@ import pytest
 
 import knee_contact_ros
 from knee_contact_ros.bags.provenance import provenance_record, read_provenance
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.parameters.files import LARGEST, MOST_POINTS, load_parameters
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.needs import needs_viewer

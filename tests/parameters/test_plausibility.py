@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import knee_contact_ros
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.model.surfaces import Circle, Profile
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve

@@ -9,9 +9,10 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.bags.provenance import read_provenance
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
+from knee_contact_ros.offline.solve import Subject
 from knee_contact_ros.parameters.build import load_model
-from knee_contact_ros.parameters.files import Subject, load_parameters
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.errors import UsageError
 
 

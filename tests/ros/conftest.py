@@ -63,7 +63,7 @@ def own_words(errors: str) -> str:
     return "".join(line for line in errors.splitlines(keepends=True) if "RTPS_TRANSPORT_SHM" not in line)
 
 
-WITHOUT = "import sys; sys.modules[{0!r}] = None; from knee_contact_ros.cli.main import main; sys.exit(main())"
+WITHOUT = "import sys; sys.modules[{0!r}] = None; from knee_contact_ros.commands.main import main; sys.exit(main())"
 """A program: the command where a module is not installed"""
 
 

@@ -25,10 +25,10 @@ from typing import NamedTuple
 
 from knee_contact_ros.system.processes import Process, connected, reap
 
-COMMAND = "knee_contact_ros.cli.main"
+COMMAND = "knee_contact_ros.commands.main"
 IMPORTED = (
     "knee_contact_ros.bags.answer_recorder",
-    "knee_contact_ros.cli.commands.live",
+    "knee_contact_ros.commands.live",
     "knee_contact_ros.model.compiler",
     "knee_contact_ros.streams.load_stream",
     "knee_contact_ros.streams.contact_stream",

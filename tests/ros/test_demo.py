@@ -16,7 +16,7 @@ import psutil
 import pytest
 
 from knee_contact_ros.bags.reader import read_bag
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.joint_reaction.muscles import QUADRICEPS, arm
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
@@ -32,7 +32,7 @@ from tests.helpers.terminals import Terminal
 from tests.offline.test_solve import make_bag
 from tests.ros.conftest import own_words
 
-COMMAND = [sys.executable, "-m", "knee_contact_ros.cli.main"]
+COMMAND = [sys.executable, "-m", "knee_contact_ros.commands.main"]
 LOADS = Path("load_recording") / "load_recording_0.mcap"
 RIGHT = share_folder() / "bags" / "gait2354_right"
 SCALE = LoadParameters().person.moment_arm_scale
@@ -67,7 +67,7 @@ def addresses(process: psutil.Process) -> set[str]:
 
 
 def test_it_needs_no_rerun() -> None:
-    code = "import sys; sys.modules['rerun'] = None; import knee_contact_ros.offline.demo_sensors"
+    code = "import sys; sys.modules['rerun'] = None; import knee_contact_ros.commands.demo"
     subprocess.run([sys.executable, "-c", code], check=True, timeout=TIMEOUT)
 
 
@@ -280,7 +280,7 @@ def test_on_a_terminal_with_a_screen_it_offers_to_open_the_scene(
 ) -> None:
     """Ctrl-D is a no; what is opened here is Rerun's viewer, which says that there is no such screen."""
     offers = f"offer(Path('{tmp_path}/a.rrd')); " * 3
-    code = f"from pathlib import Path; from knee_contact_ros.offline.demo import offer; {offers}"
+    code = f"from pathlib import Path; from knee_contact_ros.commands.demo import offer; {offers}"
     for screen in SCREENS:
         monkeypatch.delenv(screen, raising=False)
     with Terminal(sys.executable, "-c", code) as terminal:

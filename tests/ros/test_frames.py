@@ -154,7 +154,9 @@ def test_a_replay_says_where_the_bags_frames_are(peer: Peer, tmp_path: Path) -> 
     peer.node.create_subscription(
         messages.TFMessage, "/tf_static", lambda data: told.extend(decode_transforms(data)), LATCHED, raw=True
     )
-    replay = subprocess.Popen([sys.executable, "-m", "knee_contact_ros.cli.main", "replay", str(bag), "--wait", "3"])
+    replay = subprocess.Popen(
+        [sys.executable, "-m", "knee_contact_ros.commands.main", "replay", str(bag), "--wait", "3"]
+    )
     peer.wait_until(lambda: told)
     assert told == [mounted]
     replay.kill()

@@ -25,7 +25,7 @@ from knee_contact_ros.bags.mcap_metadata import metadata_records
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED
 from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.bags.writer import REFUSED_SAMPLES
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.node.outputs import PATIENCE
 from knee_contact_ros.offline.estimate_load import estimate_load

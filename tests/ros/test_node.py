@@ -106,7 +106,16 @@ def test_replay_feeds_the_node_a_bag(
 ) -> None:
     node = start_node("--params-file", config / "healthy.yaml", "-p", f"record.path:={tmp_path / 'live.mcap'}")
     peer.wait_for_node()  # which compiles first on a new machine, for longer than a replay waits
-    command = [sys.executable, "-m", "knee_contact_ros.cli.main", "replay", str(right_bag), "--rate", "5", "--clock"]
+    command = [
+        sys.executable,
+        "-m",
+        "knee_contact_ros.commands.main",
+        "replay",
+        str(right_bag),
+        "--rate",
+        "5",
+        "--clock",
+    ]
     replay = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
     assert (replay.returncode, own_words(replay.stderr)) == (0, "")
     assert replay.stdout.startswith("774 messages published")
@@ -181,7 +190,7 @@ def test_a_node_that_stood_still_says_by_how_much_it_is_late(peer: Peer, start_n
 
 def test_a_node_without_standard_streams_computes(peer: Peer, tmp_path: Path) -> None:
     recording = tmp_path / "bag.mcap"
-    node = f"{sys.executable} -m knee_contact_ros.cli.main node --ros-args -p record.path:={recording}"
+    node = f"{sys.executable} -m knee_contact_ros.commands.main node --ros-args -p record.path:={recording}"
     with subprocess.Popen(["/bin/sh", "-c", f"exec {node} <&- >&- 2>&-"]) as process:
         try:
             peer.wait_for_node()

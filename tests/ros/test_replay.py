@@ -27,7 +27,7 @@ from tests.helpers.terminals import Terminal
 from tests.ros.conftest import PATIENCE, Peer, own_words
 from tests.ros.test_demo import Said, told_of_bad_input
 
-COMMAND = [sys.executable, "-m", "knee_contact_ros.cli.main", "replay"]
+COMMAND = [sys.executable, "-m", "knee_contact_ros.commands.main", "replay"]
 ANGLE, FORCE = INPUT_TYPES
 LAST_LINE = (
     r"(\d+) messages published, \d+ \([0-9.e-]+ %\) later than 1 ms, the latest by [0-9.]+ ms; drift at the end "

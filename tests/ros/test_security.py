@@ -20,7 +20,7 @@ from knee_contact_ros.system.files import share_folder
 from tests.helpers.sockets import internet_sockets
 from tests.ros.conftest import PATIENCE, NodeProcess, Peer
 
-COMMAND = [sys.executable, "-m", "knee_contact_ros.cli.main"]
+COMMAND = [sys.executable, "-m", "knee_contact_ros.commands.main"]
 POLICY = share_folder() / "config" / "security" / "knee_contact.policy.xml"
 RULES = {"publish": "publisher", "subscribe": "subscriber", "reply": "service", "request": "client"}
 """A policy's rule and what the graph calls it"""

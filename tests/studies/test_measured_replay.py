@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from knee_contact_ros.cli.main import main as knee_contact
-from knee_contact_ros.offline.in_memory import solve
+from knee_contact_ros.commands.main import main as knee_contact
+from knee_contact_ros.offline.notebooks import solve
 from studies.measured_replay import disturbed, main, same
 from tests.lab.sensors.trials import write_trial
 

@@ -6,7 +6,7 @@ from threading import Event, current_thread
 
 import pytest
 
-from knee_contact_ros.system.behind import Behind
+from knee_contact_ros.offline.solve import Behind
 
 
 def test_things_are_done_in_another_thread_in_their_order() -> None:

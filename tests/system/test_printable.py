@@ -8,9 +8,8 @@ from pathlib import Path
 import pytest
 
 from knee_contact_ros.bags.recover import Recovery, TopicCount
-from knee_contact_ros.cli.recovery_table import show_recovery
+from knee_contact_ros.commands.tables import show_recovery, show_summary
 from knee_contact_ros.offline.summary import read_summary
-from knee_contact_ros.offline.summary_table import show_summary
 from knee_contact_ros.streams.messages import RefusedSampleError
 from knee_contact_ros.system.errors import UsageError, listed, printable
 from knee_contact_ros.system.terminal import say, warn

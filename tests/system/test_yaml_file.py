@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from knee_contact_ros.bags.metadata import read_metadata
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.system.files import LARGEST, LARGEST_METADATA, MOST_NODES, BadYamlError, parse_yaml, read_yaml
 
 DOUBLED = "\n".join(["a0: &a0 {x: 1}", *(f"a{i}: &a{i} {{p: *a{i - 1}, q: *a{i - 1}}}" for i in range(1, 30))])

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("rerun", reason="needs the extra viewer")
 
-from knee_contact_ros.offline.in_memory import solve
+from knee_contact_ros.offline.notebooks import solve
 from knee_contact_ros.streams.strides import impulse_per_stride
 from knee_contact_ros.streams.topics import Answer
 from knee_contact_ros.view.anatomy import KneeOutlines

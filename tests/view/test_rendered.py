@@ -8,7 +8,7 @@ import pytest
 
 pytest.importorskip("rerun", reason="needs the extra viewer: pip install 'knee-contact-ros[viewer]'")
 
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.view.colours import BONE, CARTILAGE, COVER, DEPTH, FEMUR, FORCE, TIBIA
 from knee_contact_ros.view.layout import DETAILS, KNEE, READ_OFF
 from tests.helpers.viewer import pixels_of, rendered

@@ -23,7 +23,7 @@ from rerun.experimental import ViewerClient
 from knee_contact_ros.bags.answer_recorder import AnswerWriter
 from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.bags.writer import BagWriter
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.topics import MESSAGE_TYPES, Ending
@@ -199,7 +199,7 @@ def test_an_old_file_gives_way_when_asked(osteoarthritic: Path, tmp_path: Path) 
 @contextmanager
 def viewing(*arguments: str) -> Iterator[subprocess.Popen[str]]:
     """The command in a process of its own, which is gone afterwards with all that it has started."""
-    command = [sys.executable, "-m", "knee_contact_ros.cli.main", "view", *arguments]
+    command = [sys.executable, "-m", "knee_contact_ros.commands.main", "view", *arguments]
     process = subprocess.Popen(
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
     )

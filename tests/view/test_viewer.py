@@ -15,7 +15,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.results import DATES_FROM
 from knee_contact_ros.streams.topics import Answer
 from knee_contact_ros.system.errors import UsageError
@@ -97,7 +97,7 @@ def test_view_ends_with_one_line_when_the_disk_is_full(osteoarthritic: Path, tmp
     path = tmp_path / "pictures" / "knee.rrd"
     path.parent.mkdir()
     done = subprocess.run(
-        [sys.executable, "-m", "knee_contact_ros.cli.main", "view", str(osteoarthritic), "--save", str(path)],
+        [sys.executable, "-m", "knee_contact_ros.commands.main", "view", str(osteoarthritic), "--save", str(path)],
         capture_output=True, text=True, timeout=180, check=False, env=os.environ | NO_BYTECODE,
         preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (size, size)),
     )  # fmt: skip

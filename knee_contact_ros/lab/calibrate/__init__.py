@@ -46,7 +46,7 @@ from knee_contact_ros.lab.calibrate.fit import (
 )
 from knee_contact_ros.lab.calibrate.load import AXIAL_FORCE, fittable_in, load_problem_of, referenced
 from knee_contact_ros.model.types import Floats
-from knee_contact_ros.offline.in_memory import Name, in_python_words
+from knee_contact_ros.offline.notebooks import Name, in_python_words
 from knee_contact_ros.parameters.files import load_parameters, values_set_in
 from knee_contact_ros.parameters.schema import LoadParameters, NodeSection, Parameters
 from knee_contact_ros.results import Results

@@ -23,7 +23,7 @@ from knee_contact_ros.joint_reaction.leg import NetMoments, leg_of
 from knee_contact_ros.joint_reaction.muscles import Person, reaction_of
 from knee_contact_ros.lab.calibrate.fit import STEP, Fittable, Problem, Unknown
 from knee_contact_ros.model.types import UNUSABLE, Floats
-from knee_contact_ros.offline.sensed import Sensed, SensedBag, sensed_in
+from knee_contact_ros.offline.estimate_load import Sensed, SensedBag, sensed_in
 from knee_contact_ros.parameters.files import all_values, known_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.contact_stream import load_sample

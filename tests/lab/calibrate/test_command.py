@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from knee_contact_ros import load_model
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.parameters.files import values_set_in
 from tests.lab.calibrate.trials import START, trial, written
 

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from knee_contact_ros import UsageError, calibrate, estimate_load
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.parameters.files import load_parameters, values_set_in
 from knee_contact_ros.parameters.schema import LoadParameters
 from tests.lab.calibrate.legs import BODY, EPOCH, FREE, STEP, TRUE, WEIGHT, noise, trial, walk, write_sensors

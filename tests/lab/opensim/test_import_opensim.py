@@ -9,7 +9,7 @@ import pytest
 from mcap.reader import make_reader
 
 from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from tests.lab.opensim.storages import kinematics, reactions

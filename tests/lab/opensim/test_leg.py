@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.opensim import leg
 from knee_contact_ros.lab.opensim.leg import LegJoints, Places, leg_joints, thigh_angle
 from knee_contact_ros.lab.tables import Storage

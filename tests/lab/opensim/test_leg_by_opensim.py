@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.bags.reader import read_bag
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.lab.opensim import child
 from knee_contact_ros.lab.opensim.pipeline import Setup, dynamics_setup, read_setup, run_python

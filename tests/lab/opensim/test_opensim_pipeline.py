@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.opensim.command import Files, read_knee
 from knee_contact_ros.lab.opensim.pipeline import find_setups
 from knee_contact_ros.lab.opensim.results import Settings
@@ -118,7 +118,9 @@ def test_a_step_that_fails_leaves_nothing_and_says_why(
 def test_interrupted_it_ends_its_step_and_leaves_nothing(example: Path, tmp_path: Path) -> None:
     output, work = tmp_path / "walk", tmp_path / "work"
     arguments = command(example, output, "--steps", "scale,ik,cmc", "--work", str(work))
-    process = subprocess.Popen([sys.executable, "-m", "knee_contact_ros.cli.main", *arguments], stderr=subprocess.PIPE)
+    process = subprocess.Popen(
+        [sys.executable, "-m", "knee_contact_ros.commands.main", *arguments], stderr=subprocess.PIPE
+    )
     until = time.monotonic() + 120.0
     while not (work / "logs" / "cmc.log").exists():
         assert process.poll() is None

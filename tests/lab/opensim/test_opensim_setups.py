@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.opensim.pipeline import (
     dynamics_setup,
     find_setups,

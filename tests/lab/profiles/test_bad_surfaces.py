@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.system.files import not_installed
 from tests.lab.profiles.meshes import femoral_curve, saved, swept, tibial_curve
 

@@ -10,7 +10,7 @@ import pytest
 
 from knee_contact_ros import load_model
 from knee_contact_ros.bags.provenance import read_provenance
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.profiles.fit import TOLERANCE, Fit, concave, dented, fit
 from knee_contact_ros.lab.profiles.surfaces import Surface, contact_centre
 from knee_contact_ros.model.surfaces import Profile

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 from distributed import LocalCluster
 
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab import run_study
 from knee_contact_ros.lab.run_study import Report
 from knee_contact_ros.lab.sensitivity import read_sensitivity_study

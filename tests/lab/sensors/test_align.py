@@ -10,11 +10,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.sensors.align import Alignment, aligned
 from knee_contact_ros.lab.sensors.channels import Series
 from knee_contact_ros.lab.tables import Floats
-from knee_contact_ros.offline.in_memory import solve
+from knee_contact_ros.offline.notebooks import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.needs import TRIALS, needs_trials

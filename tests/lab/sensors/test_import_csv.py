@@ -12,8 +12,8 @@ import pytest
 
 from knee_contact_ros.bags.mcap_metadata import metadata_records
 from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader
-from knee_contact_ros.cli.main import main
-from knee_contact_ros.offline.in_memory import solve
+from knee_contact_ros.commands.main import main
+from knee_contact_ros.offline.notebooks import solve
 from knee_contact_ros.streams.messages import JOINT_STATE, WRENCH
 from tests import ROOT
 from tests.helpers.needs import TRIALS, needs_trials

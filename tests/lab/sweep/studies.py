@@ -57,7 +57,7 @@ def left_over(folder: Path) -> list[str]:
 
 def begin(*arguments: str, **environment: str) -> subprocess.Popen[str]:
     """A command, in a group of processes of its own, as a terminal has it."""
-    code = "import sys; from knee_contact_ros.cli.main import main; sys.exit(main())"
+    code = "import sys; from knee_contact_ros.commands.main import main; sys.exit(main())"
     return subprocess.Popen(
         [sys.executable, "-c", code, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT,
         env=os.environ | environment, start_new_session=True,

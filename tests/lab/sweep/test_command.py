@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab import run_study
 from knee_contact_ros.system import files
 from tests import ROOT

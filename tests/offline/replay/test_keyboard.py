@@ -13,7 +13,7 @@ from tests.helpers.terminals import Terminal
 
 PROGRAM = """
 import os
-from knee_contact_ros.offline.replay.keyboard import Command, Keyboard, unwinding_on_signals
+from knee_contact_ros.commands.player import Command, Keyboard, unwinding_on_signals
 
 def stood_still(seconds):  # in a signal handler, which may interrupt a print
     os.write(1, f"<stood still for {seconds}>\\n".encode())
@@ -84,7 +84,7 @@ def test_ctrl_z_gives_the_terminal_back_and_fg_takes_it_again() -> None:
 
 def test_without_a_terminal_there_are_no_keys() -> None:
     program = (
-        "from knee_contact_ros.offline.replay.keyboard import Keyboard, has_terminal\n"
+        "from knee_contact_ros.commands.player import Keyboard, has_terminal\n"
         "with Keyboard(print) as keyboard: print(has_terminal(), keyboard.wait(0.01))"
     )
     done = subprocess.run(

@@ -8,8 +8,7 @@ from collections.abc import Sequence
 import pytest
 
 from knee_contact_ros.bags.reader import RawMessage
-from knee_contact_ros.offline.replay.keyboard import Command
-from knee_contact_ros.offline.replay.player import Player
+from knee_contact_ros.commands.player import Command, Player
 
 MILLISECOND = 1_000_000
 BEGIN = 1_700_000_000_000_000_000

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 import pytest
 
 from knee_contact_ros.bags.reader import RawMessage
-from knee_contact_ros.offline.replay.read_ahead import BLOCK, BLOCKS, ReadAhead
+from knee_contact_ros.commands.replay import BLOCK, BLOCKS, ReadAhead
 from knee_contact_ros.system.errors import UsageError
 
 

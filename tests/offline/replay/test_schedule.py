@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from knee_contact_ros.offline.replay.lateness import Lateness
-from knee_contact_ros.offline.replay.schedule import Schedule
+from knee_contact_ros.commands.player import Lateness, Schedule
 
 SECOND = 1_000_000_000
 BEGIN = 1_700_000_000 * SECOND

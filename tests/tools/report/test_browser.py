@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from tests.helpers.browser import requested
 
 pytest.importorskip("matplotlib", minversion="3.7", reason="needs the extra report: matplotlib 3.7")

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.system.files import not_installed
 from tests.tools.report.pages import page_of, text_of
 
@@ -53,7 +53,7 @@ def test_a_damaged_bag_is_told_and_reported_as_far_as_it_goes(bags, tmp_path: Pa
 
 
 def test_a_missing_library_is_told_in_a_line(bags, tmp_path: Path) -> None:
-    code = "import sys; sys.modules['jinja2'] = None; from knee_contact_ros.cli.main import main; sys.exit(main())"
+    code = "import sys; sys.modules['jinja2'] = None; from knee_contact_ros.commands.main import main; sys.exit(main())"
     command = [sys.executable, "-c", code, "report", str(bags[0]), "--output", str(tmp_path / "out")]
     run = subprocess.run(command, capture_output=True, text=True, check=False)
     assert run.returncode == 2
@@ -64,7 +64,15 @@ def test_a_missing_library_is_told_in_a_line(bags, tmp_path: Path) -> None:
 def test_an_interrupted_report_leaves_nothing_behind(bags, tmp_path: Path, number: int) -> None:
     bag, output = tmp_path / "bag", tmp_path / "out"
     shutil.copytree(bags[0], bag)
-    command = [sys.executable, "-m", "knee_contact_ros.cli.main", "report", *[str(bag)] * 50, "--output", str(output)]
+    command = [
+        sys.executable,
+        "-m",
+        "knee_contact_ros.commands.main",
+        "report",
+        *[str(bag)] * 50,
+        "--output",
+        str(output),
+    ]
     process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True)
     deadline = time.monotonic() + 60.0
     while not list(output.glob(".incomplete-*/*")) and time.monotonic() < deadline:

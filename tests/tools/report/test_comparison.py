@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.parameters.files import flat_parameters, load_parameters
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.tools.report.comparison import between, compared, differences, kept, named, overlay

@@ -7,7 +7,7 @@ import io
 from collections.abc import Sequence
 from pathlib import Path
 
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.system.files import share_folder
 from knee_contact_ros.tools.report.data import tables
 from knee_contact_ros.tools.report.runs import ReportOptions, Run, collect

@@ -13,7 +13,7 @@ import pytest
 from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.bags.recorded_answers import read_answers
 from knee_contact_ros.bags.writer import BagWriter
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.model.types import FLAT
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.build import load_model

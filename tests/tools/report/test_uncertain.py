@@ -13,7 +13,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 import knee_contact_ros
-from knee_contact_ros.cli.main import main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.tools.report.uncertain import COLUMNS, NUMERICAL, TOGETHER
 from tests.helpers.bags import write_rosbag2
 from tests.helpers.messages import raw_inputs

@@ -1,4 +1,4 @@
-"""`knee_contact_ros.solve`: the command `solve` as a function of Python, with arrays as its result."""
+"""The commands `solve` and `estimate-load` as functions of Python, with arrays as their results."""
 
 from __future__ import annotations
 
@@ -8,23 +8,27 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
-from typing import Any
+from typing import Any, get_type_hints
 
 import numpy as np
+from numpy.typing import NDArray
 
 from knee_contact_ros.bags.bag_files import in_a_line, others_beside
-from knee_contact_ros.bags.provenance import Provenance, read_provenance, with_values
+from knee_contact_ros.bags.provenance import Provenance
 from knee_contact_ros.bags.topic_names import Names, names_in_bag
+from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import ROW, Rows
-from knee_contact_ros.offline.solve import parameters_in, texts_of
+from knee_contact_ros.offline.estimate_load import estimate_load as estimate
+from knee_contact_ros.offline.solve import Subject, basis_of, parameters_in, texts_of
 from knee_contact_ros.offline.solve import solve as solve_bag
-from knee_contact_ros.parameters.files import Source, Subject, dotted, load_parameters
-from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.parameters.files import Source, dotted, load_parameters
+from knee_contact_ros.parameters.schema import LoadParameters, Parameters
 from knee_contact_ros.results import Results
 from knee_contact_ros.streams.contact_stream import compartments_of
+from knee_contact_ros.streams.topics import LOAD_INPUTS
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded
+from knee_contact_ros.system.files import expanded
 from knee_contact_ros.system.output_files import checked_output
 from knee_contact_ros.system.terminal import progress
 
@@ -153,20 +157,53 @@ def in_python(message: str) -> str:
     return message
 
 
-def basis_of(
-    bag: Path, params: Source | None, values: Mapping[str, Any], person: Subject | None
-) -> Parameters | Provenance:
-    """Return what a bag is computed with: given parameters, else the provenance of a recording, else the healthy knee.
+DTYPE = np.dtype([("stamp", np.int64), *((name, kind) for name, kind in get_type_hints(Estimate).items())])
+"""Data type of the rows of the result"""
 
-    `values`, by dotted names, win over `params`, and these over the subject file of a `person`.
+
+def estimate_load(
+    bag: Name,
+    params: Any = None,
+    values: Mapping[str, Any] | None = None,
+    *,
+    output: Name | None = None,
+    overwrite: bool = False,
+    remap: Mapping[str, str] | None = None,
+    namespace: str = "",
+) -> NDArray[Any]:
+    """Estimate the joint reaction force of a bag, as `knee-contact estimate-load` does: the same numbers. Needs no ROS.
+
+    Args:
+        bag: An .mcap file, a .db3 file or a rosbag2 folder, with joint_states and ground_reaction_force.
+        params: A parameter file of the node knee_load, a mapping, or a list of these; None: the defaults.
+        values: Single parameters, which win over all others: `{"person.mass": 70.0}`.
+        output: A bag to write as well, from which `solve` can be run.
+        overwrite: Replace `output` if it exists.
+        remap: Other names of the inputs in the bag: `{"joint_states": "/exo/joint_states"}`.
+        namespace: Take the inputs from /NAMESPACE/... of the bag.
+
+    Returns:
+        A structured array, shape (n,): `stamp` [ns], and the fields of `LoadEstimate` under their names, in its units.
 
     Raises:
-        UsageError: parameters or the recording cannot be used; see `load_parameters` and `read_provenance`.
+        UsageError: bag, parameters or output cannot be used, or nothing could be estimated.
     """
-    stored = read_provenance(bag) if params is None and person is None else None
-    if stored:
-        return with_values(stored, values)
-    if params is None:
-        params = () if person else DEFAULT_PARAMETERS
-    given = params if isinstance(params, Sequence) and not isinstance(params, str) else [params]
-    return load_parameters([*(person.sources() if person else ()), *given, values])
+    path = expanded(str(bag))
+    with in_python_words():
+        check_mappings(values, remap)
+        sources = params if isinstance(params, (list, tuple)) else [] if params is None else [params]
+        parameters = load_parameters([*sources, dotted(values or {})], LoadParameters)
+        rules = [f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()]
+        names = names_in_bag(rules, namespace, LOAD_INPUTS)
+        written = checked_output(Path(output), "output", ".mcap") if output else None
+        rows: list[tuple[Any, ...]] = []
+        with progress("Estimating") as advance:
+            summary = estimate(
+                path, parameters, written, advance, overwrite, names, lambda stamp, each: rows.append((stamp, *each))
+            )
+        doubts = others_beside(path)
+        if summary.damage:
+            doubts = [*doubts, f"bag {path} is damaged, and read as far as it can be: {in_a_line(summary.damage)}"]
+        for sentence in doubts:
+            warnings.warn(in_python(sentence), stacklevel=2)
+    return np.array(rows, DTYPE)

@@ -1,4 +1,4 @@
-"""Commands that need no ROS, on bags and recordings: solve, estimate-load, recover."""
+"""Commands that need no ROS: solve, estimate-load, recover, view, warm."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from knee_contact_ros.cli.options import (
+from knee_contact_ros.commands.options import (
     DEFAULT_PARAMETERS,
     FILE,
     Output,
@@ -53,10 +53,9 @@ def solve(
     from knee_contact_ros.bags.bag_files import in_a_line, others_beside
     from knee_contact_ros.bags.provenance import Provenance
     from knee_contact_ros.bags.topic_names import names_in_bag
-    from knee_contact_ros.offline.in_memory import basis_of
+    from knee_contact_ros.commands.tables import show_summary
+    from knee_contact_ros.offline.solve import Subject, basis_of
     from knee_contact_ros.offline.solve import solve as solve_bag
-    from knee_contact_ros.offline.summary_table import show_summary
-    from knee_contact_ros.parameters.files import Subject
     from knee_contact_ros.system.files import parameters_of
     from knee_contact_ros.system.terminal import progress, warn
 
@@ -103,7 +102,7 @@ def estimate_load(
     """
     from knee_contact_ros.bags.bag_files import in_a_line, others_beside
     from knee_contact_ros.bags.topic_names import names_in_bag
-    from knee_contact_ros.cli.load_table import show_load
+    from knee_contact_ros.commands.tables import show_load
     from knee_contact_ros.offline.estimate_load import estimate_load as estimate
     from knee_contact_ros.parameters.schema import LoadParameters
     from knee_contact_ros.streams.topics import LOAD_INPUTS
@@ -134,9 +133,83 @@ def recover(source: Path, output: Path, overwrite: bool) -> None:
     IN stays as it is.
     """
     from knee_contact_ros.bags.recover import recover as recover_file
-    from knee_contact_ros.cli.recovery_table import show_recovery
+    from knee_contact_ros.commands.tables import show_recovery
     from knee_contact_ros.system.terminal import progress
 
     with progress("Recovering") as advance:
         recovery = recover_file(source, output, advance, overwrite)
     show_recovery(recovery, str(output))
+
+
+@click.command()
+@click.argument("sources", nargs=-1, required=True, metavar="FILE...")
+@parameter_files
+@parameter_values
+@click.option("--save", type=Output(".rrd"), metavar="OUT.rrd", help="Write a Rerun file instead.")
+@click.option("--overwrite", is_flag=True, help="Replace OUT.rrd if it exists.")
+@click.option("--serve", is_flag=True, help="Serve it to browsers and viewers on this machine instead.")
+@click.option(
+    "--port", type=click.IntRange(1024, 65534), default=9876, show_default=True, help="For --serve; and the next one."
+)
+def view(
+    sources: tuple[str, ...],
+    parameter_files: tuple[Path, ...],
+    parameter_values: tuple[str, ...],
+    save: Path | None,
+    overwrite: bool,
+    serve: bool,
+    port: int,
+) -> None:
+    """See recordings in Rerun.
+
+    FILE is a recording with answers, or a bag with inputs, which is computed first. A recording of ours is drawn with
+    the parameters stored in it, others with those of --params. Several knees, of one recording or of several, are seen
+    side by side. FILE can also be a Rerun file, or the address that a node (rerun.mode serve) or
+    --serve tells.
+    """
+    from knee_contact_ros.view.viewer import executable
+
+    executable()  # before what imports its library
+    from knee_contact_ros.bags.bag_files import others_beside
+    from knee_contact_ros.commands.view import ViewOptions, run_view
+    from knee_contact_ros.parameters.files import load_parameters
+    from knee_contact_ros.system.files import parameters_of
+    from knee_contact_ros.system.terminal import warn
+
+    warn(sentence for source in sources for sentence in others_beside(Path(source)))
+    parameters = load_parameters([*find_parameters(parameter_files), parameters_of(parameter_values)])
+    run_view(sources, parameters, ViewOptions(save, overwrite, serve, port))
+
+
+@click.command()
+@parameter_files
+@parameter_values
+def warm(parameter_files: tuple[Path, ...], parameter_values: tuple[str, ...]) -> None:
+    """Compile the model ahead of its first use.
+
+    An installation does so by itself. The compiled model is for every kind of knee; --params and -p are only checked.
+    It is kept beside the package if you can write there, else in $XDG_CACHE_HOME/knee_contact_ros or
+    ~/.cache/knee_contact_ros, for this version of the model, of its compiler and of Python on this kind of processor.
+    What is kept already is left as it is.
+    """
+    from knee_contact_ros.model.compiler import compiled_run, folders, kept_files
+    from knee_contact_ros.model.ticks import run
+    from knee_contact_ros.parameters.build import load_model
+    from knee_contact_ros.system.errors import IncompleteError, UsageError
+    from knee_contact_ros.system.files import parameters_of
+    from knee_contact_ros.system.terminal import say
+
+    if parameter_files or parameter_values:
+        load_model([*find_parameters(parameter_files), parameters_of(parameter_values)], compiled=False)
+    before, compiled, after = kept_files(), compiled_run(), kept_files()
+    if compiled and after:
+        say("was there already" if set(before) == set(after) else "compiled")
+        say(f"kept in {after[0].parent}")
+        return
+    places = folders(run)
+    if len(places) == 1:
+        raise UsageError(
+            f"XDG_CACHE_HOME is not set, and this user has no home and cannot write in {places[0]}: there is no folder "
+            "to keep the compiled model in"
+        )
+    raise IncompleteError(f"the model could not be compiled and kept in {places[0]} or {places[1]}")

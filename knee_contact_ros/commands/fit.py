@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from knee_contact_ros.cli.options import (
+from knee_contact_ros.commands.options import (
     DEFAULT_PARAMETERS,
     FILE,
     Output,

@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 
 from knee_contact_ros import __version__
-from knee_contact_ros.cli.commands import cohort, fit, imports, live, look, measure, offline, warm
+from knee_contact_ros.commands import fit, imports, live, offline, studies
 from knee_contact_ros.system.errors import IncompleteError, UsageError, printable
 
 INTERRUPTED = 130
@@ -26,9 +26,9 @@ def knee_contact() -> None:
 
 
 for command in (
-    live.demo, live.node, live.load, offline.estimate_load, live.replay, offline.solve, offline.recover, look.view,
-    look.report, imports.import_opensim, imports.import_csv, imports.align, fit.fit_profile, fit.fit_share,
-    fit.calibrate, cohort.sweep, cohort.sensitivity, measure.trade, warm.warm,
+    live.demo, live.node, live.load, offline.estimate_load, live.replay, offline.solve, offline.recover, offline.view,
+    studies.report, imports.import_opensim, imports.import_csv, imports.align, fit.fit_profile, fit.fit_share,
+    fit.calibrate, studies.sweep, studies.sensitivity, studies.trade, offline.warm,
 ):  # fmt: skip
     knee_contact.add_command(command)
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from knee_contact_ros.cli.options import FILE, Output
+from knee_contact_ros.commands.options import FILE, Output
 
 sensor_map_option = click.option(
     "--map",

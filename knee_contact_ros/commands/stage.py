@@ -21,10 +21,9 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64MultiArray
 
 from knee_contact_ros.bags.reader import BagReader, RawMessage
+from knee_contact_ros.commands.player import Command, Player
+from knee_contact_ros.commands.replay import Replayer
 from knee_contact_ros.msg import KneeContact
-from knee_contact_ros.offline.replay.keyboard import Command
-from knee_contact_ros.offline.replay.player import Player
-from knee_contact_ros.offline.replay.replay import Replayer
 from knee_contact_ros.streams.messages import stamp_in
 from knee_contact_ros.streams.topics import KNEE_CONTACT, stamp_to_ns
 from knee_contact_ros.system.errors import UsageError
@@ -198,7 +197,7 @@ def _node(
     patience: float,
 ) -> Iterator[Child]:  # fmt: skip
     """Run a command that is a node, with parameter files, paths of outputs by parameter, and further parameters."""
-    arguments = ["-m", "knee_contact_ros.cli.main", command, "--ros-args"]
+    arguments = ["-m", "knee_contact_ros.commands.main", command, "--ros-args"]
     for path in parameter_files:
         arguments += ["--params-file", str(path)]
     for name, value in {**{name: f'"{path}"' for name, path in outputs.items()}, **values}.items():

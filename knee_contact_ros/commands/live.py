@@ -9,7 +9,7 @@ from typing import Any
 
 import click
 
-from knee_contact_ros.cli.options import FILE, Output, find_parameters, names_in_bag_options, parameter_files
+from knee_contact_ros.commands.options import FILE, Output, find_parameters, names_in_bag_options, parameter_files
 
 CLOCK = "--clock"
 WITH_EVERY_MESSAGE = "0"
@@ -61,8 +61,7 @@ def demo(
     Starts the real node, replays a recorded gait over real topics on this machine only, records to MCAP, writes a
     Rerun file and prints the peaks.
     """
-    from knee_contact_ros.offline.demo import Recorded, Source, run_demo
-    from knee_contact_ros.offline.demo_sensors import LOAD_FILE, Sensors
+    from knee_contact_ros.commands.demo import LOAD_FILE, Recorded, Sensors, Source, run_demo
     from knee_contact_ros.system.files import share_folder
 
     if load_files and not from_sensors:
@@ -206,7 +205,7 @@ def replay(bag: Path, remaps: tuple[str, ...], namespace: str, sensors: bool, **
     """
     from knee_contact_ros.bags.bag_files import others_beside
     from knee_contact_ros.bags.topic_names import names_in_bag
-    from knee_contact_ros.offline.replay.replay import Timing, run_replay
+    from knee_contact_ros.commands.replay import Timing, run_replay
     from knee_contact_ros.streams.topics import INPUTS, LOAD_INPUTS
     from knee_contact_ros.system.terminal import warn
 

@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import gc
+import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from queue import Full, Queue
+from threading import Event, Thread
 from typing import NamedTuple
 
 import click
@@ -23,11 +26,8 @@ from sensor_msgs.msg import JointState
 from knee_contact_ros.bags.bag_files import in_a_line
 from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
+from knee_contact_ros.commands.player import HELP, Keyboard, Lateness, Player, has_terminal, unwinding_on_signals
 from knee_contact_ros.offline.bag_inputs import transform_messages
-from knee_contact_ros.offline.replay.keyboard import HELP, Keyboard, has_terminal, unwinding_on_signals
-from knee_contact_ros.offline.replay.lateness import Lateness
-from knee_contact_ros.offline.replay.player import Player
-from knee_contact_ros.offline.replay.read_ahead import ReadAhead, quick_switching
 from knee_contact_ros.streams.frames import TF_STATIC
 from knee_contact_ros.streams.topics import INPUTS, JOINT_STATES, MESSAGE_TYPES, NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
@@ -237,3 +237,75 @@ def undisturbed() -> Iterator[None]:
             yield
     finally:
         gc.unfreeze()
+
+
+BLOCK = 256
+"""Number of messages that are handed over at once: each handover wakes the other thread"""
+BLOCKS = 64
+"""Largest number of waiting blocks: 8 s of two topics at 1 kHz, some MB"""
+LOOK_PERIOD = 0.1
+"""Time [s] after which a thread that cannot hand over looks whether it is still wanted"""
+SWITCH_INTERVAL = 1e-4
+"""Time [s] for which a thread may keep the interpreter while another wants it; Python's default is 5 ms"""
+
+Block = list[RawMessage]
+
+
+class ReadAhead:
+    """Messages of an iterator, which a thread of its own reads ahead."""
+
+    def __init__(self, messages: Iterator[RawMessage]) -> None:
+        self._queue: Queue[Block | Exception | None] = Queue(BLOCKS)
+        self._unwanted = Event()
+        self._thread = Thread(target=self._read, args=(messages,), name="read ahead", daemon=True)
+
+    def __enter__(self) -> ReadAhead:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._unwanted.set()
+        self._thread.join()
+
+    def __iter__(self) -> Iterator[RawMessage]:
+        """Yield the messages; an error is raised after all messages that were read before it."""
+        while (block := self._queue.get()) is not None:
+            if isinstance(block, Exception):
+                raise block
+            yield from block
+
+    def _read(self, messages: Iterator[RawMessage]) -> None:
+        block: Block = []
+        ending: Exception | None = None
+        try:
+            for message in messages:
+                block.append(message)
+                if len(block) == BLOCK:
+                    if not self._hand_over(block):
+                        return
+                    block = []
+        except Exception as error:  # whatever it is, it belongs to whoever uses the messages
+            ending = error
+        if self._hand_over(block):
+            self._hand_over(ending)
+
+    def _hand_over(self, item: Block | Exception | None) -> bool:
+        """Hand over a block, an error or the end (None); return False if nobody wants it any more."""
+        while not self._unwanted.is_set():
+            try:
+                self._queue.put(item, timeout=LOOK_PERIOD)
+            except Full:
+                continue
+            return True
+        return False
+
+
+@contextmanager
+def quick_switching() -> Iterator[None]:
+    """Let a thread that wakes up have the interpreter at once while another thread reads."""
+    usual = sys.getswitchinterval()
+    sys.setswitchinterval(SWITCH_INTERVAL)
+    try:
+        yield
+    finally:
+        sys.setswitchinterval(usual)

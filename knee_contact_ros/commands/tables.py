@@ -1,4 +1,4 @@
-"""The tables of results that `demo` and `solve` print."""
+"""The tables that `solve`, `demo`, `estimate-load` and `recover` print."""
 
 from __future__ import annotations
 
@@ -11,7 +11,10 @@ from rich.console import Console
 from rich.markup import escape
 from rich.table import Column, Table
 
+from knee_contact_ros.bags.recover import Recovery
+from knee_contact_ros.offline.estimate_load import LoadSummary
 from knee_contact_ros.offline.summary import Summary
+from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.results import begin_of, stamp_text
 from knee_contact_ros.streams.topics import LATERAL, MEDIAL, NANOSECONDS
 from knee_contact_ros.system.terminal import UNBOUNDED, WIDTH, say, shown
@@ -115,3 +118,62 @@ def _shares(levels: Mapping[str, int]) -> str:
     """Return the share of each level in percent, as text."""
     whole = max(sum(levels.values()), 1)
     return ", ".join(f"{name} {100.0 * count / whole:.1f} %" for name, count in sorted(levels.items()))
+
+
+NOT_CALIBRATED = "not calibrated to this person: for looking, not for gating anything"
+
+
+def show_load(summary: LoadSummary, parameters: LoadParameters, rows: Mapping[str, str], output: str) -> None:
+    """Print the peak of the joint reaction with its parts and standard deviation, its mean, and figures of the run."""
+    console, weight = Console(width=WIDTH, emoji=False), parameters.person.constants.weight
+    peak = summary.peak
+    assert peak is not None  # noqa: S101  (there is an estimate)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for heading in ("", "[N]", "[BW]"):
+        table.add_column(heading.replace("[", "\\["), justify="right" if heading else "left", no_wrap=True)
+    parts = {
+        "largest joint reaction": peak.axial_force, "  without muscles": peak.resultant_force,
+        "  quadriceps": peak.quadriceps_force, "  hamstrings": peak.hamstrings_force,
+        "  gastrocnemius": peak.gastrocnemius_force, "standard deviation": peak.standard_deviation,
+        "mean joint reaction": float(summary.axial.mean()),
+    }  # fmt: skip
+    for name, force in parts.items():
+        table.add_row(name, f"{force:.1f}", f"{force / weight:.2f}")
+    console.print(table)
+    figures = figure_table()
+    figures.add_row("estimates", f"{len(summary.axial)} over {summary.duration:.2f} s")
+    figures.add_row("level", summary.level)
+    figures.add_row("constants", "fitted to this person's knee" if summary.calibrated else NOT_CALIBRATED)
+    for name, value in rows.items():
+        figures.add_row(name, shown(value))
+    figures.add_row("samples refused", counts(summary.refused))
+    figures.add_row("estimates flagged", counts(summary.flagged))
+    console.print(figures)
+    console.print()
+    say(f"Bag: {output}")
+
+
+MOST_FAULTS = 20
+"""Largest number of faults that are printed"""
+
+
+def show_recovery(recovery: Recovery, output: str) -> None:
+    """Print the recovered and the missing messages of each topic, the faults, and the output file."""
+    console = Console(width=WIDTH, emoji=False)
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    table.add_column("topic, and its type", overflow="fold")
+    table.add_column("messages", justify="right", no_wrap=True)
+    table.add_column("missing", justify="right", no_wrap=True)
+    for row in recovery.topics:
+        missing = "unknown" if row.missing is None else str(row.missing)
+        table.add_row(f"{shown(row.topic)}\n  {shown(row.type)}", str(row.messages), missing)
+    console.print(table)
+    lines = [f"{recovery.unread} of {recovery.size} bytes could not be read"]
+    if recovery.times:
+        first, last = recovery.times
+        lines.insert(0, f"from {first / NANOSECONDS:.3f} s to {last / NANOSECONDS:.3f} s")
+    lines += [f"- {fault}" for fault in recovery.faults[:MOST_FAULTS]]
+    if len(recovery.faults) > MOST_FAULTS:
+        lines.append(f"- and {len(recovery.faults) - MOST_FAULTS} more, all in the file's metadata")
+    for line in [*lines, f"Recovered: {output}"]:
+        say(line)

@@ -1,1 +1,0 @@
-"""The command line of the package: `knee-contact` with its commands and options."""

@@ -1,0 +1,1 @@
+"""The commands of `knee-contact`; heavy libraries load only where a command runs."""

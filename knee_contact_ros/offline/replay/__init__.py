@@ -1,1 +1,0 @@
-"""Replay of a bag over ROS 2 topics."""
