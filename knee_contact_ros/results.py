@@ -16,7 +16,7 @@ from rich.table import Table
 
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.readouts import Readings
-from knee_contact_ros.model.types import FLAT, NANOSECOND, ROW, Rows, Status
+from knee_contact_ros.model.types import FIELDS, FLAT, NANOSECOND, ROW, Rows, Status
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import not_installed
 
@@ -24,13 +24,6 @@ DATES_FROM = 10 * 365 * 86_400 * 1_000_000_000
 """The least stamp [ns] that is a date; those of simulations and of trials begin near 0"""
 TIME = "time"
 """Name of the column with the time"""
-UNITS = {
-    TIME: "s", "flexion_angle": "rad", "load": "N", "contact_force": "N", "penetration_depth": "m", "gap": "m",
-    "penetration_rate": "m/s", "sliding_velocity": "m/s", "contact_point": "m", "femoral_height": "m",
-    "cartilage_depth": "m", "bone_depth": "m", "error_estimate": "m", "force_error_estimate": "N",
-    "contact_wrench_force": "N", "contact_wrench_torque": "N m", "stamp": "ns", "femoral_x": "m", "latency": "s",
-}  # fmt: skip
-"""SI units of the fields; components of a vector have that of the vector, and fields that are missing have none"""
 PARQUET = ".parquet"
 ENDS = 4
 """Number of rows that the table shows of the beginning, and of the end"""
@@ -166,7 +159,7 @@ def columns(rows: Rows) -> dict[str, NDArray[Any]]:
 
 def unit_of(name: str) -> str:
     """Give the SI unit of a column; empty if it has none."""
-    return UNITS.get(name, UNITS.get(name.rsplit("_", 1)[0] if name[-2:] in ("_x", "_y", "_z") else "", ""))
+    return "s" if name == TIME else FIELDS[name].unit
 
 
 def begin_of(first: int) -> int:

@@ -18,7 +18,7 @@ from typing import Any, NamedTuple
 
 import click
 
-from knee_contact_ros.model.types import ContactState, Fidelity, Status
+from knee_contact_ros.model.types import FIELDS, ContactState, Fidelity, Status
 
 COLOURS = {
     "blue": (110, 170, 235), "red": (235, 95, 80), "grey": (140, 150, 175), "yellow": (250, 200, 70),
@@ -28,7 +28,7 @@ COLOURS = {
 STATES = "Contact, level of the model, status"
 JOINTS = "Joint positions [rad]"
 """Title of the plot of `joint_states`, whose curves are named after the joints"""
-ON_THE_KNEE = 5
+ON_THE_KNEE = 4 + sum(bool(field.plot) for field in FIELDS.values())
 """Number of the first plots that show what the knee does; the others show how that was computed"""
 
 
@@ -63,6 +63,9 @@ class Plot(NamedTuple):
         return self.with_unit(f"{self.title}: {names}" if len(self.curves) > 1 else self.title)
 
 
+OWN = [Plot(field.plot, field.unit, (Curve(name, name.replace("_", " "), "green"),)) for name, field in FIELDS.items()
+       if field.plot]  # fmt: skip
+"""Plots of the fields whose declaration gives a title"""
 PLOTS = (
     Plot("Flexion angle", "rad", (Curve("flexion_angle", "flexion angle", "blue", 2.0),)),
     Plot("Force", "N", (Curve("load", "load", "grey", 4.0), Curve("contact_force", "contact force", "red"))),
@@ -70,7 +73,7 @@ PLOTS = (
                         Curve("bone_depth", "in the second layer", "sand"), Curve("gap", "gap", "grey"))),
     Plot("Contact point", "m", (Curve("contact_point.x", "anterior", "yellow", 3.0),
                                 Curve("contact_point.y", "superior", "green"))),
-    Plot("Sliding velocity", "m/s", (Curve("sliding_velocity", "sliding velocity", "green"),)),
+    *OWN,
     Plot("Evaluations per tick", "", (Curve("evaluations", "evaluations", "violet"),)),
     Plot("Error of the depth", "m", (Curve("error_estimate", "error estimate", "yellow"),)),
     Plot("Error of the force", "N", (Curve("force_error_estimate", "force error estimate", "red"),)),
@@ -219,13 +222,13 @@ def plotjuggler(namespace: str = "", version: int = 3) -> str:
             ET.SubElement(transform, "options", value_scale=repr(factor), value_offset="0", time_offset="0")
         return dock
 
-    angle, force, depth, point, sliding, evaluations, error, force_error, reaction, wrench = map(area, PLOTS)
+    angle, force, depth, point, *own, evaluations, error, force_error, reaction, wrench = map(area, PLOTS)
     colours = ("blue", "violet", "red")
     lanes = tuple(Curve(lane.field, lane.title, colour) for lane, colour in zip(LANES, colours, strict=True))
     states = area(Plot("Contact, level, status", "", lanes), "Steps")
     joint = area(Plot("Joint position", "rad", (Curve("knee.position", "knee", "blue"),), "joint_states"))
     for name, *columns in (
-        ("Contact", [angle, force, depth], [states, point, sliding]),
+        ("Contact", [angle, force, depth], [states, point, *own]),
         ("Load, error and cost", [joint, reaction, wrench], [error, force_error, evaluations]),
     ):
         tab = ET.SubElement(window, "Tab", containers="1", tab_name=str(name))

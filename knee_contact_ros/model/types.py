@@ -10,20 +10,32 @@ from __future__ import annotations
 import struct
 from collections.abc import Iterator
 from enum import IntEnum, IntFlag
-from typing import Annotated, Any, get_origin, get_type_hints
+from typing import Annotated, Any, NamedTuple, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
-Real = Annotated[float, np.float64]
-Small = Annotated[int, np.uint8]
-Count = Annotated[int, np.uint32]
-Nanoseconds = Annotated[int, np.int64]
 Rows = NDArray[Any]
 """Answers: an array of `ROW`, shape (n,)"""
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 Counts = NDArray[np.uint32]
+
+
+class Field(NamedTuple):
+    """What is declared of a field of an answer, beside its name and its meaning."""
+
+    unit: str = ""
+    """SI unit; components of a vector have that of the vector"""
+    kind: type[np.generic] = np.float64
+    """NumPy type; vectors have the class of the field in place of it"""
+    plot: str = ""
+    """Title of the plot that viewer and layouts make of it; empty: they draw it in a way of its own, or not at all"""
+    added: bool = False
+    """Whether the message of earlier versions lacks it"""
+
+
+Code = Annotated[int, Field(kind=np.uint8)]
 
 
 class ContactState(IntEnum):
@@ -85,69 +97,72 @@ class Row(np.record):  # type: ignore[misc]  # final to the stubs alone
 class Point(Row):  # type: ignore[misc]
     """A vector in the tibia frame, [m] or [N] or [N m]: x anterior, y superior, z to the right."""
 
-    x: Real
-    y: Real
-    z: Real
+    x: Annotated[float, Field()]
+    y: Annotated[float, Field()]
+    z: Annotated[float, Field()]
     """0, or about the axis of flexion: all is planar"""
 
 
 class Wrench(Row):  # type: ignore[misc]
     """Force and torque on a body at the origin of the tibia frame, with the layout of `geometry_msgs/msg/Wrench`."""
 
-    force: Point
-    """[N] force on the body"""
-    torque: Point
-    """[N m] torque on the body about the origin of the tibia frame"""
+    force: Annotated[Point, Field("N")]
+    """Force on the body"""
+    torque: Annotated[Point, Field("N m")]
+    """Torque on the body about the origin of the tibia frame"""
 
 
 class Contact(Row):  # type: ignore[misc]
-    """The answer to one tick: first the fields of `KneeContact.msg` (same names, order and types), then some more."""
+    """The answer to one tick: the fields of `KneeContact.msg` (same names, order and types), then some more.
 
-    flexion_angle: Real
-    """[rad] flexion angle, positive in flexion"""
-    load: Real
-    """[N] compressive load that drove the tick"""
-    contact_force: Real
-    """[N] normal contact force; >= 0 unless the law may pull"""
-    penetration_depth: Real
-    """[m] penetration depth, >= 0; 0 when the surfaces are apart"""
-    gap: Real
-    """[m] distance of the surfaces, >= 0; 0 in contact"""
-    penetration_rate: Real
-    """[m/s] rate of the signed depth, > 0 when the surfaces approach each other"""
-    sliding_velocity: Real
-    """[m/s] velocity of the femur's surface relative to the tibia's along the contact, > 0 anteriorly (Eq. 6)"""
-    contact_point: Point
-    """[m] contact point on the plateau in the tibia frame (when apart: the point closest to the femur); z is 0"""
-    femoral_height: Real
-    """[m] height of the femoral reference point above the origin of the tibia frame"""
-    cartilage_depth: Real
-    """[m] part of the depth in the first layer"""
-    bone_depth: Real
-    """[m] part of the depth in the second layer"""
-    contact_state: Small
+    A field's name, meaning, unit and plot are declared here and nowhere else; the message repeats them as comments.
+    """
+
+    flexion_angle: Annotated[float, Field("rad")]
+    """Flexion angle, positive in flexion"""
+    load: Annotated[float, Field("N")]
+    """Compressive load that drove the tick"""
+    contact_force: Annotated[float, Field("N")]
+    """Normal contact force; >= 0 unless the law may pull"""
+    penetration_depth: Annotated[float, Field("m")]
+    """Penetration depth, >= 0; 0 when the surfaces are apart"""
+    gap: Annotated[float, Field("m")]
+    """Distance of the surfaces, >= 0; 0 in contact"""
+    penetration_rate: Annotated[float, Field("m/s")]
+    """Rate of the signed depth, > 0 when the surfaces approach each other"""
+    sliding_velocity: Annotated[float, Field("m/s", plot="Sliding velocity, anterior > 0", added=True)]
+    """Velocity of the femur's surface relative to the tibia's along the contact, > 0 anteriorly (Eq. 6)"""
+    contact_point: Annotated[Point, Field("m")]
+    """Contact point on the plateau in the tibia frame (when apart: the point closest to the femur); z is 0"""
+    femoral_height: Annotated[float, Field("m")]
+    """Height of the femoral reference point above the origin of the tibia frame"""
+    cartilage_depth: Annotated[float, Field("m")]
+    """Part of the depth in the first layer"""
+    bone_depth: Annotated[float, Field("m")]
+    """Part of the depth in the second layer"""
+    contact_state: Code
     """a `ContactState`: the deepest layer in contact"""
-    fidelity: Small
+    fidelity: Code
     """a `Fidelity`: the level that computed the answer"""
-    status: Small
+    status: Code
     """a set of `Status` flags"""
-    error_estimate: Real
-    """[m] estimated error of `penetration_depth` against the exact solution of the scene"""
-    force_error_estimate: Real
-    """[N] estimated error of `contact_force` against the exact solution of the scene"""
-    evaluations: Count
-    """contact law evaluations that this tick took; the last field of the message"""
+    error_estimate: Annotated[float, Field("m")]
+    """Estimated error of `penetration_depth` against the exact solution of the scene"""
+    force_error_estimate: Annotated[float, Field("N", added=True)]
+    """Estimated error of `contact_force` against the exact solution of the scene"""
+    evaluations: Annotated[int, Field(kind=np.uint32)]
+    """Contact law evaluations that this tick took"""
     contact_wrench: Wrench
-    """the contact force on the tibia, as it is published beside the message"""
-    stamp: Nanoseconds
-    """[ns] time of the sample, as in the message's header"""
-    femoral_x: Real
-    """[m] x of the femoral reference point in the tibia frame"""
-    normal_x: Real
+    """The contact force on the tibia, as it is published beside the message"""
+    stamp: Annotated[int, Field("ns", np.int64)]
+    """Time of the sample, as in the message's header"""
+    femoral_x: Annotated[float, Field("m")]
+    """x of the femoral reference point in the tibia frame"""
+    normal_x: Annotated[float, Field()]
     """x of the unit normal of the tibial surface at the contact point, from tibia to femur"""
-    normal_y: Real
-    latency: Real
-    """[s] from the arrival of the load to the publication of the answer, measured by the node; 0 elsewhere"""
+    normal_y: Annotated[float, Field()]
+    latency: Annotated[float, Field("s")]
+    """From the arrival of the load to the publication of the answer, measured by the node; 0 elsewhere"""
 
     def __repr__(self) -> str:
         """Return a summary in one line; `print` shows all fields."""
@@ -159,17 +174,24 @@ class Contact(Row):  # type: ignore[misc]
 
 PARTS: dict[str, type[Row]] = {}
 """Classes of the fields that are records themselves, by field name"""
+FIELDS: dict[str, Field] = {}
+"""What is declared of the numbers of an answer, by their names in `FLAT`"""
 
 
-def _fields(record: type[Row]) -> np.dtype[Any]:
-    """Return the NumPy type of the fields that a class declares, aligned as in C and in CDR."""
+def _fields(record: type[Row], before: str = "", unit: str = "") -> np.dtype[Any]:
+    """Return the NumPy type of the fields that a class declares, aligned as in C and in CDR; fill `PARTS` and `FIELDS`.
+
+    The names of its numbers begin with `before`, and have a `unit` unless they declare their own.
+    """
     fields: list[tuple[str, Any]] = []
     for name, hint in get_type_hints(record, include_extras=True).items():
-        if get_origin(hint) is Annotated:
-            fields.append((name, hint.__metadata__[0]))
+        kind, field = (hint.__origin__, hint.__metadata__[0]) if hasattr(hint, "__metadata__") else (hint, Field())
+        if issubclass(kind, Row):
+            PARTS[name] = kind
+            fields.append((name, _fields(kind, f"{before}{name}_", field.unit)))
         else:
-            PARTS[name] = hint
-            fields.append((name, _fields(hint)))
+            FIELDS[before + name] = field._replace(unit=field.unit or unit)
+            fields.append((name, field.kind))
     return np.dtype(fields, align=True)
 
 
@@ -182,7 +204,7 @@ def _place(name: str) -> slice:
 
 ROW = np.dtype((Contact, _fields(Contact)))
 """NumPy type of a row of answers, whose elements are `Contact` records"""
-MESSAGE = slice(0, _place("evaluations").stop)
+MESSAGE = slice(0, _place((ROW.names or ())[(ROW.names or ()).index("contact_wrench") - 1]).stop)
 """Bytes of a row that equal those of a `KneeContact` message after its header, if the header ends at a multiple of 8
 B"""
 WRENCH = _place("contact_wrench")

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat, Nodetype
 from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
-from knee_contact_ros.model.types import FLAT, MESSAGE, ROW, TOLD, WRENCH, Rows, untold
+from knee_contact_ros.model.types import FIELDS, FLAT, MESSAGE, ROW, TOLD, WRENCH, Rows, untold
 from knee_contact_ros.streams.messages import (
     BYTE_ORDERS,
     HEADER,
@@ -183,7 +183,7 @@ def _headed(frame_id: str, stamps: Stamps, rows: Rows, part: slice) -> Bytes:
 
 
 TYPE = MESSAGE_TYPES[KNEE_CONTACT]
-ADDED = frozenset({"sliding_velocity", "force_error_estimate"})
+ADDED = frozenset(name for name, field in FIELDS.items() if field.added)
 """Names of the numbers that were added to the message later"""
 FIXED = ("float64", "float32", "int64", "uint64", "int32", "uint32", "int16", "uint16", "int8", "uint8")
 """Types of numbers that are read, named as in NumPy"""

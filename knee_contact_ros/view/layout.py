@@ -6,6 +6,7 @@ knee. Lengths are mm; units stand in the names of the curves.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
@@ -14,7 +15,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.components import PlayState
 
-from knee_contact_ros.model.types import Rows
+from knee_contact_ros.model.types import FIELDS, FLAT, Field, Rows
 from knee_contact_ros.view.anatomy import SURFACE_POINTS, Floats, KneeOutlines, lowest_at, placed
 from knee_contact_ros.view.colours import (
     ANGLE,
@@ -124,10 +125,19 @@ KNEE = (
     )),
 )  # fmt: skip
 """Plots beside the sagittal plane"""
+SHOWN = {"m": ("mm", MM), "m/s": ("mm/s", MM), "rad": ("deg", math.degrees(1.0))}
+"""Unit in which a plot shows numbers, and the factor to it, by SI unit"""
+
+
+def _plain(name: str, field: Field) -> Plot:
+    """Return the plot of a field whose declaration gives its title."""
+    unit, factor = SHOWN.get(field.unit, (field.unit, 1.0))
+    values = lambda answers, _: factor * answers.view(FLAT)[name]  # noqa: E731
+    return Plot(name, f"{field.plot} [{unit}]", (Series(f"{name.replace('_', ' ')} [{unit}]", SLIP, 2.0, values),))
+
+
 DETAILS = (
-    Plot("sliding", "Sliding velocity, anterior > 0 [mm/s]", (
-        Series("sliding velocity [mm/s]", SLIP, 2.0, lambda answers, _: MM * answers["sliding_velocity"]),
-    )),
+    *(_plain(name, field) for name, field in FIELDS.items() if field.plot),
     Plot("error", "Estimated errors: depth, violet [µm]; force, orange [N]", (
         Series("error of the force [N]", FORCE, 1.0, lambda answers, _: answers["force_error_estimate"]),
         Series("error of the depth [µm]", ERROR, 2.0, lambda answers, _: MICRO * answers["error_estimate"]),

@@ -63,7 +63,7 @@ def test_every_curve_holds_every_tick(knee: tuple[KneeOutlines, list[Answer]], d
     assert curves["flexion"][:, 0] == near([math.degrees(contact.flexion_angle) for contact in contacts], rel=1e-12)
     assert curves["contact_point"][:, 0] == near([1e3 * contact.contact_point.x for contact in contacts], rel=1e-12)
     sliding = [1e3 * contact.sliding_velocity for contact in contacts]
-    assert curves["sliding"][:, 0] == near(sliding, rel=1e-12)
+    assert curves["sliding_velocity"][:, 0] == near(sliding, rel=1e-12)
     assert np.ptp(sliding) > 100.0
     assert curves["error"] == near(np.stack([uncertain, 1e6 * error], 1), rel=1e-12, nan_ok=True)
     assert curves["evaluations"][:, 0] == near([contact.evaluations for contact in contacts])

@@ -81,7 +81,7 @@ def test_a_recording_from_before_sliding_and_force_error(old_recording: Path, tm
         if not plot.live and plot.path != CONTACT_POINT  # that of a circle is still
     }
     assert {values.shape[0] for values in curves.values()} == {387}
-    later = {"sliding": [0], "force": [0, 1], "error": [0]}
+    later = {"sliding_velocity": [0], "force": [0, 1], "error": [0]}
     for name, values in curves.items():
         assert np.flatnonzero(np.isnan(values).all(axis=0)).tolist() == later.get(name, []), name
 
