@@ -16,7 +16,6 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,21 +23,12 @@ from numpy.typing import ArrayLike, NDArray
 from knee_contact_ros.model.kernel_source import inlined
 
 Floats = NDArray[np.float64]
-Vector = tuple[float, float, float]
 LARGEST = 0.1
 """Largest translation [m]: a larger one is longer than a tibial plateau, and most likely in mm."""
 START, STOP, STEP = -0.3, 1.75, 0.025
 """Range of flexion [rad] in which the parallel mechanism is solved (-17 to 100 deg), and largest step of the grid"""
-LARGEST_JUMP = 0.02
-"""Largest distance of a pose from the linear continuation of the two before it [m and rad].
-
-The default knee stays below 0.001. A larger one means that Newton's method has found another assembly of the parts.
-"""
 CLOSED, ITERATIONS = 1e-14, 25
 """Largest error [m] of a closed mechanism, some hundred rounding errors of 0.1 m; largest number of Newton's steps"""
-WORST_CONDITION = 1e6
-"""Largest condition number of the equations' derivatives; the default knee stays below 6000. Beyond it, the constraints
-do not guide the femur."""
 
 
 @inlined
@@ -128,59 +118,26 @@ def table(angle: ArrayLike, x: ArrayLike, name: str = "table") -> Mechanism:
     return Mechanism(name, np.concatenate([ends[:1], cubics, ends[1:]]))
 
 
-class Condyle(NamedTuple):
-    """A sphere of the femur that touches a plane of the tibia."""
+SPHERES: Floats = np.array([(0.0002458, 0.0034071, -0.0232019), (-0.0032853, 0.0021225, 0.0262054)])
+"""Centres of the medial and of the lateral sphere in the femur frame [m]"""
+PLANES: Floats = np.array([(-0.0021344, -0.0286241, -0.0191308), (-0.0027946, -0.0260861, 0.0243679)])
+"""A point of the plane that each of them touches, in the tibia frame [m]"""
+NORMALS: Floats = np.array([(0.0675, 0.9896, -0.1273), (-0.0881, 0.9942, 0.0617)])
+"""Normals of the planes towards the spheres, in the tibia frame; of any length"""
+ON_FEMUR: Floats = np.array([
+    (-0.0067712, 0.0075255, 0.0091575), (-0.0026610, -0.0010906, -0.0021857), (0.0027608, 0.0057798, -0.0476279),
+])  # fmt: skip
+ON_TIBIA: Floats = np.array([
+    (0.0127709, -0.0261454, -0.0000617), (-0.0258519, -0.0381449, -0.0035210), (0.0021345, -0.1171068, -0.0057872),
+])  # fmt: skip
+"""Attachments of the fibres in both frames [m]: anterior cruciate, posterior cruciate, medial collateral"""
+DISTANCES: Floats = np.array([0.03232, 0.02834, 0.04053, 0.04326, 0.12970])
+"""Radii of the spheres and lengths of the fibres [m]
 
-    centre: Vector
-    """Centre of the sphere in the femur frame [m]."""
-    radius: float
-    """Radius of the sphere [m]"""
-    contact: Vector
-    """Any point of the plane in the tibia frame [m]."""
-    normal: Vector
-    """Normal of the plane towards the sphere, in the tibia frame; of any length."""
-
-
-class Fibre(NamedTuple):
-    """A ligament fibre of constant length."""
-
-    femur: Vector
-    """Attachment in the femur frame [m]."""
-    tibia: Vector
-    """Attachment in the tibia frame [m]."""
-    length: float
-    """Distance of the attachments [m]"""
-
-
-class ConstrainedKnee(NamedTuple):
-    """A knee with five constraints on six degrees of freedom, so that one is left."""
-
-    medial: Condyle
-    lateral: Condyle
-    fibres: tuple[Fibre, Fibre, Fibre]
-
-
-SANCISI_2017 = ConstrainedKnee(
-    medial=Condyle(
-        centre=(0.0002458, 0.0034071, -0.0232019), radius=0.03232, contact=(-0.0021344, -0.0286241, -0.0191308),
-        normal=(0.0675, 0.9896, -0.1273),
-    ),
-    lateral=Condyle(
-        centre=(-0.0032853, 0.0021225, 0.0262054), radius=0.02834, contact=(-0.0027946, -0.0260861, 0.0243679),
-        normal=(-0.0881, 0.9942, 0.0617),
-    ),
-    fibres=(
-        Fibre(femur=(-0.0067712, 0.0075255, 0.0091575), tibia=(0.0127709, -0.0261454, -0.0000617), length=0.04053),
-        Fibre(femur=(-0.0026610, -0.0010906, -0.0021857), tibia=(-0.0258519, -0.0381449, -0.0035210), length=0.04326),
-        Fibre(femur=(0.0027608, 0.0057798, -0.0476279), tibia=(0.0021345, -0.1171068, -0.0057872), length=0.12970),
-    ),
-)  # fmt: skip
-"""A right knee; fibres: anterior cruciate, posterior cruciate, medial collateral.
-
-All numbers, lengths and radii included, are those of Sancisi, Gasparutto, Parenti-Castelli & Dumas 2017
-(doi:10.1007/s11012-016-0532-x), used before in Gasparutto et al. 2015 (J Biomech 48:1141-1146). None was adjusted. With
-the two frames parallel the fibres would be 40.01, 43.73 and 129.82 mm long, so the closed mechanism stands 3.1 deg
-internally rotated at full extension. It jams at 109 deg of flexion.
+All numbers from `SPHERES` on, radii and lengths included, are those of a right knee by Sancisi, Gasparutto,
+Parenti-Castelli & Dumas 2017 (doi:10.1007/s11012-016-0532-x), used before in Gasparutto et al. 2015 (J Biomech
+48:1141-1146). None was adjusted. With the two frames parallel the fibres would be 40.01, 43.73 and 129.82 mm long, so
+the closed mechanism stands 3.1 deg internally rotated at full extension. It jams at 109 deg of flexion.
 """
 
 
@@ -194,90 +151,56 @@ def rotation(flexion: float, abduction: float, internal_rotation: float) -> Floa
     ])  # fmt: skip
 
 
-def parallel_mechanism(knee: ConstrainedKnee = SANCISI_2017, start: float = START, stop: float = STOP) -> Mechanism:
-    """Return the translation of the medial sphere's centre, 0 at full extension, from `start` < 0 to `stop` > 0 [rad].
-
-    Raises:
-        ValueError: the geometry is impossible, or cannot be assembled or moved over the whole range.
-    """
-    angles, poses = passive_motion(knee, start, stop)
-    centre = np.array(knee.medial.centre)
-    turned = [rotation(angle, *pose[3:])[0] @ centre for angle, pose in zip(angles.tolist(), poses, strict=True)]
+def parallel_mechanism() -> Mechanism:
+    """Return the translation of the medial sphere's centre, 0 at full extension, from `START` to `STOP`."""
+    angles, poses = passive_motion()
+    turned = [rotation(angle, *pose[3:])[0] @ SPHERES[0] for angle, pose in zip(angles.tolist(), poses, strict=True)]
     x = poses[:, 0] + turned
     return table(angles, x - x[angles == 0.0][0], "parallel mechanism")
 
 
-def passive_motion(knee: ConstrainedKnee, start: float, stop: float) -> tuple[Floats, Floats]:
-    """Solve the parallel mechanism from full extension to `start` < 0 and to `stop` > 0 [rad].
+def passive_motion() -> tuple[Floats, Floats]:
+    """Solve the parallel mechanism from full extension to `START` and to `STOP`, each pose from the two before it.
 
     Returns flexion angles [rad], shape (n,), and poses of the femur, shape (n, 5): x, y, z [m], abduction and internal
     rotation of the tibia [rad].
-
-    Raises:
-        ValueError: see `parallel_mechanism`.
     """
-    if not start < 0.0 < stop:
-        raise ValueError("the parallel mechanism's range of flexion must contain full extension inside it")
-    closure = _Closure(knee)
-    extension = closure.solve(0.0, np.zeros(5))
+    extension = closed(0.0, np.zeros(5))
     motion = {0.0: extension}
-    for end in (start, stop):
+    for end in (START, STOP):
         last = before = extension
         for angle in np.linspace(0.0, end, 1 + math.ceil(abs(end) / STEP))[1:].tolist():
-            guess = 2.0 * last - before
-            before, last = last, closure.solve(angle, guess)
-            if before is not extension and np.abs(last - guess).max() > LARGEST_JUMP:
-                raise ValueError(f"the parallel mechanism jams before {math.degrees(angle):.1f} deg of flexion")
+            before, last = last, closed(angle, 2.0 * last - before)
             motion[angle] = last
     angles = sorted(motion)
     return np.array(angles), np.array([motion[angle] for angle in angles])
 
 
-class _Closure:
-    """The five closure equations of a knee, which can be solved at any flexion angle."""
+def closed(flexion: float, pose: Floats) -> Floats:
+    """Return the pose, shape (5,), that fulfils the five equations at a flexion angle [rad], by Newton's method."""
+    for _ in range(ITERATIONS):
+        errors, jacobian = linearised(flexion, pose)
+        if np.abs(errors).max() < CLOSED:
+            return pose
+        pose = pose - np.linalg.solve(jacobian, errors)
+    raise ValueError(f"the parallel mechanism cannot be assembled at {math.degrees(flexion):.1f} deg of flexion")
 
-    def __init__(self, knee: ConstrainedKnee) -> None:
-        condyles = (knee.medial, knee.lateral)
-        self._femur = np.array([*(c.centre for c in condyles), *(f.femur for f in knee.fibres)], float)
-        self._tibia = np.array([*(c.contact for c in condyles), *(f.tibia for f in knee.fibres)], float)
-        self._distances = np.array([*(c.radius for c in condyles), *(f.length for f in knee.fibres)], float)
-        normals = np.array([c.normal for c in condyles], float)
-        sizes = np.linalg.norm(normals, axis=1)
-        if not all(np.isfinite(a).all() for a in (self._femur, self._tibia, self._distances, sizes)):
-            raise ValueError("a number in the parallel mechanism's geometry is not finite")
-        if min(self._distances.min(), sizes.min()) <= 0.0:
-            raise ValueError("the parallel mechanism's radii, lengths and normals must not be 0")
-        self._normals = normals / sizes[:, None]
 
-    def solve(self, flexion: float, pose: Floats) -> Floats:
-        """Return the pose, shape (5,), at a flexion angle [rad], by Newton's method from one nearby."""
-        for _ in range(ITERATIONS):
-            errors, jacobian = self.linearised(flexion, pose)
-            if np.abs(errors).max() < CLOSED:
-                if np.linalg.cond(jacobian) > WORST_CONDITION:
-                    break
-                return pose
-            try:
-                pose = pose - np.linalg.solve(jacobian, errors)
-            except np.linalg.LinAlgError:
-                break
-        raise ValueError(f"the parallel mechanism cannot be assembled at {math.degrees(flexion):.1f} deg of flexion")
+def linearised(flexion: float, pose: Floats) -> tuple[Floats, Floats]:
+    """Return the errors [m] of the equations, shape (5,), and their derivatives by the pose, shape (5, 5).
 
-    def linearised(self, flexion: float, pose: Floats) -> tuple[Floats, Floats]:
-        """Return the errors [m], shape (5,), and their derivatives by the pose, shape (5, 5).
-
-        Each row is a line along which a contact pushes or a fibre pulls: its direction, and its moments about the axes
-        of abduction and of internal rotation.
-        """
-        abduction, internal_rotation = pose[3:].tolist()
-        arms = self._femur @ rotation(flexion, abduction, internal_rotation).T
-        gaps = arms + pose[:3] - self._tibia
-        lines = gaps / np.sqrt((gaps * gaps).sum(axis=1))[:, None]  # a fibre pulls along itself
-        lines[:2] = self._normals  # a contact pushes along its normal
-        moments = arms[:, [1, 2, 0]] * lines[:, [2, 0, 1]] - arms[:, [2, 0, 1]] * lines[:, [1, 2, 0]]
-        abduction_axis = (math.cos(internal_rotation), 0.0, math.sin(internal_rotation))
-        jacobian = np.column_stack([lines, moments @ abduction_axis, -moments[:, 1]])
-        return (lines * gaps).sum(axis=1) - self._distances, jacobian
+    Each row is a line along which a contact pushes or a fibre pulls: its direction, and its moments about the axes of
+    abduction and of internal rotation.
+    """
+    abduction, internal_rotation = pose[3:].tolist()
+    arms = np.concatenate([SPHERES, ON_FEMUR]) @ rotation(flexion, abduction, internal_rotation).T
+    gaps = arms + pose[:3] - np.concatenate([PLANES, ON_TIBIA])
+    lines = gaps / np.sqrt((gaps * gaps).sum(axis=1))[:, None]  # a fibre pulls along itself
+    lines[:2] = NORMALS / np.linalg.norm(NORMALS, axis=1)[:, None]  # a contact pushes along its normal
+    moments = arms[:, [1, 2, 0]] * lines[:, [2, 0, 1]] - arms[:, [2, 0, 1]] * lines[:, [1, 2, 0]]
+    abduction_axis = (math.cos(internal_rotation), 0.0, math.sin(internal_rotation))
+    jacobian = np.column_stack([lines, moments @ abduction_axis, -moments[:, 1]])
+    return (lines * gaps).sum(axis=1) - DISTANCES, jacobian
 
 
 MECHANISMS: dict[str, Callable[..., Mechanism]] = {

@@ -78,18 +78,14 @@ IN_STEP, ANY_PHASE = 0.5, 2.5
 UNKNOWN_INERTIA = 0.8
 """Unknown part of the inertia that the quasi-static level leaves out, of which only the mean over a tick is known"""
 NOT_CONVERGED, IMPLAUSIBLE = int(Status.NOT_CONVERGED), int(Status.IMPLAUSIBLE)
-W_ANGLE, W_LOAD, W_FORCE, W_DEPTH, W_GAP, W_RATE, W_SLIDING = (
-    word("flexion_angle"), word("load"), word("contact_force"), word("penetration_depth"), word("gap"),
-    word("penetration_rate"), word("sliding_velocity"),
-)  # fmt: skip
-W_POINT, W_HEIGHT, W_CARTILAGE, W_BONE = (
-    word("contact_point_x"), word("femoral_height"), word("cartilage_depth"), word("bone_depth"),
-)  # fmt: skip
-W_ERROR, W_FORCE_ERROR, W_WRENCH, W_TORQUE_Z = (
-    word("error_estimate"), word("force_error_estimate"), word("contact_wrench_force_x"),
-    word("contact_wrench_torque_z"),
-)  # fmt: skip
-W_X, W_NORMAL_X, W_NORMAL_Y = word("femoral_x"), word("normal_x"), word("normal_y")
+(
+    W_ANGLE, W_LOAD, W_FORCE, W_DEPTH, W_GAP, W_RATE, W_SLIDING, W_POINT, W_HEIGHT, W_CARTILAGE, W_BONE, W_ERROR,
+    W_FORCE_ERROR, W_WRENCH, W_TORQUE_Z, W_X, W_NORMAL_X, W_NORMAL_Y,
+) = map(word, (
+    "flexion_angle", "load", "contact_force", "penetration_depth", "gap", "penetration_rate", "sliding_velocity",
+    "contact_point_x", "femoral_height", "cartilage_depth", "bone_depth", "error_estimate", "force_error_estimate",
+    "contact_wrench_force_x", "contact_wrench_torque_z", "femoral_x", "normal_x", "normal_y",
+))  # fmt: skip
 B_STATE, B_FIDELITY, B_STATUS = byte("contact_state"), byte("fidelity"), byte("status")
 C_EVALUATIONS = byte("evaluations") // 4
 
