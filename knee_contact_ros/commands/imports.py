@@ -101,7 +101,7 @@ def import_opensim(side: str, output: Path, overwrite: bool, **options: Any) -> 
     """
     from knee_contact_ros.lab.opensim.command import import_opensim as import_all
 
-    import_all(side, options, output, overwrite)
+    import_all(side, output, overwrite, **options)
 
 
 @click.command("import-csv")
@@ -116,7 +116,7 @@ def import_csv(files: tuple[Path, ...], map_file: Path, output: Path, overwrite:
     FILE is a text table (CSV) or an OpenSim file (.sto, .mot); of several, each channel is taken from the one that has
     its columns. MAP.yaml says which columns are what, in which units. What cannot be a knee's is refused in one line.
     """
-    from knee_contact_ros.lab.sensors.importing import import_csv as import_files
+    from knee_contact_ros.lab.sensors import import_csv as import_files
 
     import_files(files, map_file, output, overwrite=overwrite, anyway=anyway)
 
@@ -140,6 +140,6 @@ def align(files: tuple[Path, ...], map_file: Path, output: Path, overwrite: bool
     Offset and lag of the map's angle against its reference, from the files that import-csv takes, as
     knee.flexion_offset and pairing.angle_delay for --params. A gain that is wrong is told.
     """
-    from knee_contact_ros.lab.sensors.align import align as align_files
+    from knee_contact_ros.lab.align import align as align_files
 
     align_files(files, map_file, output, longest_lag, overwrite=overwrite)

@@ -4,20 +4,11 @@ from __future__ import annotations
 
 import math
 import struct
+from collections.abc import Callable
 from enum import IntEnum
-from typing import NamedTuple, Protocol, get_type_hints
+from typing import NamedTuple, get_type_hints
 
-from knee_contact_ros.joint_reaction.leg import (
-    GRAVITY,
-    UNKNOWN,
-    Ground,
-    Joints,
-    Leg,
-    Motion,
-    NetMoments,
-    leg_of,
-    net_moments,
-)
+from knee_contact_ros.joint_reaction.leg import UNKNOWN, Ground, Joints, Leg, Motion, NetMoments, leg_of, net_moments
 from knee_contact_ros.joint_reaction.muscles import Person, reaction_of
 
 
@@ -29,11 +20,8 @@ class Level(IntEnum):
     ANKLE_MOMENT = 2
 
 
-class Dynamics(Protocol):
-    """A function that computes the net moments at knee and ankle from what was sensed."""
-
-    def __call__(self, leg: Leg, joints: Joints, motion: Motion, ground: Ground, /) -> NetMoments:
-        """Compute the net moments; what the level cannot know is not a number."""
+Dynamics = Callable[[Leg, Joints, Motion, Ground], NetMoments]
+"""Computes the net moments at knee and ankle from what was sensed; what it cannot know is not a number"""
 
 
 class Deviation(NamedTuple):
@@ -77,8 +65,7 @@ def ground_force_alone(leg: Leg, joints: Joints, _motion: Motion, ground: Ground
     """
     vertical = max(ground.force[1], 0.0)
     lever = leg.shank_length * math.sin(max(0.5 * joints.flexion, 0.0))
-    weight = (leg.shank_mass + leg.foot_mass) * GRAVITY
-    return NetMoments(vertical * lever, UNKNOWN, vertical - weight, UNKNOWN)
+    return NetMoments(vertical * lever, UNKNOWN, vertical - leg.weight_below, UNKNOWN)
 
 
 def knee_moment_alone(leg: Leg, joints: Joints, motion: Motion, ground: Ground) -> NetMoments:
@@ -91,16 +78,13 @@ def knee_moment_alone(leg: Leg, joints: Joints, motion: Motion, ground: Ground) 
     return net_moments(leg, joints, motion, ground)._replace(plantarflexion=UNKNOWN)
 
 
+OF_MOMENTS = Measured(Deviation(0.15, 0.20), Deviation(0.20, 0.30))
 LEVELS = {
     "ground_force": EstimationLevel(
         Level.GROUND_FORCE, ground_force_alone, Measured(Deviation(0.40, 0.10), Deviation(0.50, 0.20))
     ),
-    "knee_moment": EstimationLevel(
-        Level.KNEE_MOMENT, knee_moment_alone, Measured(Deviation(0.15, 0.20), Deviation(0.20, 0.30))
-    ),
-    "ankle_moment": EstimationLevel(
-        Level.ANKLE_MOMENT, net_moments, Measured(Deviation(0.15, 0.20), Deviation(0.20, 0.30))
-    ),
+    "knee_moment": EstimationLevel(Level.KNEE_MOMENT, knee_moment_alone, OF_MOMENTS),
+    "ankle_moment": EstimationLevel(Level.ANKLE_MOMENT, net_moments, OF_MOMENTS),
 }
 """The levels by name, from the one that needs the fewest sensors to the one that knows most"""
 

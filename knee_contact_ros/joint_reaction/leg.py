@@ -89,6 +89,11 @@ class Leg(NamedTuple):
     foot_inertia: float
     """Moment of inertia of the foot about its centre of mass [kg m^2]"""
 
+    @property
+    def weight_below(self) -> float:
+        """Weight of shank and foot [N]."""
+        return (self.shank_mass + self.foot_mass) * GRAVITY
+
 
 def leg_of(mass: float, height: float) -> Leg:
     """Estimate the leg of a person from mass [kg] and height [m]."""

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.joint_reaction.estimator import LEVELS
 from knee_contact_ros.joint_reaction.leg import Ground, Joints, MotionFilter, NetMoments, leg_of
-from knee_contact_ros.lab.tables import Storage, read_storage
+from knee_contact_ros.lab.tables import Table, read_storage
 from studies.load_validation.walks import Floats, Walk
 
 NEEDED = (
@@ -86,18 +86,18 @@ def legs(place: Path) -> list[Leg]:
     return [_leg(side, tables, centres) for side in SIDES]
 
 
-def _at(time: Floats, storage: Storage, name: str) -> Floats:
+def _at(time: Floats, storage: Table, name: str) -> Floats:
     """Column of a storage at other times [s]."""
     found: Floats = np.interp(time, storage.stamps / SECOND, storage.column(name))
     return found
 
 
-def _three(time: Floats, storage: Storage, prefix: str) -> Floats:
+def _three(time: Floats, storage: Table, prefix: str) -> Floats:
     """Three columns of a storage, shape (n, 3)."""
     return np.stack([_at(time, storage, f"{prefix}{axis}") for axis in "xyz"], axis=1)
 
 
-def _leg(side: str, tables: dict[str, Storage], centres: NDArray[np.void]) -> Leg:
+def _leg(side: str, tables: dict[str, Table], centres: NDArray[np.void]) -> Leg:
     letter, plate = SIDES[side], PLATES[side]
     time, mirror = np.asarray(centres["time"]), 1.0 if side == "right" else -1.0
     hip, knee, ankle, forward = (

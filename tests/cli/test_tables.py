@@ -15,7 +15,7 @@ from knee_contact_ros.commands import tables as load_table
 from knee_contact_ros.commands import tables as summary_table
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.commands.tables import show_recovery
-from knee_contact_ros.lab import trade
+from knee_contact_ros.lab import gait_bag, trade
 from knee_contact_ros.lab.opensim import command as show
 from knee_contact_ros.lab.opensim.pipeline import Check as Quality
 from tests.helpers.terminals import Terminal
@@ -23,7 +23,7 @@ from tests.helpers.walking import walk, walking_bag
 from tests.lab.opensim.storages import kinematics, reactions
 
 COLUMNS = 80
-MODULES = (summary_table, load_table, show, trade, sys.modules[show_recovery.__module__])
+MODULES = (summary_table, load_table, show, gait_bag, trade, sys.modules[show_recovery.__module__])
 NO_TABLE = re.compile(r"^(Recording|Bag|Recovered): |^- |^Take ")
 """Files, and what is said in whole lines"""
 RULE = re.compile("─+")

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 from knee_contact_ros.commands.main import main as knee_contact
 from knee_contact_ros.offline.notebooks import solve
 from studies.measured_replay import disturbed, main, same
-from tests.lab.sensors.trials import write_trial
+from tests.lab.trials import write_trial
 
 
 @pytest.fixture

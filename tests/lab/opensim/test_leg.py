@@ -1,4 +1,4 @@
-"""`import-opensim --ground` without OpenSim itself: where the leg is, the tests say; test_leg_by_opensim.py asks it."""
+"""`import-opensim --ground` without OpenSim itself: where the leg is, the tests say; test_by_opensim.py asks it."""
 
 from __future__ import annotations
 
@@ -9,43 +9,204 @@ import pytest
 
 from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
 from knee_contact_ros.commands.main import main
+from knee_contact_ros.lab import checks
 from knee_contact_ros.lab.opensim import leg
-from knee_contact_ros.lab.opensim.leg import LegJoints, Places, leg_joints, thigh_angle
-from knee_contact_ros.lab.tables import Storage
+from knee_contact_ros.lab.opensim.leg import FootForce, GroundFile, LegJoints, Places, data_file, read_ground
+from knee_contact_ros.lab.tables import Table, read_storage
 from knee_contact_ros.streams.topics import GROUND_REACTION_FORCE, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import not_installed
-from tests.lab.opensim.plates import JOINT, MODEL, STANDS, external, plate, write_loads, write_model, write_plates
-from tests.lab.opensim.storages import kinematics, reactions, write_storage
-from tests.lab.opensim.test_import_opensim import origin
+from tests.lab.opensim.storages import (
+    FREE,
+    PLATE_TIME,
+    STANDS,
+    external,
+    kinematics,
+    plate,
+    reactions,
+    write_loads,
+    write_model,
+    write_plates,
+    write_storage,
+)
+from tests.lab.opensim.test_command import origin
 
 TOPICS = INPUT_TYPES | {f"/{GROUND_REACTION_FORCE}": MESSAGE_TYPES[GROUND_REACTION_FORCE]}
 HIP_ANGLE, TOES_UP = 0.3, 0.1
+LEFT = {"stem": "1_ground_force_", "torque": "1_ground_torque_"}
+ANKLE = np.tile([0.4, 0.09, 0.1], (len(PLATE_TIME), 1))
+ARM = np.array([0.1, -0.09, 0.02])
+"""[m] from the ankle to the centre of pressure of `plate`"""
+FOUND = FootForce("ground_force_v", "ground_force_p", "ground_torque_")
+OTHER = FootForce(*(f"1_{name}" for name in FOUND))
 
 
-def stands_still(storage: Storage, degrees: bool, model: Path, joints: LegJoints, work: Path) -> Places:
-    """A leg whose knee is ahead of its hip, above the plate of `plates.plate`."""
+def expected() -> np.ndarray:
+    """Wrench of a plate about the ankle."""
+    force = np.column_stack([50.0 + PLATE_TIME, 700.0 - 100.0 * PLATE_TIME, -40.0 + PLATE_TIME])
+    return np.hstack([force, np.cross(ARM, force) + np.array(FREE)]) * STANDS[:, None]
+
+
+def ground(tmp_path: Path, **changed: np.ndarray) -> GroundFile:
+    """A right foot's plate."""
+    path = write_plates(tmp_path / "grf.mot", plate("ground_force_r_", "ground_torque_r_") | changed)
+    return read_ground(path, path, "right")
+
+
+@pytest.fixture
+def data(tmp_path: Path) -> Path:
+    """Two plates by the names of OpenSim's examples."""
+    return write_plates(tmp_path / "grf.mot", *(plate(f"{n}ground_force_", f"{n}ground_torque_") for n in ("", "1_")))
+
+
+def test_external_loads_say_which_force_is_on_which_foot(data: Path) -> None:
+    forces = [external("/bodyset/calcn_l"), external("calcn_r", **LEFT), external("pelvis")]
+    loads = write_loads(data.parent / "grf.xml", " grf.mot ", forces)
+    for side, force in (("right", OTHER), ("left", FOUND)):
+        assert read_ground(loads, data_file(loads), side)[1:] == (
+            (force,),
+            ("ground: what acts on pelvis is left out",),
+        )
+    switches = ("<isDisabled> true </isDisabled>", "<appliesForce>false</appliesForce>")
+    off = [external("calcn_r", more=switch) for switch in switches]
+    loads = write_loads(loads, "grf.mot", [*off, external("calcn_r", torque=""), external("toes_r", **LEFT)])
+    assert read_ground(loads, data, "right").forces == (FOUND._replace(torque=""), OTHER)
+
+
+def test_the_data_lie_beside_their_loads_or_where_a_tool_runs(data: Path) -> None:
+    (data.parent / "loads").mkdir()
+    loads = write_loads(data.parent / "loads" / "grf.xml", "grf.mot", [external("calcn_r")])
+    with pytest.raises(UsageError, match=r"grf\.xml names the datafile grf\.mot, which is not there"):
+        data_file(loads)
+    assert data_file(loads, data.parent) == data_file(data) == data
+    with pytest.raises(UsageError, match="names no datafile, which has the numbers"):
+        data_file(write_loads(loads, "", []))
+
+
+@pytest.mark.parametrize(
+    ("stems", "torques", "found"),
+    [
+        (("ground_force_", "1_ground_force_"), ("ground_torque_", "1_ground_torque_"), (0, 1)),
+        (("ground_force_l_", "ground_force_r_"), ("ground_moment_l_m", "ground_moment_r_m"), (1, 0)),
+        (("left_ground_force_", "right_ground_force_"), ("", ""), (1, 0)),
+        (
+            tuple(f"ground_force_{n}_" for n in range(3)),
+            ("",) * 3,
+            r"which of ground_force_0_vx, .* of the right foot\?",
+        ),
+        (("f_",), ("",), "has no ground force, as ground_force_vx, but f_vx"),
+    ],
+)
+def test_names_of_columns_tell_the_foot_or_it_is_asked_for(
+    tmp_path: Path, stems: tuple[str, ...], torques: tuple[str, ...], found: tuple[int, int] | str
+) -> None:
+    data = write_plates(tmp_path / "grf.mot", *map(plate, stems, torques))
+    if isinstance(found, str):
+        with pytest.raises(UsageError, match=found):
+            read_ground(data, data, "right")
+        return
+    for side, number in zip(("right", "left"), found, strict=True):
+        force = FootForce(f"{stems[number]}v", f"{stems[number]}p", torques[number])
+        assert read_ground(data, data, side).forces == (force,)
+
+
+@pytest.mark.parametrize(
+    ("force", "says"),
+    [
+        (external("calcn_l"), r"applies no force to the right foot; its forces act on calcn_l"),
+        (external("calcn_r", more="<force_expressed_in_body>calcn_r</force_expressed_in_body>"),
+         "force 'calcn_r': force_expressed_in_body is calcn_r, and must be ground"),
+        (external("calcn_r", more="<point_expressed_in_body>calcn_r</point_expressed_in_body>"),
+         "point_expressed_in_body is calcn_r, and must be ground"),
+        (external("calcn_r").replace("ground_force_p", ""), "has no point_identifier"),
+        (external("calcn_r", stem="2_force_"), "has no column 2_force_vx, 2_force_vy, 2_force_vz, 2_force_px"),
+        (external("calcn_r", torque="t"), "has no column tx, ty, tz; it has ground_force_vx"),
+    ],
+)  # fmt: skip
+def test_loads_that_cannot_be_are_refused(data: Path, force: str, says: str) -> None:
+    loads = write_loads(data.parent / "grf.xml", "grf.mot", [force])
+    with pytest.raises(UsageError, match=says) as refused:
+        read_ground(loads, data, "right")
+    assert "\n" not in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    "noise",
+    [{}, {"vy": np.where(STANDS, 700.0 - 100.0 * PLATE_TIME, 9.9), "px": np.where(STANDS, 0.5, 40.0)}],
+)
+def test_the_torque_is_about_the_ankle_and_nothing_acts_in_the_air(
+    tmp_path: Path, noise: dict[str, np.ndarray]
+) -> None:
+    """Also where a plate tells no centre of pressure and a free moment all the same, or a few N anywhere."""
+    told = leg.about_ankle(ground(tmp_path, **{f"ground_force_r_{axis}": v for axis, v in noise.items()}), ANKLE)
+    assert told.values == pytest.approx(expected(), abs=1e-8)  # the file has twelve decimals
+    assert not told.values[~STANDS].any()
+
+
+def test_plates_below_one_foot_are_added(tmp_path: Path) -> None:
+    path = write_plates(tmp_path / "two.mot", plate("a_force_"), plate("b_force_", "b_torque_"))
+    of_toes, of_heel = FootForce("a_force_v", "a_force_p", ""), FootForce("b_force_v", "b_force_p", "b_torque_")
+    both = leg.about_ankle(GroundFile(read_storage(path), (of_toes, of_heel), ()), ANKLE).values
+    free = np.hstack([np.zeros(3), FREE]) * STANDS[:, None]
+    assert both == pytest.approx(2.0 * expected() - free, abs=1e-8)
+
+
+def test_samples_between_rows_lie_between_their_moments(tmp_path: Path) -> None:
+    """Not between centres of pressure: at the end of stance there is one on one side only."""
+    told, last = leg.about_ankle(ground(tmp_path), ANKLE), int(np.flatnonzero(STANDS)[-1])
+    between = told.stamps[last : last + 2].sum(keepdims=True) // 2
+    assert told.at(between).values[0] == pytest.approx(0.5 * expected()[last], rel=1e-9)
+
+
+def test_only_the_time_of_the_kinematics_counts(tmp_path: Path) -> None:
+    file = ground(tmp_path)
+    stamps = file.data.stamps
+    between = np.array([stamps[10] + 1, stamps[20] - 1])
+    assert leg.during(file, between).data.stamps.tolist() == stamps[10:21].tolist()
+    assert leg.during(file, stamps).data.stamps.tolist() == stamps.tolist()
+    with pytest.raises(UsageError, match=r"grf\.mot spans 0 to 1\.2 s, and the kinematics 7 to 8 s"):
+        leg.during(file, np.array([7, 8]) * 10**9)
+
+
+@pytest.mark.parametrize(
+    ("axis", "values", "says"),
+    [
+        ("px", np.full(len(PLATE_TIME), 500.0), r"is 499\.60 m away from the ankle while the foot stands"),
+        ("pz", np.full(len(PLATE_TIME), -0.3), r"is 0\.41 m away .* the other foot's, not in m"),
+        ("px", np.where(PLATE_TIME > 0.5, np.nan, 0.5), r"p\(x y z\) is not finite at 0\.505 s, and the foot"),
+        ("vx", np.where(PLATE_TIME > 0.5, np.inf, 0.5), r"v\(x y z\) is not finite at 0\.505 s"),
+        ("vy", np.where(STANDS, -700.0, 0.0), r"ground_force_r_vy goes from .*; it must be in N, upwards"),
+        ("vy", np.where(STANDS, 0.7, 0.0), r"ground_force_r_vy goes from .*; it must be in N, upwards"),
+    ],
+)
+def test_what_cannot_act_on_this_foot_is_refused(tmp_path: Path, axis: str, values: np.ndarray, says: str) -> None:
+    file = ground(tmp_path, **{f"ground_force_r_{axis}": values})
+    with pytest.raises(UsageError, match=says) as refused:
+        leg.about_ankle(leg.during(file, file.data.stamps), ANKLE)
+    assert "\n" not in str(refused.value)
+
+
+def stands_still(table: Table, degrees: bool, model: Path, joints: LegJoints, work: Path) -> Places:
+    """A leg whose knee is ahead of its hip, above the plate of `storages.plate`."""
     assert degrees
     assert work.is_dir()
     knee = np.array([0.4, 0.5, 0.1])
     hip = knee + 0.4 * np.array([-np.sin(HIP_ANGLE), np.cos(HIP_ANGLE), 0.0])
-    rows = np.ones((len(storage.stamps), 1))
-    ankle, forward = np.array([0.4, 0.09, 0.1]), np.array([1.0, 0.0, 0.0])
-    return Places(storage.stamps, rows * hip, rows * knee, rows * ankle, rows * forward, TOES_UP * rows[:, 0])
+    rows = np.ones((len(table.stamps), 1))
+    return Places(rows * hip, rows * knee, rows * ANKLE[0], rows * np.array([1.0, 0.0, 0.0]), TOES_UP * rows)
 
 
 @pytest.fixture
 def results(tmp_path: Path) -> list[str]:
     q, jr = kinematics(tmp_path / "q.sto"), reactions(tmp_path / "jr.sto")
-    return ["import-opensim", "--kinematics", str(q), "--reactions", str(jr), "--output", str(tmp_path / "walk")]
+    return ["import-opensim", f"--kinematics={q}", f"--reactions={jr}", "--output", str(tmp_path / "walk")]
 
 
 @pytest.fixture
 def loads(tmp_path: Path) -> list[str]:
     """Model and external loads, of which the right foot's plate is the second."""
-    write_plates(tmp_path / "grf.mot", plate("ground_force_", ""), plate("1_ground_force_", "1_ground_torque_"))
-    forces = [external("calcn_r", "1_ground_force_", "1_ground_torque_"), external("calcn_l", torque="")]
-    xml = write_loads(tmp_path / "grf.xml", "grf.mot", forces)
+    write_plates(tmp_path / "grf.mot", plate("ground_force_"), plate(**LEFT))
+    xml = write_loads(tmp_path / "grf.xml", "grf.mot", [external("calcn_r", **LEFT), external("calcn_l", torque="")])
     return ["--ground", str(xml), "--model", str(write_model(tmp_path / "m.osim"))]
 
 
@@ -54,6 +215,10 @@ def by_tests(monkeypatch: pytest.MonkeyPatch) -> None:
     """As if OpenSim were installed."""
     monkeypatch.setattr("knee_contact_ros.system.files.find_spec", lambda name: name)
     monkeypatch.setattr(leg, "places_of", stands_still)
+
+
+def numbers(wrench: object) -> list[float]:
+    return [getattr(vector, axis) for vector in (wrench.force, wrench.torque) for axis in "xyz"]  # type: ignore[attr-defined]
 
 
 @pytest.mark.usefixtures("by_tests")
@@ -66,37 +231,29 @@ def test_the_bag_holds_what_the_legs_sensors_would_have_told(
                  "17.2 to 17.2 deg to the vertical", "of hip_r, walker_knee_r, ankle_r of m.osim"):  # fmt: skip
         assert part in said
     messages = read_bag(tmp_path / "walk", TOPICS)
-    first = {message.topic: message.message for message in messages[:3]}
     assert [message.topic for message in messages[:3]] == [
         "/joint_states", "/joint_reaction_force", "/ground_reaction_force",
     ]  # fmt: skip
-    joints = first["/joint_states"]
+    joints, _, first = (message.message for message in messages[:3])
     assert list(joints.name) == ["knee", "hip", "ankle"]
     assert list(joints.position[1:]) == pytest.approx([HIP_ANGLE, TOES_UP], abs=1e-15)
     assert list(joints.velocity[1:]) == [0.0, 0.0]
-    ground = first["/ground_reaction_force"]
-    assert ground.header.frame_id == "ground"
+    assert first.header.frame_id == "ground"
     # An arm of (0.1, -0.09, 0.02) m, a force of (50, 700, -40) N and a free moment of (1, 7, -2) N m.
-    assert numbers(ground.wrench.force) == pytest.approx([50.0, 700.0, -40.0], abs=1e-9)
-    assert numbers(ground.wrench.torque) == pytest.approx([3.6 - 14.0 + 1.0, 1.0 + 4.0 + 7.0, 70.0 + 4.5 - 2.0])
+    torque = [3.6 - 14.0 + 1.0, 1.0 + 4.0 + 7.0, 70.0 + 4.5 - 2.0]
+    assert numbers(first.wrench) == pytest.approx([50.0, 700.0, -40.0, *torque], abs=1e-9)
     air = [m.message.wrench for m in messages if m.topic == "/ground_reaction_force"][int(STANDS.sum()) + 1]
-    assert numbers(air.force) == numbers(air.torque) == [0.0, 0.0, 0.0]
+    assert numbers(air) == [0.0] * 6
     record = origin(tmp_path / "walk")
-    assert (record["ground"], record["ground_data"]) == ("grf.xml", "grf.mot")
-    assert len(record["ground_data_sha256"]) == 64
+    assert (record["ground"], record["ground_data"], len(record["ground_data_sha256"])) == ("grf.xml", "grf.mot", 64)
     assert "about the ankle joint's centre" in record["ground_force"]
-
-
-def numbers(vector: object) -> list[float]:
-    return [getattr(vector, axis) for axis in "xyz"]
 
 
 @pytest.mark.usefixtures("by_tests")
 def test_a_left_leg_is_mirrored(results: list[str], loads: list[str], tmp_path: Path) -> None:
     assert main([*results, *loads, "--side", "left"]) == 0
     wrench = next(m.message.wrench for m in read_bag(tmp_path / "walk", TOPICS) if m.topic == "/ground_reaction_force")
-    assert numbers(wrench.force) == pytest.approx([50.0, 700.0, 40.0], abs=1e-9)
-    assert numbers(wrench.torque) == pytest.approx([-(3.6 - 14.0), -(1.0 + 4.0), 70.0 + 4.5])
+    assert numbers(wrench) == pytest.approx([50.0, 700.0, 40.0, -(3.6 - 14.0), -(1.0 + 4.0), 70.0 + 4.5], abs=1e-9)
     notes = origin(tmp_path / "walk")["conversions"]
     assert "ground: left leg mirrored" in notes
     assert "ground: no free moment in the file" in notes
@@ -106,52 +263,41 @@ def test_a_left_leg_is_mirrored(results: list[str], loads: list[str], tmp_path: 
 @pytest.mark.parametrize("rate", ["200", "0"])
 def test_the_knee_is_the_same_as_without(results: list[str], loads: list[str], tmp_path: Path, rate: str) -> None:
     """With rate 0 each keeps its stamps: the ground those of its file."""
-    arguments = [*results, "--side", "right", "--rate", rate, "--overwrite"]
     knees = []
     for more, topics in (([], INPUT_TYPES), (loads, TOPICS)):
-        assert main([*arguments, *more]) == 0
+        assert main([*results, "--side", "right", "--rate", rate, "--overwrite", *more]) == 0
         messages = read_bag(tmp_path / "walk", topics)
         angles = [(m.log_time, m.message.position[0]) for m in messages if m.topic == "/joint_states"]
         forces = [(m.log_time, str(m.message)) for m in messages if m.topic == "/joint_reaction_force"]
         knees.append((angles, forces))
-        ground = [m.log_time for m in messages if m.topic == "/ground_reaction_force"]
     assert knees[0] == knees[1]
+    ground = [m.log_time for m in messages if m.topic == "/ground_reaction_force"]
     assert ground == [5_000_000 * row for row in range(241)]
-    assert len(knees[1][0]) == (241 if rate == "200" else 121)
+    assert len(angles) == (241 if rate == "200" else 121)
 
 
 def test_the_thighs_angle_grows_as_the_knee_goes_ahead() -> None:
-    points = np.zeros((2, 3))
     knee = np.array([[0.3, -0.4, 0.1], [-0.4, -0.4, 0.1]])
-    places = Places(np.arange(2), points, knee, points, points, points[:, 0])
-    assert thigh_angle(places) == pytest.approx([np.arctan2(3, 4), -np.pi / 4])
+    places = Places(np.zeros((2, 3)), knee, *[np.zeros((2, 3))] * 3)
+    assert leg.thigh_angle(places)[:, 0] == pytest.approx([np.arctan2(3, 4), -np.pi / 4])
 
 
 def test_the_joints_are_found_by_their_names_and_the_knees_angle(tmp_path: Path) -> None:
     model = write_model(tmp_path / "m.osim")
-    assert leg_joints(model, "left", "knee_angle_l").names == ("hip_l", "walker_knee_l", "ankle_l")
+    assert leg.leg_joints(model, "left", "knee_angle_l") == ("hip_l", "walker_knee_l", "ankle_l")
     with pytest.raises(UsageError, match=r"m\.osim has no joint of the coordinate knee_angle_x, and one is needed"):
-        leg_joints(model, "left", "knee_angle_x")
-    twice = "".join(JOINT.format(f"ankle_{n}_r", f"angle_{n}") for n in "ab") + JOINT.format("hip_r", "hip")
-    model.write_text(MODEL.format(twice + JOINT.format("knee_r", "knee")))
+        leg.leg_joints(model, "left", "knee_angle_x")
+    write_model(model, [("ankle_a_r", "a"), ("ankle_b_r", "b"), ("hip_r", "hip"), ("knee_r", "knee")])
     with pytest.raises(UsageError, match="has the joints ankle_a_r, ankle_b_r of the right ankle"):
-        leg_joints(model, "right", "knee")
+        leg.leg_joints(model, "right", "knee")
 
 
-@pytest.mark.usefixtures("by_tests")
-def test_a_person_who_walks_elsewhere_is_refused(
-    results: list[str], loads: list[str], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    def turned(*arguments: object) -> Places:
-        places = stands_still(*arguments)  # type: ignore[arg-type]
-        return places._replace(forward=-places.forward)
-
-    monkeypatch.setattr(leg, "places_of", turned)
-    assert main([*results, *loads, "--side", "right"]) == 2
-    assert "the pelvis points to x -1.00, z " in capsys.readouterr().err
+def test_a_person_who_walks_elsewhere_is_refused() -> None:
+    checks.check_heading(np.array([[0.8, 0.0, 0.6]]), Path("q.sto"))
+    with pytest.raises(UsageError, match=r"q\.sto: the pelvis points to x -1\.00, z 0\.00 on average"):
+        checks.check_heading(np.array([[-1.0, 0.0, 0.0]]), Path("q.sto"))
 
 
-@pytest.mark.usefixtures("by_tests")
 @pytest.mark.parametrize(
     ("arguments", "says"),
     [
@@ -167,17 +313,11 @@ def test_a_person_who_walks_elsewhere_is_refused(
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(
-    results: list[str],
-    loads: list[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-    arguments: list[str],
-    says: str,
-) -> None:
+    results: list[str], loads: list[str], tmp_path: Path, by_tests: None, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str], arguments: list[str], says: str,
+) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
-    late = plate("ground_force_r_", "")
-    write_storage(tmp_path / "late.mot", np.linspace(10.0, 11.0, 241), late, "yes")
+    write_storage(tmp_path / "late.mot", np.linspace(10.0, 11.0, 241), plate("ground_force_r_"), "yes")
     assert main([*results, "--side", "right", *arguments]) == 2
     said = capsys.readouterr().err
     assert says in said
@@ -186,12 +326,9 @@ def test_bad_input_is_one_line_and_leaves_nothing(
 
 
 def test_without_opensim_one_line_says_what_to_install(
-    results: list[str],
-    loads: list[str],
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
+    results: list[str], loads: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
-) -> None:
+) -> None:  # fmt: skip
     monkeypatch.setattr("knee_contact_ros.system.files.find_spec", lambda name: None)
     assert main([*results, *loads, "--side", "right"]) == 2
     assert capsys.readouterr().err == f"knee-contact: {not_installed('opensim', 'opensim')}\n"

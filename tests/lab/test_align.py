@@ -11,18 +11,17 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.lab.sensors.align import Alignment, aligned
-from knee_contact_ros.lab.sensors.channels import Series
-from knee_contact_ros.lab.tables import Floats
+from knee_contact_ros.lab.align import Alignment, aligned
+from knee_contact_ros.lab.tables import Floats, Series
 from knee_contact_ros.offline.notebooks import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.needs import TRIALS, needs_trials
-from tests.lab.sensors.trials import DELAY, MAP, OFFSET, flexion, write_csv, write_trial
+from tests.lab.trials import DELAY, MAP, OFFSET, flexion, write_csv, write_trial
 
 
 def series(time: Floats, degrees: Floats) -> Series:
-    return Series("angle", Path("a.csv"), np.rint(1e9 * time).astype(np.int64), np.radians(degrees), "a", ())
+    return Series("angle", Path("a.csv"), "a", np.rint(1e9 * time).astype(np.int64), np.radians(degrees))
 
 
 def found(

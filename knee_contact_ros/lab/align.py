@@ -23,9 +23,9 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 from scipy.stats import t as student
 
-from knee_contact_ros.lab.sensors.channels import Series, read_channels, read_map
-from knee_contact_ros.lab.sensors.importing import impossible
-from knee_contact_ros.lab.tables import Floats
+from knee_contact_ros.lab import checks
+from knee_contact_ros.lab.sensors import read_channels, read_map
+from knee_contact_ros.lab.tables import Floats, Series
 from knee_contact_ros.parameters.files import values_set_in
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
@@ -43,7 +43,10 @@ ALIKE = 0.8
 """Correlation below which two angles are not of one knee"""
 MOST_GAIN = 5.0
 """Largest gain, and inverse of the smallest: soft tissue makes 0.8, degrees taken for radians 57"""
+GAIN_OFF = 0.05
+"""Deviation of the gain from 1 from which on it is reported"""
 SURE = 0.95
+Rows = NDArray[np.intp]
 
 
 class Estimate(NamedTuple):
@@ -78,6 +81,30 @@ class Alignment(NamedTuple):
     """Correlation and RMS difference [rad] with offset and lag removed"""
 
 
+def align(files: Sequence[Path], map_file: Path, output: Path, longest: float, *, overwrite: bool) -> None:
+    """Align the map's angle with its reference, write the parameter file `output`, and print the estimates.
+
+    Lags from -`longest` to `longest` [s] are tried.
+
+    Raises:
+        UsageError: a file, the map or the output cannot be used, or the angles are not those of the same knee. Nothing
+            is then written.
+    """
+    sensors = read_map(map_file)
+    if sensors.reference is None:
+        raise UsageError(f"map {map_file}: reference: is missing, the angle that `angle` is held against")
+    if output.exists() and not overwrite:
+        raise UsageError(f"{output} exists already; give another --output, or --overwrite")
+    sensor, reference = read_channels(files, sensors, ("angle", "reference")).values()
+    if fault := checks.impossible(sensor) or checks.impossible(reference):
+        raise UsageError(fault)
+    alignment = aligned(sensor, reference, longest, sensors.max_gap)
+    output.write_text(overlay(alignment, sensor.columns, reference.columns, sensors.angle.sign), encoding="utf-8")
+    values_set_in(output)
+    show(alignment, output)
+    warn(doubts(alignment, sensors.angle.scale))
+
+
 class Pair:
     """Rows of a sensor, and a cubic spline through those of the reference."""
 
@@ -93,7 +120,7 @@ class Pair:
         self.step = max(float(np.median(np.diff(times))) for times in (self.times, self._known))
         """Time from row to row of the slower one [s]"""
 
-    def rows(self, least: float, most: float) -> NDArray[np.intp]:
+    def rows(self, least: float, most: float) -> Rows:
         """Indices of the sensor's rows that have a reference at every lag from `least` to `most` [s].
 
         Raises:
@@ -110,20 +137,24 @@ class Pair:
             )
         return rows[:: 1 + len(rows) // MOST_ROWS]
 
-    def reference(self, rows: NDArray[np.intp], lag: float) -> Floats:
+    def reference(self, rows: Rows, lag: float) -> Floats:
         """Angles of the reference [rad] at rows of the sensor, if that is late by `lag` [s]."""
         return np.asarray(self._curve(self.times[rows] - lag))
 
-    def correlation(self, rows: NDArray[np.intp], lag: float) -> float:
+    def correlation(self, rows: Rows, lag: float) -> float:
         """Correlation of sensor and reference at rows of the sensor, if that is late by `lag` [s]."""
         return correlation(self.values[rows], self.reference(rows, lag))
 
-    def best(self, rows: NDArray[np.intp], least: float, most: float) -> float:
+    def best(self, rows: Rows, least: float, most: float) -> float:
         """Lag [s] between `least` and `most` at which they correlate best; there must be a single optimum."""
-        best = minimize_scalar(
-            lambda lag: -self.correlation(rows, lag), bounds=(least, most), method="bounded", options={"xatol": 1e-6}
-        )
-        return float(best.x)
+        options = {"bounds": (least, most), "method": "bounded", "options": {"xatol": 1e-6}}
+        return float(minimize_scalar(lambda lag: -self.correlation(rows, lag), **options).x)
+
+    def at(self, rows: Rows, lag: float) -> tuple[float, float, float]:
+        """Offset [rad], lag [s] and gain of rows of the sensor, for a lag."""
+        sensor, moved = self.values[rows], self.reference(rows, lag)
+        around = moved - moved.mean()
+        return float(np.mean(moved - sensor)), lag, float(around @ sensor) / float(around @ around)
 
 
 def correlation(one: Floats, other: Floats) -> float:
@@ -139,51 +170,39 @@ def aligned(sensor: Series, reference: Series, longest: float, max_gap: float) -
     Raises:
         UsageError: too few rows are in common, the two do not correlate at any lag, or the gain is implausible.
     """
-    pair = Pair(sensor, reference, max_gap)
+    pair, both = Pair(sensor, reference, max_gap), f"{sensor.where} and {reference.where}"
     rows = pair.rows(-longest, longest)
-    lags = np.linspace(-longest, longest, 1 + 2 * math.ceil(longest / (0.5 * pair.step)))
-    correlations = [pair.correlation(rows, float(lag)) for lag in lags]
-    at = int(np.argmax(correlations))
-    _check(sensor, reference, correlations, lags, at)
-    near = (float(lags[at - 1]), float(lags[at + 1]))
+    lags = np.linspace(-longest, longest, 1 + 2 * math.ceil(longest / (0.5 * pair.step))).tolist()
+    correlations = [pair.correlation(rows, lag) for lag in lags]
+    best, against = max(correlations), -min(correlations)
+    at = correlations.index(best)
+    if best < ALIKE:
+        why = "are both of one knee, in one time?"
+        if against >= ALIKE:
+            why = f"but against each other with {against:.2f}: is a sign turned?"
+        raise UsageError(f"{both} go together with r = {best:.2f} at best; {why}")
+    if at in (0, len(lags) - 1):
+        raise UsageError(f"{both} fit best at the longest lag tried, {lags[at]:g} s: see --longest-lag")
     margin = 4.0 * pair.step
-    rows = pair.rows(near[0] - margin, near[1] + margin)  # more of them than with the longest lags
-    lag = pair.best(rows, *near)
-    alignment = _estimated(pair, rows, lag, (near[0] - margin, near[1] + margin))
+    rows = pair.rows(lags[at - 1] - margin, lags[at + 1] + margin)  # more of them than with the longest lags
+    alignment = _estimated(
+        pair, rows, pair.best(rows, lags[at - 1], lags[at + 1]), (lags[at - 1] - margin, lags[at + 1] + margin)
+    )
     gain = alignment.gain.value
     if not 1.0 / MOST_GAIN <= gain <= MOST_GAIN:
         raise UsageError(f"{sensor.where} moves {gain:.3g} times as far as {reference.where}: are both units right?")
     return alignment
 
 
-def _check(sensor: Series, reference: Series, correlations: list[float], lags: Floats, at: int) -> None:
-    """Refuse angles that correlate at no lag, or best at the first or last one; `at` is the index of the best lag."""
-    best, against = max(correlations), -min(correlations)
-    if best < ALIKE:
-        why = (
-            f"but against each other with {against:.2f}: is a sign turned?"
-            if against >= ALIKE
-            else "are both of one knee, in one time?"
-        )
-        raise UsageError(f"{sensor.where} and {reference.where} go together with r = {best:.2f} at best; {why}")
-    if at in (0, len(lags) - 1):
-        raise UsageError(
-            f"{sensor.where} and {reference.where} fit best at the longest lag tried, {lags[at]:g} s: see --longest-lag"
-        )
-
-
-def _estimated(pair: Pair, rows: NDArray[np.intp], lag: float, within: tuple[float, float]) -> Alignment:
+def _estimated(pair: Pair, rows: Rows, lag: float, within: tuple[float, float]) -> Alignment:
     """Estimate offset, lag and gain with their intervals; the lag of a jackknife's part is looked for `within` [s]."""
     span = pair.times[rows[-1]] - pair.times[rows[0]]
     number = int(np.clip(round(span / STRETCH), FEWEST, MOST))
     of_row = np.minimum((np.arange(len(rows)) * number) // len(rows), number - 1)
-    whole = np.array(_values(pair, rows, lag))
-    without = []
-    for stretch in range(number):
-        kept = rows[of_row != stretch]
-        without.append(_values(pair, kept, pair.best(kept, *within)))
-    spread = np.array(without) - np.mean(without, axis=0)
-    error = np.sqrt((number - 1) / number * (spread**2).sum(axis=0))
+    whole = np.array(pair.at(rows, lag))
+    parts = [rows[of_row != stretch] for stretch in range(number)]
+    without = np.array([pair.at(kept, pair.best(kept, *within)) for kept in parts])
+    error = np.sqrt((number - 1) / number * ((without - without.mean(axis=0)) ** 2).sum(axis=0))
     half = float(student.ppf(0.5 * (1.0 + SURE), number - 1)) * error
     offset, late, gain = (Estimate(float(v), float(h)) for v, h in zip(whole, half, strict=True))
     sensor, raw, moved = pair.values[rows], pair.reference(rows, 0.0), pair.reference(rows, lag)
@@ -194,45 +213,8 @@ def _estimated(pair: Pair, rows: NDArray[np.intp], lag: float, within: tuple[flo
     )  # fmt: skip
 
 
-def _values(pair: Pair, rows: NDArray[np.intp], lag: float) -> tuple[float, float, float]:
-    """Offset [rad], lag [s] and gain of rows of the sensor, for a lag."""
-    sensor, moved = pair.values[rows], pair.reference(rows, lag)
-    around = moved - moved.mean()
-    return float(np.mean(moved - sensor)), lag, float(around @ sensor) / float(around @ around)
-
-
 def _rms(values: Floats) -> float:
     return float(np.sqrt(np.mean(values**2)))
-
-
-GAIN_OFF = 0.05
-"""Deviation of the gain from 1 from which on it is reported"""
-
-
-def align(files: Sequence[Path], map_file: Path, output: Path, longest: float, *, overwrite: bool) -> None:
-    """Align the map's angle with its reference, write the parameter file `output`, and print the estimates.
-
-    Lags from -`longest` to `longest` [s] are tried.
-
-    Raises:
-        UsageError: a file, the map or the output cannot be used, or the angles are not those of the same knee. Nothing
-            is then written.
-    """
-    sensors = read_map(map_file)
-    if sensors.reference is None:
-        raise UsageError(f"map {map_file}: reference: is missing, the angle that `angle` is held against")
-    if output.exists() and not overwrite:
-        raise UsageError(f"{output} exists already; give another --output, or --overwrite")
-    channels = read_channels(files, sensors, ("angle", "reference"))
-    sensor, reference = channels["angle"], channels["reference"]
-    fault = impossible(sensor, None) or impossible(reference, None)
-    if fault:
-        raise UsageError(fault)
-    alignment = aligned(sensor, reference, longest, sensors.max_gap)
-    output.write_text(overlay(alignment, sensor.columns, reference.columns, sensors.angle.sign), encoding="utf-8")
-    values_set_in(output)
-    show(alignment, output)
-    warn(doubts(alignment, sensors.angle.scale))
 
 
 def overlay(alignment: Alignment, sensor: str, reference: str, sign: float) -> str:
@@ -269,9 +251,12 @@ def show(alignment: Alignment, output: Path) -> None:
     Console(width=WIDTH, emoji=False).print(table, highlight=False)
     for label, (r, rms) in {"as they are": alignment.before, "aligned": alignment.after}.items():
         say(f"{label}: r {r:.4f}, {math.degrees(rms):.2f} deg RMS")
-    say(f"{alignment.rows} rows in common, intervals from {alignment.stretches} stretches")
-    say("")
-    say(f"Parameters: {output}")
+    for line in (
+        f"{alignment.rows} rows in common, intervals from {alignment.stretches} stretches",
+        "",
+        f"Parameters: {output}",
+    ):
+        say(line)
 
 
 def doubts(alignment: Alignment, scale: float) -> list[str]:

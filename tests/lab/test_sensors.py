@@ -10,7 +10,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from knee_contact_ros.bags.mcap_metadata import metadata_records
 from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.offline.notebooks import solve
@@ -18,7 +17,8 @@ from knee_contact_ros.streams.messages import JOINT_STATE, WRENCH
 from tests import ROOT
 from tests.helpers.needs import TRIALS, needs_trials
 from tests.lab.opensim.storages import write_storage
-from tests.lab.sensors.trials import MAP, SECONDS, cells, flexion, load, write_csv, write_trial
+from tests.lab.opensim.test_command import origin
+from tests.lab.trials import MAP, SECONDS, cells, flexion, load, write_csv, write_trial
 
 Told = Callable[..., str]
 
@@ -68,11 +68,9 @@ def test_columns_become_what_the_node_listens_to(tmp_path: Path, capsys: pytest.
     np.testing.assert_allclose([force.force[1] for force in forces], -load(table["time_s"]), atol=3e-6)
     assert {force.frame_id for force in forces} == {"tibia_r"}
     assert len(solve(tmp_path / "bag")) == len(stamps)
-    (origin,) = [
-        found.metadata for found in metadata_records(tmp_path / "bag" / "bag_0.mcap") if found.name == "origin"
-    ]
-    assert json.loads(origin["map"])["load"]["columns"] == {"pm_n": 1.0, "am_n": 1.0, "al_n": 1.0, "pl_n": 1.0}
-    assert re.fullmatch("[0-9a-f]{64}", origin["file 1_sha256"])
+    record = origin(tmp_path / "bag")
+    assert json.loads(record["map"])["load"]["columns"] == {"pm_n": 1.0, "am_n": 1.0, "al_n": 1.0, "pl_n": 1.0}
+    assert re.fullmatch("[0-9a-f]{64}", record["file 1_sha256"])
 
 
 def test_files_of_one_trial_make_one_bag(tmp_path: Path) -> None:
@@ -258,10 +256,8 @@ def test_what_is_likely_a_mistake_is_written_only_if_the_user_insists(
     (tmp_path / "map.yaml").write_text(MAP, encoding="utf-8")
     assert importing([path], tmp_path / "map.yaml", tmp_path / "bag", "--anyway") == 0
     assert re.search(r"warning: .* presses with 3\d\d", capsys.readouterr().err.replace("\n", " "))
-    (origin,) = [
-        found.metadata for found in metadata_records(tmp_path / "bag" / "bag_0.mcap") if found.name == "origin"
-    ]
-    assert "In lbf" in origin["doubts"]
+    record = origin(tmp_path / "bag")
+    assert "In lbf" in record["doubts"]
     impossible = write_csv(tmp_path / "cells.csv", SPOILT["another column"][0](cells()))
     assert importing([impossible], tmp_path / "map.yaml", tmp_path / "other", "--anyway") == 2
 

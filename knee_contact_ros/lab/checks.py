@@ -1,0 +1,242 @@
+"""What a knee can do, and what its sensors can measure: values beyond it point to a wrong unit, sign, column or frame.
+
+All values that are imported pass here. Functions that `refuse` raise; the others return sentences, of which the
+importer decides: what is `impossible` is never imported, what has `doubts` only if the user insists.
+"""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+
+from knee_contact_ros.joint_reaction.estimator import LEAST_PEAK, MOST_PEAK, STIFF
+from knee_contact_ros.lab.tables import BODY_WEIGHT, FORCE, UNITS, Floats, Series, Table
+from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_LOAD
+from knee_contact_ros.parameters.build import LIGHTEST, weight_doubt
+from knee_contact_ros.streams.topics import NANOSECONDS
+from knee_contact_ros.system.errors import UsageError
+
+LARGEST_RADIANS = SMALLEST_DEGREES = 3.5
+"""Number that no knee reaches in rad, and below which a range in deg may also be one in rad"""
+CLEAR, TIMES_MORE = math.radians(20.0), 2.0
+"""Angle [rad] that a knee reaches in flexion in every step, and never in extension; and the least ratio of the angles
+to both sides for which the sign is clear"""
+EXTENDS, FLEXES = math.radians(-30.0), math.radians(170.0)
+"""Range of flexion angles of any knee [rad]"""
+WIDEST = math.radians(180.0)
+"""Range of motion [rad] beyond that of any knee"""
+JUMP = math.radians(30.0)
+"""Step [rad] from one row to the next that points to a loose contact, or to a new turn of an encoder"""
+SLOWEST = 5.0
+"""Lowest plausible rate of rows [Hz]"""
+MOVES, FITS = 0.1, (0.5, 2.0)
+"""RMS of the rate [rad/s] below which a given rate cannot be checked; and range of the slope of given over derived
+rate, outside of which the given one has another unit or is another joint's"""
+SMALLEST_FORCE, LARGEST_FORCE = 20.0, 1e6
+"""Range of the peak of an axial force [N], outside of which the force is not in N"""
+USUAL_WEIGHT = (LIGHTEST, 2500.0)
+"""Range of body weights [N] that is assumed where none is given"""
+USUAL_PEAK = (1.5, 4.0)
+"""Range of peak loads [BW] into which the right unit would bring a peak"""
+STANDS = 100.0
+"""Vertical force [N] that a walking foot reaches, and above which its centre of pressure must be near the ankle"""
+NEAR = 0.30
+"""Largest median distance [m] of ankle and centre of pressure in the ground plane: more than a foot's length ahead"""
+AHEAD = 0.7
+"""Smallest mean x component of the pelvis's forward direction: within 45 degrees of x"""
+
+
+def refuse(fault: str) -> NoReturn:
+    """Raise a UsageError."""
+    raise UsageError(fault)
+
+
+def unit_of(table: Table, column: str, requested: str) -> str:
+    """Unit of an angle's column, `deg` or `rad`: the requested one, or with `auto` that of the header, if it can be.
+
+    Raises:
+        UsageError: header and values contradict each other, or the unit is not clear.
+    """
+    if requested != "auto":
+        return requested
+    values = table.column(column)
+    reach, span = float(np.abs(values).max()), f"{column} goes from {values.min():.3g} to {values.max():.3g}"
+    if table.degrees is None:
+        if reach > LARGEST_RADIANS:
+            return "deg"
+        refuse(f"{table.path} does not say inDegrees, and {span}; give --angle-unit deg or rad")
+    if table.degrees and reach < SMALLEST_DEGREES:
+        refuse(f"{table.path} says inDegrees=yes, but {span}, like rad; give --angle-unit deg or rad")
+    if not table.degrees and reach > LARGEST_RADIANS:
+        refuse(f"{table.path} says inDegrees=no, but {span}, like degrees; give --angle-unit deg or rad")
+    return "deg" if table.degrees else "rad"
+
+
+def sign_of(angle: Floats, where: str, requested: int | None, bounds: tuple[float, float] | None) -> int:
+    """Sign that makes an angle [rad] positive in flexion, 1 or -1.
+
+    It is the requested one, or else follows from the data, as a walking knee flexes far more than it extends, or else
+    from `bounds`, the coordinate's range [rad] in the model. `where` names file and column in messages.
+
+    Raises:
+        UsageError: the sign is impossible for a knee, or is not clear.
+    """
+    low, high = float(angle.min()), float(angle.max())
+    span = f"{where} goes from {math.degrees(low):.1f} to {math.degrees(high):.1f} deg"
+    sign = requested or _clear_sign(low, high) or (_clear_sign(*bounds) if bounds else 0)
+    if not sign:
+        refuse(f"{span}: which sign is flexion? Give --angle-sign 1 or -1, or --model")
+    lowest, highest = (low, high) if sign > 0 else (-high, -low)
+    if lowest < EXTENDS or highest > FLEXES:
+        refuse(
+            f"{span}; with sign {sign:+d} that is {math.degrees(lowest):.1f} to {math.degrees(highest):.1f} deg of "
+            f"flexion, and a knee has {math.degrees(EXTENDS):.0f} to {math.degrees(FLEXES):.0f}: "
+            "see --angle-sign and --angle-unit"
+        )
+    return sign
+
+
+def _clear_sign(low: float, high: float) -> int:
+    """Sign of flexion if a range of angles [rad] reaches clearly further to one side; 0 if it does not."""
+    if high >= CLEAR and high >= -TIMES_MORE * low:
+        return 1
+    return -1 if -low >= CLEAR and -low >= TIMES_MORE * high else 0
+
+
+def check_rate(given: Floats, derived: Floats, where: str) -> None:
+    """Refuse a rate [rad/s] that is not that of the angle, from which the other one is derived; shapes (n,)."""
+    power = float(derived @ derived)
+    slope = float(given @ derived) / power if power > MOVES**2 * len(derived) else 1.0
+    if not FITS[0] <= slope <= FITS[1]:
+        refuse(
+            f"{where} is {slope:.3g} times the rate of the angle; another unit than its inDegrees says, or another "
+            "coordinate's?"
+        )
+
+
+def check_axial(load: Floats, where: str) -> None:
+    """Refuse an axial load [N], > 0 in compression, shape (n,), that is mostly tension, or not in N."""
+    least, most = float(load.min()), float(load.max())
+    if most < -least:
+        refuse(
+            f"{where} pulls the knee apart, by up to {-least:.0f} N, and presses with {most:.0f} N at most: it is not "
+            "what acts on the tibia, or its y does not point up"
+        )
+    if not SMALLEST_FORCE <= most <= LARGEST_FORCE:
+        refuse(f"{where} presses with {most:.3g} at most; it must be in N")
+
+
+def check_upright(up: Floats, where: str) -> None:
+    """Refuse a vertical ground force, shape (n,), that does not act upwards as on a walking foot."""
+    if up.max() < max(STANDS, -up.min()):
+        refuse(
+            f"{where} goes from {up.min():.4g} to {up.max():.4g}; it must be in N, upwards, and what the ground does "
+            "to the foot"
+        )
+
+
+def check_near(arm: Floats, up: Floats, where: str) -> None:
+    """Refuse centres of pressure that are not near the foot.
+
+    `arm` [m] is from the ankle to each, shape (n, 3), and `up` the vertical force [N], shape (n,).
+    """
+    standing = arm[up >= STANDS]
+    away = float(np.median(np.hypot(standing[:, 0], standing[:, 2]))) if len(standing) else 0.0
+    if away > NEAR:
+        refuse(
+            f"{where} is {away:.2f} m away from the ankle while the foot stands, by the median: the other foot's, not "
+            "in m, or in other axes than the model's?"
+        )
+
+
+def check_heading(forward: Floats, path: Path) -> None:
+    """Refuse a person who does not face towards x; `forward` is the direction of the pelvis, shape (n, 3)."""
+    x, _, z = forward.mean(axis=0)
+    if x < AHEAD:
+        refuse(
+            f"{path}: the pelvis points to x {x:.2f}, z {z:.2f} on average, and a leg's sensors have x forward: turn "
+            "markers and ground reactions about y, so that the person walks towards x"
+        )
+
+
+def impossible(angle: Series, load: Series | None = None) -> str:
+    """Say why these cannot be an angle and a load at all; empty if they can."""
+    low, high = float(angle.values.min()), float(angle.values.max())
+    if high - low > WIDEST or max(-low, high) > LARGEST_ANGLE:
+        return (
+            f"{angle.where} goes from {math.degrees(low):.4g} to {math.degrees(high):.4g} deg, which no knee does: is "
+            f"{angle.name}.unit right, and is it an angle's column?"
+        )
+    least, most = (float(load.values.min()), float(load.values.max())) if load else (0.0, 0.0)
+    if load and most < -least:
+        return (
+            f"{load.where} pulls the knee apart, by up to {-least:.0f} N, and presses with {most:.0f} N at most: see "
+            "load.direction"
+        )
+    if load and most > LARGEST_LOAD:
+        return f"{load.where} presses with {most:.3g} N, beyond {LARGEST_LOAD:g}: is load.unit right?"
+    return ""
+
+
+def doubts(angle: Series, load: Series, unit: str, weight: float | None, max_gap: float) -> list[str]:
+    """List what is likely a mistake; `unit` is the load's, `weight` the body's [N], `max_gap` [s] between rows."""
+    sentences = ["" if weight is None else weight_doubt(weight), _slow(angle), _still(angle), _outside(angle)]
+    sentences += [_jumps(angle, max_gap), _slow(load), _peak(load, unit, weight)]
+    return [sentence for sentence in sentences if sentence]
+
+
+def _slow(series: Series) -> str:
+    rate = NANOSECONDS / float(np.median(np.diff(series.stamps)))
+    return "" if rate >= SLOWEST else f"{series.path} has {rate:.3g} rows a second: is time.unit right?"
+
+
+def _still(angle: Series) -> str:
+    span = float(np.ptp(angle.values))
+    if span >= STIFF:
+        return ""
+    moves = f"{angle.where} moves by {math.degrees(span):.3g} deg in all"
+    return f"{moves}: is {angle.name}.unit right, and is it the knee's?"
+
+
+def _outside(angle: Series) -> str:
+    low, high = float(angle.values.min()), float(angle.values.max())
+    if low >= EXTENDS and high <= FLEXES:
+        return ""
+    return (
+        f"{angle.where} is {math.degrees(low):.1f} to {math.degrees(high):.1f} deg of flexion, and a knee has "
+        f"{math.degrees(EXTENDS):.0f} to {math.degrees(FLEXES):.0f}: is {angle.name}.sign right, or has the sensor an "
+        "offset (knee-contact align)?"
+    )
+
+
+def _jumps(angle: Series, max_gap: float) -> str:
+    """Doubt about steps that no knee makes; behind a gap, which is noted elsewhere, any angle is possible."""
+    steps = np.where(np.diff(angle.stamps) <= max_gap * NANOSECONDS, np.abs(np.diff(angle.values)), 0.0)
+    worst = int(np.argmax(steps))
+    if steps[worst] <= JUMP:
+        return ""
+    at, times = angle.stamps[worst + 1] / NANOSECONDS, np.count_nonzero(steps > JUMP)
+    jumps = f"{angle.where} jumps by {math.degrees(steps[worst]):.0f} deg at {at:.7g} s"
+    return f"{jumps}{f', and {times} times in all' if times > 1 else ''}: a loose contact, or an encoder's turn?"
+
+
+def _peak(load: Series, unit: str, weight: float | None) -> str:
+    """Doubt about a peak load that is not of the order of the body weight, with the unit in which it would be."""
+    peak = float(load.values.max())
+    lightest, heaviest = (weight, weight) if weight else USUAL_WEIGHT
+    least, most = LEAST_PEAK * lightest, MOST_PEAK * heaviest
+    if least <= peak <= most:
+        return ""
+    measured = f"{peak:.4g} N" + (f", {peak / weight:.3g} body weights" if weight else "")
+    usual = f"{LEAST_PEAK:g} to {MOST_PEAK:g}" if weight else f"{least:.0f} to {most:.0f} N"
+    hint = f"is load.unit {unit} right, and is it a load's column?"
+    if weight and unit != BODY_WEIGHT and unit in UNITS[FORCE]:
+        for other in ("lbf", "N", "kgf", "kN"):
+            there = peak / UNITS[FORCE][unit] * UNITS[FORCE][other] / weight
+            if unit != other and USUAL_PEAK[0] <= there <= USUAL_PEAK[1]:
+                hint = f"is load.unit {unit} right? In {other} it would be {there:.2g} body weights"
+                break
+    return f"{load.where} presses with {measured} at most, and a knee that bears its body with {usual}: {hint}"

@@ -1,0 +1,245 @@
+"""OpenSim itself, on its gait2354 example: tests that need the package and the example, and say so where they lack."""
+
+from __future__ import annotations
+
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from contextlib import suppress
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
+from knee_contact_ros.commands.main import main
+from knee_contact_ros.joint_reaction.estimator import Estimate
+from knee_contact_ros.lab.opensim import child
+from knee_contact_ros.lab.opensim.command import Files, read_knee
+from knee_contact_ros.lab.opensim.pipeline import Setup, dynamics_setup, find_setups, read_setup, run_python
+from knee_contact_ros.lab.opensim.results import Settings
+from knee_contact_ros.lab.tables import read_storage
+from knee_contact_ros.offline.estimate_load import LoadSummary, estimate_load
+from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.schema import LoadParameters
+from knee_contact_ros.streams.topics import NANOSECONDS
+from tests.helpers.needs import needs_opensim
+from tests.lab.opensim.test_command import origin
+from tests.lab.opensim.test_leg import TOPICS
+from tests.offline.test_solve import silent
+
+pytestmark = needs_opensim
+
+BODY_WEIGHT = 711.96
+"""[N] of the scaled subject"""
+SUBJECT = {"person.mass": 72.6, "person.height": 1.8}
+KINEMATICS, REACTIONS = "reference_CMC_Kinematics_q.sto", "reference_JointReaction_ReactionLoads.sto"
+LOADS = "subject01_walk1_grf.xml"
+QUICK = ("--steps", "scale,ik,static")
+BEGUN = 0.6
+"""[s] from which the estimator has seen angles for long enough"""
+KNEE, ANKLE = 7.5, 2.0
+"""[N m] RMS that the load node's moments may be off OpenSim's: a leg in a plane, with tabled masses, whose hip does not
+accelerate, against one in space with the subject's. It was 6.6 and 5.4 (right, left) at the knee, of 26 and 20 N m RMS,
+and 1.4 and 1.4 at the ankle, of 57 and 42."""
+
+
+@pytest.fixture
+def example(reference_data: Path, tmp_path: Path) -> Path:
+    """The example without residual reduction, over a tenth of a second."""
+    folder = tmp_path / "example"
+    shutil.copytree(reference_data / "opensim_gait2354", folder, copy_function=shutil.copyfile)
+    folder.chmod(0o755)
+    cmc = folder / "subject01_Setup_CMC.xml"
+    text = cmc.read_text()
+    for old, new in (
+        ("subject01_simbody_adjusted.osim", "subject01_simbody.osim"),
+        ("ResultsRRA/subject01_walk1_RRA_Kinematics_q.sto", "subject01_walk1_ik.mot"),
+        ("0.80000000", "0.95"),
+        ("1.20000000", "1.05"),
+        ("     -10.00000000 </lowpass", "6 </lowpass"),
+    ):
+        assert old in text
+        text = text.replace(old, new)
+    cmc.write_text(text)
+    return folder
+
+
+@pytest.fixture
+def scaled(example: Path) -> Path:
+    """The example with the subject's model, subject01_simbody.osim."""
+    assert run_python(child.__name__, ("ScaleTool", "subject01_Setup_Scale.xml"), example, example / "log") == 0
+    return example
+
+
+def command(folder: Path, output: Path, *more: str) -> list[str]:
+    return ["import-opensim", "--setup", str(folder), "--side", "right", "--output", str(output), *more]
+
+
+def of_results(folder: Path, ground: Path, output: Path) -> list[str]:
+    names = {"kinematics": folder / KINEMATICS, "reactions": folder / REACTIONS}
+    names |= {"model": folder / "subject01_simbody.osim", "ground": ground, "output": output}
+    return ["import-opensim", *(f"--{name}={path}" for name, path in names.items()), "--side", "both"]
+
+
+def loads_in(bag: Path) -> list[float]:
+    """Axial loads [N]."""
+    return [-m.message.wrench.force.y for m in read_bag(bag, INPUT_TYPES) if m.topic == "/joint_reaction_force"]
+
+
+def test_scaling_kinematics_and_static_optimization_make_a_bag(
+    example: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """And OpenSim's own answer to what we do with a reaction that acts on the femur is the same."""
+    before = {path: path.stat().st_mtime_ns for path in example.rglob("*")}
+    bag, work = tmp_path / "walk", tmp_path / "work"
+    assert main(command(example, bag, *QUICK, "--work", str(work), "--ground")) == 0
+    said = capsys.readouterr().out
+    for part in (
+        "scaling",
+        "static optimization",
+        "residual moment",
+        "reserve knee_angle_r",
+        "marker error, the worst",
+    ):
+        assert part in said
+    assert {path: path.stat().st_mtime_ns for path in example.rglob("*")} == before  # the user's folder is left alone
+    assert sorted(path.name for path in tmp_path.glob("walk*")) == ["walk"]
+    assert {path.stem for path in (work / "logs").iterdir()} == {"scale", "ik", "static", "reactions", "dynamics"}
+    record = origin(bag)
+    assert record["source"].startswith("OpenSim 4.")
+    assert "static: knee_contact_static.xml" in record["steps"]
+    assert "residual force: peak" in record["quality"]
+    # Single stance: the knee carries some two to four body weights, and the ground about one, ahead of the ankle.
+    assert 1.5 * BODY_WEIGHT < np.mean(loads_in(bag)) < 4.5 * BODY_WEIGHT
+    wrenches = [m.message.wrench for m in read_bag(bag, TOPICS) if m.topic == "/ground_reaction_force"]
+    assert len(wrenches) > 20  # a tenth of a second, as the kinematics have it
+    assert all(450.0 < wrench.force.y < 850.0 and wrench.torque.z > 0.0 for wrench in wrenches)
+
+    setup = work / "knee_contact_reactions.xml"
+    for words in (("apply_on_bodies>child", "apply_on_bodies>parent"), ('name="knee_contact"', 'name="parent"')):
+        setup.write_text(setup.read_text().replace(*words))
+    script = f"import opensim; assert opensim.AnalyzeTool({str(setup)!r}).run()"
+    subprocess.run([sys.executable, "-c", script], cwd=work, check=True, capture_output=True)
+    gaits = []
+    for name in ("knee_contact", "parent"):
+        both = (work / "ResultsReactions" / f"{name}_{what}.sto" for what in
+                ("Kinematics_q", "JointReaction_ReactionLoads"))  # fmt: skip
+        gaits.append(read_knee("right", Files(*both), Settings(angle_sign=-1), work)[0])
+    on_tibia, on_femur = gaits
+    assert ["Newton" in " ".join(gait.notes) for gait in gaits] == [False, True]
+    # Ten decimals in the files; the torque has 0.5 m times a force.
+    assert on_femur.reaction.values == pytest.approx(on_tibia.reaction.values, abs=1e-7)
+
+
+def test_set_up_files_in_folders_of_their_own(example: Path, tmp_path: Path) -> None:
+    """As many keep them: each step's file in a folder, data beside; the same numbers come out."""
+    together, apart = tmp_path / "together", tmp_path / "apart"
+    assert main(command(example, together, *QUICK)) == 0
+    for step, setup in (("ik", "subject01_Setup_IK.xml"), ("cmc", "subject01_Setup_CMC.xml")):
+        (example / step).mkdir()
+        text = (example / setup).read_text()
+        for name in ("subject01_simbody.osim", "subject01_walk1.trc", "gait2354_CMC", LOADS):
+            text = text.replace(name, f"../{name}")
+        text = text.replace(" subject01_walk1_ik.mot ", " ../ik/subject01_walk1_ik.mot ")
+        (example / step / setup).write_text(text)
+        (example / setup).unlink()
+    setups = [example / name for name in ("subject01_Setup_Scale.xml", "ik/subject01_Setup_IK.xml")]
+    more = [argument for path in setups for argument in ("--setup", str(path))]
+    assert main(command(example / "cmc" / "subject01_Setup_CMC.xml", apart, *more, *QUICK)) == 0
+    assert loads_in(apart) == pytest.approx(loads_in(together), abs=1e-6)  # ten decimals, and the same program
+
+
+def test_a_step_that_fails_leaves_nothing_and_says_why(
+    example: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cmc, markers = example / "subject01_Setup_CMC.xml", example / "subject01_walk1.trc"
+    whole = cmc.read_text()
+    cmc.write_text(whole.replace(f" {LOADS} ", ""))
+    assert main(command(example, tmp_path / "walk", *QUICK, "--ground")) == 2
+    assert "has no external_loads_file; give --ground FILE" in capsys.readouterr().err
+    cmc.write_text(whole)
+    markers.write_text("no markers")
+    assert main(command(example, tmp_path / "walk", *QUICK)) == 2
+    said = capsys.readouterr().err
+    assert "OpenSim's ik (subject01_Setup_IK.xml) failed with code" in said
+    assert said.count("\n") == 1
+    assert not (tmp_path / "walk").exists()
+
+
+def test_interrupted_it_ends_its_step_and_leaves_nothing(example: Path, tmp_path: Path) -> None:
+    output, work = tmp_path / "walk", tmp_path / "work"
+    arguments = command(example, output, "--steps", "scale,ik,cmc", "--work", str(work))
+    process = subprocess.Popen(
+        [sys.executable, "-m", "knee_contact_ros.commands.main", *arguments], stderr=subprocess.PIPE
+    )
+    until = time.monotonic() + 120.0
+    while not (work / "logs" / "cmc.log").exists():
+        assert process.poll() is None
+        assert time.monotonic() < until, "computed muscle control has not begun"
+        time.sleep(0.1)
+    process.send_signal(signal.SIGINT)
+    _, said = process.communicate(timeout=60.0)
+    assert process.returncode == 130
+    assert said.decode().split() == ["knee-contact:", "interrupted"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["example", "work"]
+    folders = set()
+    for link in Path("/proc").glob("[0-9]*/cwd"):
+        with suppress(OSError):
+            folders.add(str(link.readlink()))
+    assert str(work.resolve()) not in folders
+
+
+def test_the_examples_set_up_files_are_recognised(reference_data: Path) -> None:
+    assert list(find_setups([reference_data / "opensim_gait2354"])) == ["cmc", "ik", "rra", "scale"]
+
+
+def moments(folder: Path) -> Path:
+    """Net joint moments by OpenSim's inverse dynamics."""
+    base = read_setup(folder / "subject01_Setup_CMC.xml")
+    assert isinstance(base, Setup)
+    setup = dynamics_setup(base, folder / "dynamics.xml", KINEMATICS, (0.53, 2.46))
+    assert run_python(child.__name__, ("InverseDynamicsTool", setup.path.name), folder, folder / "log") == 0
+    return folder / setup.results() / "moments.sto"
+
+
+def estimated(bag: Path, config: Path, output: Path) -> tuple[LoadSummary, dict[int, Estimate]]:
+    """What there is to say of a bag's estimates, and these by their stamps [ns]."""
+    parameters = load_parameters([config / "load" / "inverse_dynamics.yaml", SUBJECT], LoadParameters)
+    estimates: dict[int, Estimate] = {}
+    return estimate_load(bag, parameters, output, silent, keep=estimates.__setitem__), estimates
+
+
+def test_the_load_node_finds_opensims_net_moments_and_its_load_takes_the_place(
+    scaled: Path, config: Path, tmp_path: Path
+) -> None:
+    """Of external loads and of names of columns there is the same bag."""
+    for name, ground in (("walk", LOADS), ("named", "subject01_walk1_grf.mot")):
+        assert main(of_results(scaled, scaled / ground, tmp_path / name)) == 0
+    by_opensim, reactions = read_storage(moments(scaled)), read_storage(scaled / REACTIONS)
+    for side in ("right", "left"):
+        bag, output = tmp_path / f"walk_{side}", tmp_path / f"{side}.mcap"
+        first, second = ([str(m.message) for m in read_bag(each, TOPICS)] for each in (bag, tmp_path / f"named_{side}"))
+        assert first == second
+        summary, estimates = estimated(bag, config, output)
+        assert (summary.level, len(estimates), summary.refused.total()) == ("ankle_moment", 387, 0)
+        stamps = np.array(list(estimates))
+        late, letter = stamps > BEGUN * NANOSECONDS, side[0]
+        for joint, sign, allowed in (("knee", 1.0, KNEE), ("ankle", -1.0, ANKLE)):
+            column = sign * by_opensim.column(f"{joint}_angle_{letter}_moment")
+            told = np.array([getattr(estimate, f"{joint}_moment") for estimate in estimates.values()])
+            off = told - np.interp(stamps, by_opensim.stamps, column)
+            assert np.sqrt(np.mean(off[late] ** 2)) < allowed
+        reference = -reactions.column(f"knee_{letter}_on_tibia_{letter}_in_tibia_{letter}_fy")
+        assert loads_in(bag) == pytest.approx(np.interp(stamps, reactions.stamps, reference), rel=1e-12)
+        assert loads_in(output) == pytest.approx([each.axial_force for each in estimates.values()], rel=1e-12)
+
+
+def test_the_other_foots_plate_is_refused(scaled: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    loads = scaled / LOADS
+    text = loads.read_text()
+    loads.write_text(text.replace("calcn_r", "x").replace("calcn_l", "calcn_r").replace(" x ", " calcn_l "))
+    assert main(of_results(scaled, loads, tmp_path / "walk")) == 2
+    assert "away from the ankle while the foot stands" in capsys.readouterr().err

@@ -1,0 +1,279 @@
+"""Set-up files and what comes of them, without OpenSim itself: test_by_opensim.py runs it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from knee_contact_ros.commands.main import main
+from knee_contact_ros.lab.opensim import pipeline
+from knee_contact_ros.lab.opensim.command import judge, show_checks
+from knee_contact_ros.lab.opensim.pipeline import Check, Run, Setup, assess, find_setups, plan, read_setup
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.files import not_installed
+from tests.lab.opensim.storages import write_storage
+
+SETUPS = {
+    "scale.xml": "<ScaleTool name='s'><GenericModelMaker><model_file>generic.osim</model_file></GenericModelMaker>"
+    "<MarkerPlacer><marker_file>static.trc</marker_file><output_model_file>scaled.osim</output_model_file></MarkerPlacer>"
+    "</ScaleTool>",
+    "ik.xml": "<InverseKinematicsTool name='i'><model_file>scaled.osim</model_file><marker_file>walk.trc</marker_file>"
+    "<time_range> 0.4 1.6</time_range><output_motion_file>ik.mot</output_motion_file></InverseKinematicsTool>",
+    "rra.xml": "<RRATool name='walk_RRA'><model_file>scaled.osim</model_file><initial_time> 0.8 </initial_time>"
+    "<results_directory>./RRA</results_directory><desired_kinematics_file>ik.mot</desired_kinematics_file>"
+    "<output_model_file>adjusted.osim</output_model_file></RRATool>",
+    "cmc.xml": "<CMCTool name='walk'><model_file> adjusted.osim </model_file><force_set_files>act.xml</force_set_files>"
+    "<results_directory>./CMC</results_directory><external_loads_file>grf.xml</external_loads_file>"
+    "<desired_kinematics_file>RRA/walk_RRA_Kinematics_q.sto</desired_kinematics_file><rra_controls_file> "
+    "</rra_controls_file><initial_time>0.8</initial_time><final_time>1.2</final_time>"
+    "<lowpass_cutoff_frequency>6</lowpass_cutoff_frequency></CMCTool>",
+    "analyze.xml": "<AnalyzeTool name='a'><AnalysisSet><objects><Kinematics/></objects></AnalysisSet></AnalyzeTool>",
+    "grf.xml": "<ExternalLoads><datafile>grf.mot</datafile></ExternalLoads>",
+}
+STEPS = ["scale", "ik", "rra", "cmc"]
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Set-up files and what they read; planning asks whether OpenSim is there, and needs nothing of it."""
+    monkeypatch.setattr("knee_contact_ros.system.files.find_spec", lambda name: name)
+    for name, text in SETUPS.items():
+        (tmp_path / name).write_text(f"<OpenSimDocument Version='40000'>{text}</OpenSimDocument>")
+    for name in ("generic.osim", "static.trc", "walk.trc", "act.xml", "grf.mot"):
+        (tmp_path / name).write_text("<a/>")
+    return tmp_path
+
+
+def test_set_up_files_are_told_by_what_they_hold(folder: Path) -> None:
+    found = find_setups([folder])
+    assert sorted(found) == sorted(STEPS)
+    assert [pipeline.times_of(found[step]) for step in STEPS] == [(0.0, 0.0), (0.4, 1.6), (0.0, 0.0), (0.8, 1.2)]
+    cmc = found["cmc"]
+    texts = (cmc.name, cmc.text("model_file"), cmc.text("rra_controls_file"), cmc.results())
+    assert texts == ("walk", "adjusted.osim", "", "CMC")
+    assert cmc.needs() == ["adjusted.osim", "act.xml", "grf.xml", "RRA/walk_RRA_Kinematics_q.sto", "grf.mot"]
+    assert list(find_setups([folder / "ik.xml", folder / "cmc.xml"])) == ["ik", "cmc"]
+    static = folder / "static.xml"
+    static.write_text("<D><AnalyzeTool name='a'><StaticOptimization/></AnalyzeTool></D>")
+    assert find_setups([folder])["static"].path == static
+
+
+@pytest.mark.parametrize(
+    ("steps", "planned"),
+    [
+        ([], STEPS),
+        (["cmc", "rra", "ik", "scale"], STEPS),
+        (["scale", "ik", "rra", "static"], [*STEPS[:3], "static"]),
+        (["cmk"], "--steps: there is no cmk; there are scale, ik, rra, cmc, static"),
+        (["ik"], "--steps ik: one of cmc and static must be among them"),
+        (["cmc", "static"], "--steps cmc,static: one of cmc and static"),
+        (["cmc"], r"cmc\.xml \(cmc\) needs adjusted\.osim, which is not in .* and comes of no step"),
+    ],
+)
+def test_steps_run_in_their_order(folder: Path, steps: list[str], planned: list[str] | str) -> None:
+    if isinstance(planned, str):
+        with pytest.raises(UsageError, match=planned):
+            plan([folder], steps)
+        return
+    where, setups = plan([folder], steps)
+    assert (where, [setup.step for setup in setups]) == (folder, planned)
+
+
+def test_a_step_is_left_out_if_its_result_is_there(folder: Path) -> None:
+    (folder / "RRA").mkdir()
+    for name in ("adjusted.osim", "RRA/walk_RRA_Kinematics_q.sto"):
+        (folder / name).write_text("")
+    assert [setup.step for setup in plan([folder], ["cmc"])[1]] == ["cmc"]
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "paths", "says"),
+    [
+        ("", "", ["none"], "no such file or folder"),
+        ("", "", ["grf.xml"], "no set-up file of a scale, IK, RRA, CMC or static optimization tool"),
+        ("", "", ["ik.xml", "cmc.xml"], "no set-up file for scale; there are ik, cmc"),
+        ("ik2.xml", SETUPS["ik.xml"], ["."], r"ik\.xml and ik2\.xml are both for ik; give the files"),
+        ("grf.xml", "<ExternalLoads><datafile>g</datafile></ExternalLoads>", ["."], r"cmc\.xml \(cmc\) needs g,"),
+        ("scale.xml", "<ScaleTool><model_file>/data/g.osim</model_file></ScaleTool>", ["."], "from its folder, with /"),
+        ("scale.xml", "<ScaleTool><model_file>C:\\g.osim</model_file></ScaleTool>", ["."], "from its folder, with /"),
+        ("scale.xml", f"<ScaleTool><model_file>{'../' * 30}g.osim</model_file></ScaleTool>", ["."],
+         "are all over /; put them into a folder of their own"),
+        ("scale.xml", "no xml", ["."], r"scale\.xml is no OpenSim document"),
+    ],
+)  # fmt: skip
+def test_set_up_files_that_cannot_be(folder: Path, name: str, content: str, paths: list[str], says: str) -> None:
+    if name:
+        (folder / name).write_text(content if content == "no xml" else f"<D>{content}</D>")
+    with pytest.raises(UsageError, match=says):
+        plan([folder / path for path in paths], STEPS)
+
+
+def test_set_up_files_in_several_folders(folder: Path) -> None:
+    for name in ("ik", "cmc"):
+        (folder / name).mkdir()
+        (folder / f"{name}.xml").rename(folder / name / f"{name}.xml")
+    ik, cmc = (folder / name / f"{name}.xml" for name in ("ik", "cmc"))
+    ik.write_text(ik.read_text().replace("scaled.osim", "../scaled.osim").replace("walk.trc", "../walk.trc"))
+    text = cmc.read_text().replace("adjusted.osim", "../scaled.osim").replace("act.xml", "../act.xml")
+    cmc.write_text(text.replace("grf.xml", "../grf.xml").replace("RRA/walk_RRA_Kinematics_q.sto", "../ik/ik.mot"))
+    where, setups = plan([folder / "scale.xml", ik, cmc], [])
+    assert where == folder
+    assert [setup.path for setup in setups] == [folder / "scale.xml", ik, cmc]
+    ik.write_text(ik.read_text().replace("ik.mot", "other.mot"))
+    with pytest.raises(UsageError, match=r"cmc\.xml \(cmc\) needs \.\./ik/ik\.mot, which is not in"):
+        plan([folder / "scale.xml", ik, cmc], [])
+
+
+def test_our_own_set_ups_have_what_the_muscles_step_had(folder: Path, tmp_path: Path) -> None:
+    cmc = find_setups([folder])["cmc"]
+    static = pipeline.static_setup(cmc, tmp_path / "s.xml", 5)
+    assert read_setup(static.path) is not None  # it is a set-up file of ours to read, too
+    assert (static.text("coordinates_file"), static.text("step_interval")) == ("RRA/walk_RRA_Kinematics_q.sto", "5")
+    assert static.text("lowpass_cutoff_frequency_for_coordinates") == "6.0"
+    for base, states in ((cmc, "CMC/walk_states_repaired.sto"), (static, None)):
+        setup = pipeline.reactions_setup(base, tmp_path / "r.xml", states, "forces.sto")
+        tool = pipeline.read_xml(setup.path).find("AnalyzeTool")
+        assert tool is not None
+        found = [tool.findtext(f".//{tag}") for tag in (
+            "model_file", "force_set_files", "external_loads_file", "initial_time", "final_time", "forces_file",
+            "apply_on_bodies", "express_in_frame", "states_file", "coordinates_file")]  # fmt: skip
+        assert found == [
+            "adjusted.osim", "act.xml", "grf.xml", "0.8", "1.2", "forces.sto", "child", "child", states,
+            None if states else "RRA/walk_RRA_Kinematics_q.sto",
+        ]  # fmt: skip
+    dynamics = pipeline.dynamics_setup(cmc, tmp_path / "d.xml", "q.sto", (0.83, 1.19))
+    assert (dynamics.text("time_range"), dynamics.text("coordinates_file")) == ("0.83 1.19", "q.sto")
+    with pytest.raises(UsageError, match=r"cmc has not written CMC/walk_Actuation_force\.sto"):
+        pipeline.results_of(cmc)
+
+
+def test_without_opensim_the_command_says_what_to_install(
+    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr("knee_contact_ros.system.files.find_spec", lambda name: None)
+    arguments = ["--setup", str(folder), "--side", "right", "--output", str(tmp_path / "walk")]
+    assert main(["import-opensim", *arguments]) == 2
+    assert not_installed("opensim", "opensim") in capsys.readouterr().err
+    assert not (tmp_path / "walk").exists()
+
+
+@pytest.mark.parametrize(
+    ("line", "done"),
+    [
+        ("[info] CMC::computeControls, t = 0.9000000000000001", 250),
+        ("[info] Frame 95 (t = 1.0):\t total squared error = 0.0136", 500),
+        ("time = 1.1849 Performance = 47.7 Constraint violation = 2.1e-10", 962),
+        ("[info] Loaded model subject01", 0),
+        ("t = 0.2", 0),
+        ("t = 7", 999),
+        ("t = -", 0),
+    ],
+)
+def test_the_last_time_in_the_log_is_how_far_it_is(tmp_path: Path, line: str, done: int) -> None:
+    log = tmp_path / "step.log"
+    log.write_text("x" * 10_000 + "\nt = 0.81\n" * (done > 0) + line + "\n")
+    assert (pipeline.progress_of(log, (0.8, 1.2)), pipeline.progress_of(log, (0.0, 0.0))) == (done, 0)
+
+
+@pytest.mark.parametrize(
+    ("log", "words"),
+    [
+        ("[info] a\n[error] no such marker\n[info] bye\n", "[error] no such marker"),
+        ("[warning] Couldn't find file mesh.vtp: failed\nthe end\n\n", "the end"),
+        ("", "it said nothing"),
+    ],
+)
+def test_the_line_that_tells_of_a_failure(tmp_path: Path, log: str, words: str) -> None:
+    (tmp_path / "l").write_text(log)
+    assert pipeline.last_words(tmp_path / "l") == words
+
+
+ACTUATORS = """<D><ForceSet><defaults>
+<CoordinateActuator name="default"><coordinate>hip</coordinate></CoordinateActuator></defaults><objects>
+<PointActuator name="FX"/><PointActuator name="FY"/><TorqueActuator name="MZ"/>
+<CoordinateActuator name="pelvis_tz_actuator"><coordinate> pelvis_tz </coordinate></CoordinateActuator>
+<CoordinateActuator name="knee_reserve"><coordinate>knee_angle_r</coordinate></CoordinateActuator>
+<CoordinateActuator name="hip_reserve"><coordinate>hip_flexion_r</coordinate></CoordinateActuator>
+<CoordinateActuator name="toe_reserve"><coordinate>mtp_angle_r</coordinate></CoordinateActuator>
+<CoordinateActuator name="off"><coordinate>ankle_angle_r</coordinate></CoordinateActuator></objects></ForceSet></D>"""
+LOADS = """<D><ExternalLoads><objects><ExternalForce><force_identifier> right_v </force_identifier></ExternalForce>
+<ExternalForce><force_identifier>left_v</force_identifier></ExternalForce></objects><datafile>grf.mot</datafile>
+</ExternalLoads></D>"""
+TIME = np.array([0.0, 0.5, 1.0])
+JUDGED = {
+    "residual force": (13.0, 45.0, True),  # of 3, 4 and 12 N; 5 % of 900 N
+    "residual moment": (10.0, 9.0, False),  # 1 % of 900 N x 1 m
+    "reserve knee_angle_r": (3.0, 4.0, True),  # 5 % of 80 N m; shown although it passes
+    "reserve hip_flexion_r": (6.0, 5.0, False),
+    "marker error, RMS of all": (15.0, 20.0, True),
+    "marker error, the worst": (50.0, 40.0, False),
+}
+"""Peak, limit and verdict"""
+
+
+def stored(path: Path, columns: dict[str, list[float]]) -> Path:
+    return write_storage(path, TIME, {name: np.array(column) for name, column in columns.items()}, "no")
+
+
+@pytest.fixture
+def run(tmp_path: Path) -> Run:
+    """400 N and 500 N on the feet in the middle, centre of mass at 1 m; before and after it the ground presses more."""
+    (tmp_path / "act.xml").write_text(ACTUATORS)
+    (tmp_path / "grf.xml").write_text(LOADS)
+    (tmp_path / "cmc.xml").write_text(
+        "<D><CMCTool name='walk'><force_set_files>act.xml</force_set_files>"
+        "<external_loads_file>grf.xml</external_loads_file></CMCTool></D>"
+    )
+    (tmp_path / "ik.xml").write_text("<D><InverseKinematicsTool name='i'/></D>")
+    feet = {f"{side}_v{axis}": np.zeros(5) for side in ("right", "left") for axis in "xyz"}
+    feet |= {"right_vy": np.array([9e3, 0.0, 400.0, 0.0, 9e3]), "left_vy": np.array([0.0, 0.0, 500.0, 0.0, 0.0])}
+    write_storage(tmp_path / "grf.mot", np.array([-1.0, 0.0, 0.5, 1.0, 2.0]), feet, "yes")
+    forces = stored(tmp_path / "f.sto", {
+        "soleus_r": [900.0] * 3, "FX": [3.0, 0.0, 0.0], "FY": [4.0, 0.0, 0.0], "MZ": [0.0, -10.0, 0.0],
+        "pelvis_tz_actuator": [12.0, 0.0, 0.0], "knee_reserve": [0.0, 1.0, -3.0], "hip_reserve": [0.0, 6.0, 0.0],
+        "toe_reserve": [0.9, 0.0, 0.0],
+    })  # fmt: skip
+    moments = stored(tmp_path / "m.sto", {
+        "knee_angle_r_moment": [0.0, 80.0, 0.0], "hip_flexion_r_moment": [0.0, 0.0, -100.0],
+        "mtp_angle_r_moment": [0.0, 0.1, 0.0],
+    })  # fmt: skip
+    centre = stored(tmp_path / "c.sto", {"center_of_mass_Y": [0.99, 1.0, 1.01]})
+    errors = {"marker_error_RMS": [0.01, 0.015, 0.01], "marker_error_max": [0.02, 0.05, 0.01]}
+    stored(tmp_path / "i_ik_marker_errors.sto", errors)
+    setups = [read_setup(tmp_path / name) for name in ("ik.xml", "cmc.xml")]
+    own = tuple(setup for setup in setups if isinstance(setup, Setup))
+    return Run(tmp_path, own[1], forces, *[tmp_path] * 4, centre, moments, {}, own)  # type: ignore[arg-type]
+
+
+def test_peaks_and_what_is_allowed(run: Run, capsys: pytest.CaptureFixture[str]) -> None:
+    found = assess(run)
+    assert [check.name for check in found] == list(JUDGED)
+    for check in found:
+        peak, allowed, passed = JUDGED[check.name]
+        assert (check.peak, check.allowed, check.passed) == (pytest.approx(peak), pytest.approx(allowed), passed)
+    assert found[0].rms == pytest.approx(13.0 / np.sqrt(3.0))
+    show_checks(found)
+    said = " ".join(capsys.readouterr().out.split())
+    assert said.count("ABOVE") == 3
+    assert "Do not trust these results before you know why" in said
+    assert said.endswith("residual moment, reserve hip_flexion_r, marker error, the worst.")
+    show_checks([check for check in found if check.passed])
+    said = " ".join(capsys.readouterr().out.split())
+    assert "within what the literature allows" in said
+    assert "ABOVE" not in said
+
+
+def test_a_run_that_cannot_be_judged_says_why(run: Run, capsys: pytest.CaptureFixture[str]) -> None:
+    run.moments.unlink()
+    found, fault = judge(run)
+    assert found == []
+    assert str(run.moments) in fault
+    show_checks(found, fault)
+    assert capsys.readouterr().out.startswith("Residuals and reserves could not be judged: cannot read")
+
+
+def test_a_check_in_a_sentence() -> None:
+    check = Check("residual force", 50.0, 12.34, 45.0, "N", "5 % of 900 N of external force")
+    assert check.sentence() == "residual force: peak 50, RMS 12.3 N, ABOVE 45 (5 % of 900 N of external force)"

@@ -1,0 +1,323 @@
+"""Results of OpenSim become a knee's gait in our units, signs and frames: recognised where clear, else asked for."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from knee_contact_ros.lab.checks import sign_of, unit_of
+from knee_contact_ros.lab.gait_bag import Gait
+from knee_contact_ros.lab.opensim.command import Files, read_knee
+from knee_contact_ros.lab.opensim.results import Settings, angle_column, find_reaction, speed_column
+from knee_contact_ros.lab.tables import Table
+from knee_contact_ros.system.errors import UsageError
+from tests.lab.opensim import storages
+from tests.lab.opensim.storages import AXES, DURATION, TIBIA, flexion, kinematics, reaction_columns, reactions
+
+DIGITS = 1e-11
+"""Files of the tests have twelve decimals"""
+ON_TIBIA, STATES = "knee_r_on_tibia_r_in_tibia_r", "/jointset/knee_r/knee_angle_r/"
+TIME = np.linspace(0.0, DURATION, 121)
+
+
+def table(names: list[str], values: list[float] | None = None, degrees: bool | None = None) -> Table:
+    column = np.array(values or [0.0])[:, None]
+    return Table(Path("q.sto"), tuple(names), np.arange(len(column)), np.tile(column, len(names)), degrees, 0)
+
+
+def on(*prefixes: str) -> Table:
+    return table([f"{prefix}_{axis}" for prefix in prefixes for axis in AXES[:6]])
+
+
+def knee(files: Files, side: str = "right", **settings: object) -> Gait:
+    return read_knee(side, files, Settings(**settings), Path())[0]  # type: ignore[arg-type]
+
+
+def files(folder: Path, **options: object) -> Files:
+    return Files(kinematics(folder / "q.sto", **options), reactions(folder / "jr.sto"))  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize(
+    ("values", "header", "unit"),
+    [
+        ([-69.0, 1.0], True, "deg"),
+        ([-1.2, 0.02], False, "rad"),
+        ([0.0, 60.0], None, "deg"),
+        ([-69.0, 1.0], False, "inDegrees=no, but a goes from -69 to 1, like degrees; give --angle-unit"),
+        ([-1.2, 0.02], True, r"inDegrees=yes, but a goes from -1\.2 to 0\.02, like rad; give --angle-unit"),
+        ([0.0, 1.2], None, r"does not say inDegrees, and a goes from 0 to 1\.2; give --angle-unit"),
+    ],
+)
+def test_the_unit_is_recognised_or_asked_for(values: list[float], header: bool | None, unit: str) -> None:
+    angles = table(["a"], values, header)
+    if len(unit) == 3:
+        assert unit_of(angles, "a", "auto") == unit
+    else:
+        with pytest.raises(UsageError, match=unit):
+            unit_of(angles, "a", "auto")
+    assert unit_of(angles, "a", "rad") == "rad"
+
+
+@pytest.mark.parametrize(
+    ("degrees", "given", "bounds", "sign"),
+    [
+        ([-69.0, 1.0], None, None, -1),
+        ([-1.0, 69.0], None, None, 1),
+        ([-12.0, 25.0], None, None, 1),
+        ([-12.0, 15.0], None, (-2.1, 0.17), -1),
+        ([-12.0, 15.0], None, (0.0, 2.4), 1),
+        ([-12.0, 15.0], -1, (0.0, 2.4), -1),
+        ([-12.0, 15.0], None, None, r"a goes from -12\.0 to 15\.0 deg: .* --angle-sign 1 or -1, or --model"),
+        ([-12.0, 15.0], None, (-1.0, 1.0), "--angle-sign"),
+        ([-69.0, 1.0], 1, None, r"with sign \+1 that is -69\.0 to 1\.0 deg of flexion, .* -30 to 170"),
+        ([0.0, 3438.0], None, None, "--angle-unit"),  # degrees taken for rad
+    ],
+)
+def test_the_sign_is_that_to_which_it_goes_further(
+    degrees: list[float], given: int | None, bounds: tuple[float, float] | None, sign: int | str
+) -> None:
+    if isinstance(sign, int):
+        assert sign_of(np.radians(degrees), "q.sto: a", given, bounds) == sign
+    else:
+        with pytest.raises(UsageError, match=sign):
+            sign_of(np.radians(degrees), "q.sto: a", given, bounds)
+
+
+@pytest.mark.parametrize(
+    "name", ["knee_angle_r", "knee_flexion_r", "knee_flex_r", "knee_r", "KNEE_ANGLE_R", "r_knee_flexion",
+             "right_knee_angle", "/jointset/knee_r/knee_angle_r/value", "knee_r/knee_angle_r/value"],
+)  # fmt: skip
+def test_a_knees_angle_is_found(name: str) -> None:
+    others = ["hip_flexion_r", "knee_angle_r_beta", "knee_adduction_r", "knee_angle_l", STATES + "speed"]
+    assert angle_column(table([*others, name]), "right", None) == name
+
+
+@pytest.mark.parametrize(
+    ("prefixes", "joint", "found"),
+    [
+        ([ON_TIBIA], None, ON_TIBIA),
+        (["walker_knee_r_on_tibia_r_in_tibia_r"], None, "walker_knee_r_on_tibia_r_in_tibia_r"),
+        (["knee_r_on_tibia_proximal_r_in_tibia_proximal_r"], None, "knee_r_on_tibia_proximal_r_in_tibia_proximal_r"),
+        (["knee_r_on_femur_r_in_tibia_r", ON_TIBIA], None, ON_TIBIA),
+        (["knee_r_on_femur_r_in_tibia_r"], None, "knee_r_on_femur_r_in_tibia_r"),
+        (["k1_on_tibia_r_in_tibia_r", ON_TIBIA], "k1", "k1_on_tibia_r_in_tibia_r"),
+        (["k1_on_tibia_r_in_tibia_r"], "k2", r"no joint k2 \(--joint\); it has .*k1"),
+        ([ON_TIBIA, f"old_{ON_TIBIA}"], None, r"2 joints of the right knee .*--joint"),
+        (["knee_r_on_tibia_r_in_ground"], None, "on tibia_r is expressed in ground, .*express_in_frame child"),
+        (["knee_r_on_tibia_r_in_femur_r"], None, "expressed in femur_r"),
+        (["knee_r_on_femur_r_in_femur_r"], None, "on femur_r is expressed in femur_r, .*apply_on_bodies child"),
+        (["knee_r_on_femur_r_in_tibia_r_offset"], None, "expressed in tibia_r_offset"),
+        (["knee_r_on_patella_r_in_patella_r"], None, "acts on patella_r, and must on the tibia"),
+        ([], None, "no joint of the right knee among hip_r, patellofemoral_r, knee_l; .*--joint"),
+    ],
+)
+def test_the_knees_reaction_is_found_or_it_is_said_what_to_set(
+    prefixes: list[str], joint: str | None, found: str
+) -> None:
+    others = (
+        "hip_r_on_femur_r_in_femur_r",
+        "patellofemoral_r_on_patella_r_in_patella_r",
+        "knee_l_on_tibia_l_in_tibia_l",
+    )
+    if found in prefixes:
+        assert find_reaction(on(*others, *prefixes), "right", joint).column("fx") == f"{found}_fx"
+    else:
+        with pytest.raises(UsageError, match=found):
+            find_reaction(on(*others, *prefixes), "right", joint)
+
+
+def test_what_is_not_there_or_not_unique_is_asked_for() -> None:
+    for names, side, coordinate, says in (
+        (["knee_angle_r", "hip"], "left", None, r"no angle of the left knee, but knee_angle_r, hip.*--coordinate"),
+        (
+            ["knee_angle_r", "knee_flexion_r"],
+            "right",
+            None,
+            "has knee_angle_r, knee_flexion_r; choose one with --coord",
+        ),
+        (["x"], "right", "kfl", r"no column kfl \(--coordinate\); it has x"),
+    ):
+        with pytest.raises(UsageError, match=says):
+            angle_column(table(names), side, coordinate)
+    assert angle_column(table(["/jointset/k/kfr/value", "x"]), "right", "kfr") == "/jointset/k/kfr/value"
+    with pytest.raises(UsageError, match=rf"no column {ON_TIBIA}_fy, .*_mz"):
+        find_reaction(table([f"{ON_TIBIA}_{axis}" for axis in ("fx", "fz", "mx", "my")]), "right", None)
+    with pytest.raises(UsageError, match="no reaction <joint>_on_<body>_in_<frame>_fx"):
+        find_reaction(table(["knee_angle_r"]), "right", None)
+
+
+@pytest.mark.parametrize(
+    ("names", "angle", "found"),
+    [
+        ([STATES + "value", STATES + "speed"], STATES + "value", STATES + "speed"),
+        (["hip", "knee_angle_r"], STATES + "value", "knee_angle_r"),
+        (["hip", "knee_angle_r"], "knee_angle_r", "knee_angle_r"),
+        ([STATES + "value", STATES + "speed"], "knee_angle_r", STATES + "speed"),
+        (["hip"], "knee_angle_r", None),
+    ],
+)
+def test_a_rate_stands_beside_its_angle(names: list[str], angle: str, found: str | None) -> None:
+    assert speed_column(names, angle) == found
+
+
+@pytest.mark.parametrize(
+    ("sign", "unit", "header", "names"),
+    [
+        (-1.0, "deg", "yes", "knee_angle_{}"),
+        (1.0, "deg", "yes", "knee_angle_{}"),
+        (1.0, "rad", "no", "/jointset/walker_knee_{0}/knee_angle_{0}/value"),
+        (-1.0, "deg", None, "knee_flexion_{}"),
+    ],
+)
+def test_angles_come_out_in_rad_positive_in_flexion(
+    tmp_path: Path, sign: float, unit: str, header: str | None, names: str
+) -> None:
+    angle, rate = knee(files(tmp_path, sign=sign, unit=unit, header=header, names=names)).angle.values.T
+    assert angle == pytest.approx(flexion(TIME), abs=DIGITS)
+    exact = np.radians(30.0) * 2.0 * np.pi / DURATION * np.sin(2.0 * np.pi * TIME / DURATION)
+    # Central differences over 10 ms: h²/6 of the third derivative, 0.0013 rad/s; at the ends h/2 of the second.
+    assert rate[1:-1] == pytest.approx(exact[1:-1], abs=1.5e-3)
+    assert rate == pytest.approx(exact, abs=0.08)
+
+
+def test_the_right_reaction_is_taken_as_it_is_and_the_left_one_mirrored(tmp_path: Path) -> None:
+    right, left = (knee(files(tmp_path), side) for side in ("right", "left"))
+    expected = np.column_stack(reaction_columns(right.reaction.stamps * 1e-9))
+    assert right.reaction.values == pytest.approx(expected, abs=1e-9)
+    assert left.reaction.values == pytest.approx(expected * [1, 1, -1, -1, -1, 1], abs=1e-9)
+    assert any("mirrored" in note for note in left.notes)
+
+
+def test_a_reaction_on_the_femur_is_turned_and_moved(tmp_path: Path) -> None:
+    time = np.linspace(0.0, DURATION, 201)
+    force, torque = (np.column_stack(part) for part in np.split(np.array(reaction_columns(time)), 2))
+    point = np.column_stack([0.01 * np.sin(time), 0.4 + 0.0 * time, 0.02 * time])
+    # At the point of application the torque on the femur is the opposite of that on the tibia, which at the origin has
+    # point x force more.
+    on_femur = [*(-force).T, *(-(torque - np.cross(point, force))).T, *point.T]
+    names = [f"knee_r_on_femur_r_in_tibia_r_{axis}" for axis in AXES]
+    jr = storages.write_storage(tmp_path / "jr.sto", time, dict(zip(names, on_femur, strict=True)), "no")
+    gait = knee(Files(kinematics(tmp_path / "q.sto"), jr))
+    assert gait.reaction.values == pytest.approx(np.hstack([force, torque]), abs=1e-8)  # 12 decimals of 0.4 m, 1800 N
+    assert any("Newton" in note for note in gait.notes)
+
+
+def test_rates_of_a_file_are_taken_if_they_are_the_angles(tmp_path: Path) -> None:
+    rate = np.radians(30.0) * 2.0 * np.pi / DURATION * np.sin(2.0 * np.pi * TIME / DURATION)
+    read, u = files(tmp_path), tmp_path / "u.sto"
+    for rows, factor, name, says in (
+        (121, -1.0, "knee_angle_r", ""),
+        (121, -57.3, "knee_angle_r", "is 57.3 times the rate"),
+        (121, 1.0, "knee_angle_r", "is -1 times the rate"),
+        (50, -1.0, "knee_angle_r", "less than the angles"),
+        (121, -1.0, "hip", "no rate of knee_angle_r"),
+    ):
+        storages.write_storage(u, TIME[:rows], {name: factor * np.degrees(rate[:rows])}, "yes")
+        if says:
+            with pytest.raises(UsageError, match=says):
+                knee(Files(read.kinematics, read.reactions, u))
+        else:
+            assert knee(Files(read.kinematics, read.reactions, u)).angle.values[:, 1] == pytest.approx(rate, abs=DIGITS)
+
+
+def test_reactions_without_an_angle_are_left_out_and_counted(tmp_path: Path) -> None:
+    read = Files(kinematics(tmp_path / "q.sto"), reactions(tmp_path / "jr.sto", rows=1501, end=1.5))
+    gait = knee(read)
+    assert gait.reaction.stamps[-1] == 1_200_000_000
+    assert "300 reactions left out: no angle at their time, or outside --start and --end" in gait.notes
+    window = knee(read, start=0.2005, end=0.6005)
+    assert window.reaction.stamps[[0, -1]].tolist() == [201_000_000, 600_000_000]
+    # The angles' neighbours stay, so that every reaction has an angle on either side.
+    assert window.angle.stamps[[0, -1]].tolist() == [200_000_000, 610_000_000]
+
+
+def test_resampled_at_a_rate(tmp_path: Path) -> None:
+    gait = knee(files(tmp_path), rate=200.0, start=0.1024, end=1.0)
+    assert gait.angle.stamps.tolist() == gait.reaction.stamps.tolist()
+    assert gait.angle.stamps.tolist() == list(range(105_000_000, 1_000_000_001, 5_000_000))
+    time = gait.angle.stamps * 1e-9
+    # Linear interpolation over 10 ms: h²/8 of the second derivative of the angle, 1.8e-4 rad.
+    assert gait.angle.values[:, 0] == pytest.approx(flexion(time), abs=2e-4)
+    assert gait.reaction.values[:, :3] == pytest.approx(np.column_stack(reaction_columns(time)[:3]), abs=1e-8)
+
+
+@pytest.mark.parametrize(
+    ("reaction", "settings", "says"),
+    [
+        ({}, {"start": 5.0}, "--start 5 --end 1.2: nothing is left of 0 to 1.2 s"),
+        ({}, {"start": 0.5, "end": 0.4}, "--start 0.5 --end 0.4: nothing is left"),
+        ({}, {"start": 0.5001, "end": 0.5004}, r"fewer than two rows of the reactions are within 0\.5001 to 0\.5004 s"),
+        ({}, {"rate": 1.0, "start": 0.3, "end": 0.5}, "--rate 1: fewer than two samples in 0.2 s"),
+        ({}, {"coordinate": "elbow"}, r"no column elbow \(--coordinate\)"),
+        ({}, {"angle_unit": "rad"}, "--angle-unit"),
+        ({"sign": -1.0}, {}, "fy pulls the knee apart, by up to 1800 N, and presses with -900 N"),
+        ({"sign": 1.0 / 750.0}, {}, r"fy presses with 2\.4 at most; it must be in N"),
+        ({"rows": 11, "start": 3.0, "end": 4.0}, {}, r"no time in common: 0 to 1\.2 s and 3 to 4 s"),
+        ({"prefix": TIBIA.replace("in_tibia_{0}", "in_ground")}, {}, r"expressed in ground, .* express_in_frame child"),
+    ],
+)
+def test_what_cannot_be_is_refused_in_a_line(
+    tmp_path: Path, reaction: dict[str, float], settings: dict[str, object], says: str
+) -> None:
+    jr = reactions(tmp_path / "jr.sto", **reaction)  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match=says) as refused:
+        knee(Files(kinematics(tmp_path / "q.sto"), jr), **settings)
+    assert "\n" not in str(refused.value)
+
+
+def test_a_model_tells_sign_and_weight(tmp_path: Path) -> None:
+    standing = storages.write_storage(tmp_path / "q.sto", TIME, {"knee_angle_r": -5.0 - 4.0 * np.sin(TIME)}, "yes")
+    jr, model = reactions(tmp_path / "jr.sto"), storages.write_model(tmp_path / "m.osim")
+    with pytest.raises(UsageError, match="Give --angle-sign 1 or -1, or --model"):
+        knee(Files(standing, jr))
+    gait, weight = read_knee("right", Files(standing, jr, model=model), Settings(), tmp_path)
+    assert gait.angle.values[:, 0].min() > 0.0
+    assert weight == pytest.approx(72.6 * 9.80665)
+    for text, says in (
+        ("<a>", r"m\.osim is no OpenSim document"),
+        ("<a><Model/></a>", r"\(--model\) has no coordinate"),
+    ):
+        model.write_text(text)
+        with pytest.raises(UsageError, match=says):
+            knee(Files(standing, jr, model=model))
+
+
+@pytest.fixture(scope="module")
+def reference(reference_data: Path) -> Files:
+    folder = reference_data / "opensim_gait2354"
+    return Files(folder / "reference_CMC_Kinematics_q.sto", folder / "reference_JointReaction_ReactionLoads.sto")
+
+
+def test_the_reference_results_have_the_papers_peaks(reference: Files) -> None:
+    stamps, wrench = knee(reference, rate=200.0).reaction
+    assert len(stamps) == 387
+    half = dict(zip(np.round(stamps * 1e-9, 3).tolist(), -0.5 * wrench[:, 1], strict=True))
+    second = {time: load for time, load in half.items() if 1.9 < time < 2.2}
+    assert max(second, key=second.__getitem__) == 2.015
+    assert max(half, key=half.__getitem__) == 2.43
+    assert (round(half[2.015], 1), round(half[2.43], 1)) == (1337.7, 1613.8)
+
+
+def test_every_row_of_the_reference_results_keeps_its_stamp(reference: Files) -> None:
+    gait = knee(reference)
+    assert (len(gait.angle.stamps), len(gait.reaction.stamps)) == (327, 3257)  # of 3258 one is there twice
+    assert any("1 row gave way" in note for note in gait.notes)
+    assert np.degrees(gait.angle.values[:, 0].max()) == pytest.approx(69.6, abs=0.05)
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_the_reference_results_are_the_tables_of_the_shipped_bags(
+    reference: Files, reference_data: Path, side: str
+) -> None:
+    gait = knee(reference, side, rate=200.0)
+    rows = (reference_data / "gait" / f"gait2354_{side}.csv").read_text().splitlines()
+    lines = [line for line in rows if not line.startswith("#")]
+    numbers = np.array([[float(value) for value in line.split(",")] for line in lines[1:]])
+    assert lines[0].startswith("t,knee_angle,knee_vel,Fx,Fy,Fz,Mx,My,Mz")
+    assert numbers[:, 0] == pytest.approx(gait.angle.stamps * 1e-9, abs=1e-9)
+    # The tables have six digits, and rates from the rounded angles' neighbours.
+    assert gait.angle.values[:, 0] == pytest.approx(numbers[:, 1], rel=1e-5, abs=1e-6)
+    assert gait.angle.values[:, 1] == pytest.approx(numbers[:, 2], rel=1e-4, abs=1e-3)
+    assert gait.reaction.values == pytest.approx(numbers[:, 3:9], rel=1e-5, abs=1e-5)

@@ -1,0 +1,112 @@
+"""Tables: whatever a file holds, there are columns or one line that says what is wrong."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from knee_contact_ros.lab.tables import TableFormat, TimeColumn, read_columns, read_storage, repaired
+from knee_contact_ros.system.errors import UsageError
+from tests.lab.opensim.storages import write_storage
+from tests.lab.trials import cells, write_csv
+
+TIME = np.array([0.0, 0.1, 0.2, 0.3])
+VALUES = np.array([1.0, -2.0, 3.5, 4.25])
+PIECES = [
+    b",", b";", b"\t", b"\n", b"\r", b"\0", b'"', b"nan", b"1e999", b"-", b"#", b"\xff\xfe", b"\xe2\x80\xa8", b" ",
+    b"1,5",
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("header", "degrees"), [("yes", True), ("no", False), (None, None)])
+def test_a_storage_file_is_read(tmp_path: Path, header: str | None, degrees: bool | None) -> None:
+    table = read_storage(write_storage(tmp_path / "q.sto", TIME, {"a": VALUES, "b": -VALUES}, header))
+    assert table.names == ("a", "b")
+    assert table.stamps.tolist() == [0, 100_000_000, 200_000_000, 300_000_000]
+    assert table.column("b").tolist() == (-VALUES).tolist()
+    assert (table.degrees, table.duplicates) == (degrees, 0)
+
+
+def test_of_rows_at_one_time_the_last_counts(tmp_path: Path) -> None:
+    # RRA's last two rows are 3e-14 s apart, the reactions' ones not at all: one nanosecond holds both.
+    time = np.array([0.0, 0.1, 0.1, 0.2, 0.2 + 2.7e-14])
+    table = read_storage(write_storage(tmp_path / "q.sto", time, {"a": np.arange(5.0)}))
+    assert table.column("a").tolist() == [0.0, 2.0, 4.0]
+    assert table.duplicates == 2
+
+
+@pytest.mark.parametrize("stray", ["time\nheader\n", "time\nendheader\n"])
+def test_a_stray_empty_header_is_passed_over_and_repaired(tmp_path: Path, stray: str) -> None:
+    path = write_storage(tmp_path / "states.sto", TIME, {"/a/value": VALUES}, "no")
+    names_and_rows = path.read_text().split("endheader\n")[1]
+    path.write_text(f"UNKNOWN\nversion=1\nnRows=0\nnColumns=1\ninDegrees=no\nendheader\n{stray}{names_and_rows}")
+    assert read_storage(path).names == ("/a/value",)
+    text = repaired(path.read_text(), path)
+    assert text.count("endheader") == 1
+    assert "nRows=4\nnColumns=2\n" in text
+    path.write_text(text)
+    assert read_storage(path).column("/a/value").tolist() == VALUES.tolist()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("endheader", "", "no line endheader"),
+        ("time\t", "t\t", "first column is t, and must be time"),
+        ("\ta\tb", "\ta", "2 column names, but 3 columns"),
+        ("-2.000000000000", "two", "cannot be read.*two"),
+        ("-2.000000000000", "nan", r"column a is nan at 0\.1 s"),
+        ("version=1", "version=1\nDataType=Vec3", "holds Vec3"),
+        ("0.100000000000", "0.250000000000", "goes back from 0.25 to 0.2 s"),
+        ("0.100000000000", "nan", "a time is not a number"),
+        ("version=1", "\0", "it is not text"),
+        (None, "x\nendheader\ntime\ta\n", "no rows"),
+        (None, None, "No such file"),
+    ],
+)
+def test_what_is_no_storage_file_is_refused_in_a_line(
+    tmp_path: Path, old: str | None, new: str | None, says: str
+) -> None:
+    path = write_storage(tmp_path / "bad.sto", TIME, {"a": VALUES, "b": VALUES})
+    if new is None:
+        path.unlink()
+    else:
+        path.write_text(path.read_text().replace(old, new, 1) if old else new)
+    with pytest.raises(UsageError, match=says) as refused:
+        read_storage(path).column("a")
+    assert str(path) in str(refused.value)
+    assert "\n" not in str(refused.value)
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.lists(st.tuples(st.sampled_from(PIECES), st.floats(0.0, 1.0), st.integers(0, 3)), min_size=1, max_size=4))
+def test_damage_ends_in_numbers_or_in_one_line(tmp_path: Path, damage: list[tuple[bytes, float, int]]) -> None:
+    path = write_csv(tmp_path / "cells.csv", {name: column[:20] for name, column in cells().items()})
+    data = path.read_bytes()
+    for piece, where, taken in damage:
+        at = int(where * len(data))
+        data = data[:at] + piece + data[at + taken :]
+    path.write_bytes(data)
+    told = None
+    try:
+        table = read_columns(path, ["pm_n", "goniometer_deg"], TimeColumn(column="time_s"), TableFormat())
+    except UsageError as error:
+        told = str(error)
+    if told is None:
+        assert table.values.shape == (len(table.stamps), 2)
+        assert (np.diff(table.stamps) > 0).all()
+    else:
+        assert str(path) in told
+        assert "\n" not in told
+
+
+@pytest.mark.parametrize("text", ["1_000", "0x10", "1e5x", "--1", "1.2.3", "1,2,3", "true", "١٢x"])
+def test_what_is_no_number_is_told_with_its_line(tmp_path: Path, text: str) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text(f"time;x\n0;1\n1;{text}\n", encoding="utf-8")
+    with pytest.raises(UsageError, match=r"line 3, column x: .* is no number"):
+        read_columns(path, ["x"], TimeColumn(), TableFormat())
