@@ -1,4 +1,22 @@
-"""Sensitivity indices of a knee's outcomes to its parameters, of Sobol and Morris, by SALib."""
+"""Sensitivity indices of a knee's outcomes to its parameters, of Sobol and Morris, by SALib, and `sensitivity`.
+
+A study file is that of a sweep, with `sensitivity` in the place of `sample`:
+
+    bags:        [walking.mcap]
+    params:      [healthy, osteoarthritis]
+    grid:        {load.share: [0.5, 1.0]}
+    sensitivity: {method: sobol, n: 256, seed: 1, second_order: false, confidence: 0.95,
+                  ranges: {contact.stiffness: [5.0e7, 1.0e8], contact.damping: {from: 1.0e3, to: 1.0e4, scale: log}}}
+    outcomes:    [peak_depth, peak_pressure, bone_time]
+
+The indices are of every combination of bag, knee and grid value. SALib draws the points in the unit cube, in groups (a
+base sample, a trajectory), one after another: a larger n begins with the same groups, and so needs only the other
+cases. It needs whole groups: one in which a case has no value is left out. If more than `MOST_SPOILT` of the groups are
+left out, there are no indices, since the rest is no sample of the ranges.
+
+Sobol: Saltelli et al. 2010, Computer Physics Communications 181:259-270, doi:10.1016/j.cpc.2009.09.018. Morris: Morris
+1991, Technometrics 33:161-174, doi:10.1080/00401706.1991.10484804.
+"""
 
 from __future__ import annotations
 
@@ -10,10 +28,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from numpy.typing import ArrayLike
+from pydantic import Field, ValidationError, model_validator
 
-from knee_contact_ros.lab.study import Floats, Spaced, Study, axes_of, in_ranges
+from knee_contact_ros.lab.study import Design, Floats, Study
 from knee_contact_ros.lab.sweep import LATERAL, OUTCOMES, Cohort, sweep
 from knee_contact_ros.offline.notebooks import Name
 from knee_contact_ros.parameters.files import Source, first_error
@@ -23,19 +41,41 @@ from knee_contact_ros.system.files import DEFAULT_PARAMETERS, read_mapping
 if TYPE_CHECKING:
     import pandas as pd
 
-
 FEWEST = 8
 """The least number of groups from which indices are computed"""
 MOST = 65_536
 """The largest number of groups: SALib's bootstrap holds some 2 kB of each, for each index"""
 LEVELS = 4
 """Number of levels of a range between which Morris's trajectories step"""
+RESAMPLES, FEWER = 200, 100
+"""Number of resamples of the bootstrap, and where each is a call of SALib"""
+BEGINNINGS = (8, 4, 2, 1)
+"""Divisors of n: indices are computed from the first n/8, n/4, n/2 and n groups, to see whether they have converged"""
+MOST_SPOILT = 0.1
+"""The largest part of the groups that may be left out"""
+SAME = 1e-12
+"""Range of an outcome, relative to its size, up to which it counts as constant"""
+LEADING = {"sobol": "ST", "morris": "mu_star"}
+"""The index of each method by which parameters are sorted"""
+USUAL = ("peak_depth", "peak_pressure", "bone_time", "peak_force")
+"""Outcomes that are analysed unless others are named"""
+OWN = ("sensitivity", "outcomes")
+"""Names in the file that the study file of a sweep does not have"""
+BOUNDS = {"peak_depth": "error_bound", "peak_force": "force_error_bound"}
+"""Outcomes whose numerical error is known, with the column that bounds it"""
+AFTER = ("outcome", "parameter", "index", "n", "value", "low", "high")
+"""Columns of a table of indices. S1, ST, S2 are parts of the variance; mu_star, mu and sigma are in the outcome's SI
+unit, over the whole range of the parameter"""
+UNITS = {"m": (1e3, "mm"), "Pa": (1e-6, "MPa"), "N/s": (1e-3, "kN/s")}
+"""Factor to, and name of, the unit in which outcomes of an SI unit are shown"""
+WIDEST = 0.1
+"""Width of the interval of the largest share of the variance up to which the indices count as converged"""
+WIDEST_EFFECT = 0.25
+"""Width of the interval of the largest effect, relative to the effect, up to which the indices count as converged"""
 
 
-class SalibDesign(BaseModel):
-    """The entry `sensitivity` of a study file, which is a `Design`."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
+class SalibDesign(Design):
+    """The entry `sensitivity` of a study file."""
 
     method: Literal["sobol", "morris"] = "sobol"
     """Sobol: shares of the variance; Morris: effects over the whole range"""
@@ -48,7 +88,6 @@ class SalibDesign(BaseModel):
     confidence: float = Field(0.95, ge=0.5, le=0.999)
     """Confidence level of the intervals"""
     ranges: Annotated[dict[str, Any], Field(min_length=2)]
-    """Range of each parameter by name, as `axes_of` reads it"""
 
     @model_validator(mode="after")
     def _fits(self) -> SalibDesign:
@@ -60,20 +99,6 @@ class SalibDesign(BaseModel):
         return self
 
     @property
-    def names(self) -> list[str]:
-        """Names of the parameters, in the order of the columns of `points`."""
-        return list(self.ranges)
-
-    @property
-    def axes(self) -> dict[str, Spaced]:
-        """Ranges of the parameters by name, see `Design.axes`.
-
-        Raises:
-            UsageError: one is no range.
-        """
-        return axes_of(self.ranges)
-
-    @property
     def group(self) -> int:
         """Number of points in a group; indices need all of them."""
         size = len(self.ranges)
@@ -82,44 +107,19 @@ class SalibDesign(BaseModel):
         return 2 * size + 2 if self.second_order else size + 2
 
     @property
-    def number(self) -> int:
-        """Number of points."""
-        return self.n * self.group
-
-    @property
     def problem(self) -> dict[str, Any]:
         """SALib's description of the problem: names of the parameters, and the unit cube as their ranges."""
         size = len(self.ranges)
-        return {"num_vars": size, "names": self.names, "bounds": [[0.0, 1.0]] * size}
+        return {"num_vars": size, "names": list(self.ranges), "bounds": [[0.0, 1.0]] * size}
 
     def unit(self) -> Floats:
-        """Draw the points in the unit cube, shape (number, parameters)."""
+        """See `Design.unit`."""
+        from SALib.sample import morris, sobol
+
         if self.method == "morris":
-            from SALib.sample import morris
-
             return np.asarray(morris.sample(self.problem, self.n, num_levels=LEVELS, seed=self.seed))
-        from SALib.sample import sobol
-
         drawn = sobol.sample(self.problem, self.n, calc_second_order=self.second_order, seed=self.seed)
         return np.asarray(drawn)
-
-    def points(self) -> Floats:
-        """Draw the parameters' values, shape (number, parameters)."""
-        return in_ranges(self.unit(), self.axes)
-
-
-RESAMPLES = 200
-"""Number of resamples of the bootstrap"""
-FEWER = 100
-"""Number of resamples where each is a call of SALib"""
-BEGINNINGS = (8, 4, 2, 1)
-"""Divisors of n: indices are computed from the first n/8, n/4, n/2 and n groups, to see whether they have converged"""
-MOST_SPOILT = 0.1
-"""The largest part of the groups that may be left out"""
-SAME = 1e-12
-"""Range of an outcome, relative to its size, up to which it counts as constant"""
-LEADING = {"sobol": "ST", "morris": "mu_star"}
-"""The index of each method by which parameters are sorted"""
 
 
 class Index(NamedTuple):
@@ -184,39 +184,36 @@ def analyse(design: SalibDesign, outcome: str, values: Floats, bound: float = 0.
         values: Values at the points, shape (design.number,); not a number where a case failed.
         bound: Bound of the values' numerical error; an outcome whose standard deviation is no larger has no indices.
     """
-    grouped = values.reshape(design.n, design.group)
-    finite = np.isfinite(values)
+    grouped, finite = values.reshape(design.n, design.group), np.isfinite(values)
     whole = np.asarray(finite.reshape(grouped.shape).all(axis=1))
-    spoilt, known = int((~whole).sum()), values[finite]
+    spoilt, cases, known = int((~whole).sum()), int((~finite).sum()), values[finite]
     mean, deviation = (float(known.mean()), float(known.std())) if known.size else (np.nan, np.nan)
-    analysed = Analysed(outcome, (), design.n, spoilt, int((~finite).sum()), mean, deviation, "")
+    indices, reason, unit = list[Index](), "", f" {unit_of(outcome)}".rstrip()
     if not known.size:
-        return analysed._replace(reason="no case has a value")
-    if spoilt > MOST_SPOILT * design.n:
+        reason = "no case has a value"
+    elif spoilt > MOST_SPOILT * design.n:
         reason = (
-            f"{analysed.cases} of {len(values)} cases have no value and spoil {spoilt} of {design.n} groups; "
+            f"{cases} of {len(values)} cases have no value and spoil {spoilt} of {design.n} groups; "
             f"more than {MOST_SPOILT:.0%}, so what is left is no sample of the ranges"
         )
-        return analysed._replace(reason=reason)
-    unit = f" {unit_of(outcome)}".rstrip()
-    if _same(known):
-        return analysed._replace(reason=f"it is the same in all cases, {mean:g}{unit}")
-    if deviation <= bound:
+    elif _same(known):
+        reason = f"it is the same in all cases, {mean:g}{unit}"
+    elif deviation <= bound:
         reason = (
             f"it varies by {deviation:.2g}{unit} (one standard deviation) around {mean:.6g}{unit}, and its numerical "
             f"error bound is {bound:.2g}{unit}; what matters there a smaller fidelity.tolerance would show"
         )
-        return analysed._replace(reason=reason)
-    cube = design.unit().reshape(design.n, design.group, -1)
-    indices: list[Index] = []
-    for part in BEGINNINGS:
-        kept = whole[: design.n // part]
-        outcomes, points = grouped[: len(kept)][kept], cube[: len(kept)][kept]
-        if len(outcomes) >= FEWEST and not _same(outcomes):
-            indices += (
-                _of_morris(design, points, outcomes) if design.method == "morris" else _of_sobol(design, outcomes)
-            )
-    return analysed._replace(indices=tuple(indices), reason="" if indices else f"fewer than {FEWEST} whole groups")
+    else:
+        cube, compute = (
+            design.unit().reshape(*grouped.shape, -1),
+            _of_morris if design.method == "morris" else _of_sobol,
+        )
+        for count in (design.n // part for part in BEGINNINGS):
+            kept = np.flatnonzero(whole[:count])
+            if len(kept) >= FEWEST and not _same(grouped[kept]):
+                indices += compute(design, cube[kept], grouped[kept])
+        reason = "" if indices else f"fewer than {FEWEST} whole groups"
+    return Analysed(outcome, tuple(indices), design.n, spoilt, cases, mean, deviation, reason)
 
 
 def unit_of(outcome: str) -> str:
@@ -228,7 +225,7 @@ def _same(values: Floats) -> bool:
     return bool(np.ptp(values) <= SAME * np.abs(values).max())
 
 
-def _of_sobol(design: SalibDesign, values: Floats) -> list[Index]:
+def _of_sobol(design: SalibDesign, _points: Floats, values: Floats) -> list[Index]:
     """Compute Sobol's indices from values in groups, shape (n, group)."""
     from SALib.analyze import sobol
 
@@ -237,18 +234,14 @@ def _of_sobol(design: SalibDesign, values: Floats) -> list[Index]:
         conf_level=design.confidence, seed=design.seed + 1,
     )  # fmt: skip
     # SALib takes a seed of 0 for none
-    names, n = design.names, len(values)
-    indices = [
-        _index(name, kind, n, result[kind][i], result[f"{kind}_conf"][i])
-        for kind in ("S1", "ST")
-        for i, name in enumerate(names)
-    ]
+    names, places = list(design.ranges), range(len(design.ranges))
+    wanted: list[tuple[str, str, tuple[int, ...]]] = [(names[i], kind, (i,)) for kind in ("S1", "ST") for i in places]
     if design.second_order:
-        indices += [
-            _index(f"{names[i]} x {names[j]}", "S2", n, result["S2"][i, j], result["S2_conf"][i, j])
-            for i, j in combinations(range(len(names)), 2)
-        ]
-    return indices
+        wanted += [(f"{names[i]} x {names[j]}", "S2", (i, j)) for i, j in combinations(places, 2)]
+    return [
+        _index(name, kind, len(values), result[kind][place], result[f"{kind}_conf"][place])
+        for name, kind, place in wanted
+    ]
 
 
 def _of_morris(design: SalibDesign, points: Floats, values: Floats) -> list[Index]:
@@ -266,7 +259,7 @@ def _of_morris(design: SalibDesign, points: Floats, values: Floats) -> list[Inde
     tail = 0.5 * (1.0 - design.confidence)
     low, high = np.quantile(np.array(resampled, dtype=float), (tail, 1.0 - tail), axis=0)
     indices = []
-    for i, name in enumerate(design.names):
+    for i, name in enumerate(design.ranges):
         indices.append(_index(name, "mu_star", n, result["mu_star"][i], result["mu_star_conf"][i]))
         for row, kind in enumerate(("mu", "sigma")):
             indices.append(Index(name, kind, n, float(result[kind][i]), float(low[row, i]), float(high[row, i])))
@@ -284,12 +277,6 @@ def _screened(design: SalibDesign, points: Floats, values: Floats, resamples: in
 
 def _index(parameter: str, kind: str, n: int, value: float, half_width: float) -> Index:
     return Index(parameter, kind, n, float(value), float(value - half_width), float(value + half_width))
-
-
-USUAL = ("peak_depth", "peak_pressure", "bone_time", "peak_force")
-"""Outcomes that are analysed unless others are named"""
-OWN = ("sensitivity", "outcomes")
-"""Names in the file that the study file of a sweep does not have"""
 
 
 class SensitivityStudy(NamedTuple):
@@ -349,112 +336,6 @@ def checked_outcomes(names: Any) -> tuple[str, ...]:
     return tuple(names)
 
 
-@dataclass(frozen=True)
-class Sensitivity:
-    """Results of `sensitivity`."""
-
-    outcomes: dict[str, Analysed]
-    """Analysis of each outcome, by name: indices for n/8, n/4, n/2 and n; or the reason why there are none"""
-    remarks: dict[str, list[str]]
-    """What has not converged of each outcome, a sentence each, by the outcome's name"""
-    cohort: Cohort
-    """The knees that were computed, in the order of the design"""
-
-    def to_pandas(self) -> pd.DataFrame:
-        """Give a data frame with a row for each index: outcome, parameter, index, n, value, low, high; SI units."""
-        import pandas as pd
-
-        rows = [(name, *index) for name, analysed in self.outcomes.items() for index in analysed.indices]
-        return pd.DataFrame(rows, columns=list(AFTER))
-
-
-def sensitivity(
-    gait: Name | Mapping[str, ArrayLike],
-    ranges: Mapping[str, Any],
-    params: Source = DEFAULT_PARAMETERS,
-    *,
-    method: Literal["sobol", "morris"] = "sobol",
-    n: int = 256,
-    seed: int = 1,
-    second_order: bool = False,
-    confidence: float = 0.95,
-    outcomes: Sequence[str] = USUAL,
-    remap: Mapping[str, str] | None = None,
-    namespace: str = "",
-    threads: int = 0,
-) -> Sensitivity:
-    """Compute a knee at the points of a design by SALib, and find out which of its parameters matter.
-
-    Args:
-        gait: A bag or arrays, as for `sweep`.
-        ranges: Ranges of two or more parameters, by name: two numbers, or a mapping of `from`, `to` and `scale`
-            (linear or log).
-        params: The knee, as for `load_model`.
-        method: Sobol (shares of the variance) or Morris (effects over the whole range).
-        n: Number of base samples, a power of two, or of trajectories; 8 to 65536.
-        seed: Seed of the random numbers of design and bootstrap.
-        second_order: Whether to compute Sobol's indices of pairs of parameters, too, from twice the cases.
-        confidence: Confidence level of the intervals.
-        outcomes: Outcomes to analyse, named as in the table of a sweep.
-        remap: Other names of the input topics in a bag.
-        namespace: Namespace of the input topics in a bag.
-        threads: Number of threads; 0: one for each processor.
-
-    Raises:
-        UsageError: a range, outcome, parameter or gait is not allowed. Cases that fail are no error: see `spoilt` and
-            `reason` of the outcomes.
-    """
-    options = {"method": method, "n": n, "seed": seed, "second_order": second_order, "confidence": confidence}
-    try:
-        design = SalibDesign.model_validate(options | {"ranges": dict(ranges)})
-    except ValidationError as error:
-        raise UsageError(first_fault(error)) from None
-    names = checked_outcomes(list(outcomes))
-    values = dict(zip(design.names, design.points().T, strict=True))
-    cohort = sweep(gait, values, params, remap=remap, namespace=namespace, threads=threads)
-    analysed = {}
-    for name in names:
-        rows = {one: _column(cohort, one) for one in {name, BOUNDS.get(name, name)}}
-        analysed[name] = analyse(design, name, rows[name], bound_of(name, rows))
-    return Sensitivity(analysed, {name: not_converged(design, one) for name, one in analysed.items()}, cohort)
-
-
-def _column(cohort: Cohort, name: str) -> Any:
-    """Give an outcome of all cases, shape (k,); refuse one of a compartment that is not modelled."""
-    own = name.removeprefix(LATERAL)
-    rows = cohort.outcomes if own == name else cohort.lateral
-    if rows is None:
-        raise UsageError(f"outcomes: {name} is not allowed; load.compartment is not both")
-    return rows[own]
-
-
-BOUNDS = {"peak_depth": "error_bound", "peak_force": "force_error_bound"}
-"""Outcomes whose numerical error is known, with the column that bounds it"""
-
-
-AFTER = ("outcome", "parameter", "index", "n", "value", "low", "high")
-"""Columns of `as_csv`; those of the grid are between. S1, ST, S2 are parts of the variance; mu_star, mu and sigma are
-in the outcome's SI unit, over the whole range of the parameter"""
-
-
-def bound_of(outcome: str, rows: Mapping[str, NDArray[Any]]) -> float:
-    """Give the median of an outcome's numerical error bounds over the cases; 0 where none is known."""
-    bounds = rows[BOUNDS[outcome]] if outcome in BOUNDS else np.zeros(1)
-    return float(np.nanmedian(bounds)) if np.isfinite(bounds).any() else 0.0
-
-
-UNITS = {"m": (1e3, "mm"), "Pa": (1e-6, "MPa"), "N/s": (1e-3, "kN/s")}
-"""Factor to, and name of, the unit in which outcomes of an SI unit are shown"""
-
-
-WIDEST = 0.1
-"""Width of the interval of the largest share of the variance up to which the indices count as converged"""
-
-
-WIDEST_EFFECT = 0.25
-"""Width of the interval of the largest effect, relative to the effect, up to which the indices count as converged"""
-
-
 class Display(NamedTuple):
     """How an outcome is shown to people."""
 
@@ -480,10 +361,9 @@ def display_of(outcome: str) -> Display:
 
 def interval(index: Index, factor: float = 1.0) -> str:
     """Write an index with its interval, in a unit that is so many times smaller than the index's own."""
-    digits = 2 if factor == 1.0 and index.kind.startswith("S") else None
-    numbers = [factor * value for value in index[3:]]
-    texts = [f"{value:.{digits}f}" if digits else f"{value:.3g}" for value in numbers]
-    return texts[0] if math.isnan(index.low) else f"{texts[0]} ({texts[1]} to {texts[2]})"
+    form = ".2f" if factor == 1.0 and index.kind.startswith("S") else ".3g"
+    value, low, high = (f"{factor * number:{form}}" for number in index[3:])
+    return value if math.isnan(index.low) else f"{value} ({low} to {high})"
 
 
 def not_converged(design: SalibDesign, analysed: Analysed) -> list[str]:
@@ -526,3 +406,79 @@ def _sums(analysed: Analysed) -> list[str]:
                 f"interval of the sum, ± {half:.2f}"
             )
     return parts
+
+
+def bound_of(outcome: str, rows: Mapping[str, Any]) -> float:
+    """Give the median of an outcome's numerical error bounds over the cases; 0 where none is known."""
+    bounds = np.asarray(rows[BOUNDS[outcome]]) if outcome in BOUNDS else np.zeros(1)
+    return float(np.nanmedian(bounds)) if np.isfinite(bounds).any() else 0.0
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Results of `sensitivity`."""
+
+    outcomes: dict[str, Analysed]
+    """Analysis of each outcome, by name: indices for n/8, n/4, n/2 and n; or the reason why there are none"""
+    remarks: dict[str, list[str]]
+    """What has not converged of each outcome, a sentence each, by the outcome's name"""
+    cohort: Cohort
+    """The knees that were computed, in the order of the design"""
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Give a data frame with a row for each index: outcome, parameter, index, n, value, low, high; SI units."""
+        import pandas as pd
+
+        rows = [(name, *index) for name, analysed in self.outcomes.items() for index in analysed.indices]
+        return pd.DataFrame(rows, columns=list(AFTER))
+
+
+def sensitivity(
+    gait: Name | Mapping[str, ArrayLike], ranges: Mapping[str, Any], params: Source = DEFAULT_PARAMETERS, *,
+    method: Literal["sobol", "morris"] = "sobol", n: int = 256, seed: int = 1, second_order: bool = False,
+    confidence: float = 0.95, outcomes: Sequence[str] = USUAL, remap: Mapping[str, str] | None = None,
+    namespace: str = "", threads: int = 0,
+) -> Sensitivity:  # fmt: skip
+    """Compute a knee at the points of a design by SALib, and find out which of its parameters matter.
+
+    Args:
+        gait: A bag or arrays, as for `sweep`.
+        ranges: Ranges of two or more parameters, by name: two numbers, or a mapping of `from`, `to` and `scale`
+            (linear or log).
+        params: The knee, as for `load_model`.
+        method: Sobol (shares of the variance) or Morris (effects over the whole range).
+        n: Number of base samples, a power of two, or of trajectories; 8 to 65536.
+        seed: Seed of the random numbers of design and bootstrap.
+        second_order: Whether to compute Sobol's indices of pairs of parameters, too, from twice the cases.
+        confidence: Confidence level of the intervals.
+        outcomes: Outcomes to analyse, named as in the table of a sweep.
+        remap: Other names of the input topics in a bag.
+        namespace: Namespace of the input topics in a bag.
+        threads: Number of threads; 0: one for each processor.
+
+    Raises:
+        UsageError: a range, outcome, parameter or gait is not allowed. Cases that fail are no error: see `spoilt` and
+            `reason` of the outcomes.
+    """
+    options = {"method": method, "n": n, "seed": seed, "second_order": second_order, "confidence": confidence}
+    try:
+        design = SalibDesign.model_validate(options | {"ranges": dict(ranges)})
+    except ValidationError as error:
+        raise UsageError(first_fault(error)) from None
+    names = checked_outcomes(list(outcomes))
+    values = dict(zip(design.ranges, design.points().T, strict=True))
+    cohort = sweep(gait, values, params, remap=remap, namespace=namespace, threads=threads)
+    analysed = {}
+    for name in names:
+        rows = {one: _column(cohort, one) for one in {name, BOUNDS.get(name, name)}}
+        analysed[name] = analyse(design, name, rows[name], bound_of(name, rows))
+    return Sensitivity(analysed, {name: not_converged(design, one) for name, one in analysed.items()}, cohort)
+
+
+def _column(cohort: Cohort, name: str) -> Any:
+    """Give an outcome of all cases, shape (k,); refuse one of a compartment that is not modelled."""
+    own = name.removeprefix(LATERAL)
+    rows = cohort.outcomes if own == name else cohort.lateral
+    if rows is None:
+        raise UsageError(f"outcomes: {name} is not allowed; load.compartment is not both")
+    return rows[own]

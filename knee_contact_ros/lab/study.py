@@ -15,12 +15,11 @@ Only `bags` is required.
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple, Protocol
+from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,67 +69,65 @@ class Spaced(_Part):
         return [self.start, *values[1:-1], self.stop]
 
 
-class Design(Protocol):
-    """Points at which several parameters are varied together: a file's `sample`, or the design of an analysis."""
+class Design(_Part):
+    """Points at which several parameters are varied together; a heir draws them in the unit cube."""
+
+    n: int = Field(ge=1, le=LARGEST)
+    """Number of groups of points"""
+    seed: int = Field(0, ge=0)
+    ranges: Annotated[dict[str, Any], Field(min_length=1)]
+    """Range of each parameter by name: two numbers, or a mapping with `from` and `to`"""
 
     @property
     def axes(self) -> dict[str, Spaced]:
-        """Ranges of the parameters by name, in the order of the columns of `points`."""
+        """Ranges of the parameters by name, in the order of the columns of `points`.
+
+        Raises:
+            UsageError: one is no range.
+        """
+        return {name: _range(name, given) for name, given in self.ranges.items()}
+
+    @property
+    def group(self) -> int:
+        """Number of points in a group."""
+        return 1
 
     @property
     def number(self) -> int:
         """Number of points."""
+        return self.n * self.group
+
+    def unit(self) -> Floats:
+        """Draw points in the unit cube, shape (number, parameters); the same ones at every call."""
+        raise NotImplementedError
 
     def points(self) -> Floats:
-        """Give the parameters' values, shape (number, parameters); the same ones at every call."""
+        """Give the parameters' values at the points, shape (number, parameters)."""
+        columns = zip(self.axes.values(), self.unit().T, strict=True)
+        return np.column_stack([axis.at(fractions) for axis, fractions in columns])
 
 
-class Sample(_Part):
+class Sample(Design):
     """Points drawn in ranges; a larger `sobol` or `random` sample begins with the points of a smaller one."""
 
     method: Literal["latin_hypercube", "sobol", "random"] = "latin_hypercube"
-    number: int = Field(ge=1, le=LARGEST, alias="n")
-    seed: int = Field(0, ge=0)
-    ranges: Annotated[dict[str, Any], Field(min_length=1)]
 
-    @property
-    def axes(self) -> dict[str, Spaced]:
-        """See `Design.axes`."""
-        return axes_of(self.ranges)
-
-    def points(self) -> Floats:
-        """See `Design.points`."""
-        return in_ranges(self._fractions(), self.axes)
-
-    def _fractions(self) -> Floats:
-        """Draw points in the unit cube, shape (number, parameters)."""
+    def unit(self) -> Floats:
+        """See `Design.unit`."""
         size = len(self.ranges)
         if self.method == "random":
-            return np.random.default_rng(self.seed).random((self.number, size))
+            return np.random.default_rng(self.seed).random((self.n, size))
         from scipy.stats import qmc  # takes half a second to import
 
         if self.method == "latin_hypercube":
-            return np.asarray(qmc.LatinHypercube(size, seed=self.seed).random(self.number))
-        power = math.ceil(math.log2(self.number))
-        return np.asarray(qmc.Sobol(size, seed=self.seed).random_base2(power)[: self.number])
+            return np.asarray(qmc.LatinHypercube(size, seed=self.seed).random(self.n))
+        power = math.ceil(math.log2(self.n))
+        return np.asarray(qmc.Sobol(size, seed=self.seed).random_base2(power)[: self.n])
 
 
-def axes_of(ranges: Mapping[str, Any]) -> dict[str, Spaced]:
-    """Read the ranges of a study file, by parameter: lists of two numbers, or mappings with `from` and `to`.
-
-    Raises:
-        UsageError: one is no range.
-    """
-    axes = {}
-    for name, given in ranges.items():
-        is_pair = isinstance(given, list | tuple) and len(given) == 2
-        axes[name] = _spaced(name, {"from": given[0], "to": given[1]} if is_pair else given)
-    return axes
-
-
-def in_ranges(fractions: Floats, axes: Mapping[str, Spaced]) -> Floats:
-    """Turn points in the unit cube into values of parameters; both of shape (points, parameters)."""
-    return np.column_stack([axis.at(column) for axis, column in zip(axes.values(), fractions.T, strict=True)])
+def _range(name: str, given: Any) -> Spaced:
+    is_pair = isinstance(given, list | tuple) and len(given) == 2
+    return _spaced(name, {"from": given[0], "to": given[1]} if is_pair else given)
 
 
 def _spaced(name: str, given: Any) -> Spaced:
@@ -171,17 +168,6 @@ class Case(NamedTuple):
     """Values of the varied parameters, by name"""
 
 
-class Group(NamedTuple):
-    """The cases of one recording and one set of parameter files, which have consecutive numbers."""
-
-    bag: str
-    """The recording, as the study names it"""
-    params: tuple[str, ...]
-    """Names of the parameter files; a later one wins"""
-    numbers: range
-    """Numbers of the cases"""
-
-
 class Study:
     """A study's cases, numbered by bag, then parameter files, then values, of which the last name changes fastest."""
 
@@ -200,7 +186,7 @@ class Study:
             file = _File.model_validate(dict(content))
             self.content = dict(content)
             self.bags, self.series = tuple(file.bags), file.series
-            self.design: Design | None = design or file.sample
+            self.design = design or file.sample
             self._axes = self.design.axes if self.design else {}
             self.params = tuple((one,) if isinstance(one, str) else tuple(one) for one in file.params)
             self.values = dotted(file.values)
@@ -213,23 +199,24 @@ class Study:
             raise UsageError(f"{where}: {error}") from None
 
     def _check(self) -> None:
-        again = next((name for name, own in self.grid.items() if len(set(map(repr, own))) < len(own)), "")
+        again = [name for name, own in self.grid.items() if len(set(map(repr, own))) < len(own)]
         if again:
-            raise UsageError(f"{again}: {self.grid[again]!r} is not allowed; a value stands there twice")
+            raise UsageError(f"{again[0]}: {self.grid[again[0]]!r} is not allowed; a value stands there twice")
         if self.number > LARGEST:
             raise UsageError(f"{self.number} cases are not allowed; {LARGEST} at most")
-        twice = [name for name in self.names if self.names.count(name) > 1 or name in self.values]
+        files = [*(f"bags: {bag}" for bag in self.bags), *(f"params: {list(params)}" for params in self.params)]
+        given = [*self.names, *self.values, *files]
+        twice = [one for one in given if given.count(one) > 1]
         if twice:
             raise UsageError(f"{twice[0]} is given twice")
-        _refuse_again("bags", self.bags)
-        _refuse_again("params", self.params)
         checked_names(self.names)
         known = known_parameters()
-        for name in self._axes:
-            if name in known and not isinstance(known[name].default, float):
-                raise UsageError(f"{name}: a range is not allowed; it is no real number")
+        whole = [name for name in self._axes if name in known and not isinstance(known[name].default, float)]
+        if whole:
+            raise UsageError(f"{whole[0]}: a range is not allowed; it is no real number")
         ends = {name: [axis.start, axis.stop] for name, axis in self._axes.items()}
-        for name, allowed in {**self.grid, **ends, **{name: [value] for name, value in self.values.items()}}.items():
+        single = {name: [value] for name, value in self.values.items()}
+        for name, allowed in (self.grid | ends | single).items():
             for value in allowed:
                 check_value(name, value)
         for params in self.params:
@@ -245,12 +232,6 @@ class Study:
         """Number of cases of one bag and one set of parameter files; their numbers are consecutive."""
         return math.prod(map(len, self.grid.values())) * (self.design.number if self.design else 1)
 
-    def groups(self) -> list[Group]:
-        """Give all cases, grouped by recording and parameter files."""
-        pairs = itertools.product(self.bags, self.params)
-        size = self.variants
-        return [Group(bag, params, range(i * size, (i + 1) * size)) for i, (bag, params) in enumerate(pairs)]
-
     @cached_property
     def _points(self) -> Floats:
         return self.design.points() if self.design else np.zeros((1, 0))
@@ -258,26 +239,11 @@ class Study:
     def case(self, number: int) -> Case:
         """Give the case of a number."""
         bag, params = divmod(number // self.variants, len(self.params))
-        return Case(self.bags[bag], self.params[params], self.values_of(number))
-
-    def values_of(self, number: int) -> dict[str, Any]:
-        """Give the values of the varied parameters in the case of a number, by name."""
-        return dict(zip(self.names, self.row(number), strict=True))
-
-    def row(self, number: int) -> tuple[Any, ...]:
-        """Give the values of the varied parameters in the case of a number, in the order of `names`."""
         combination, point = divmod(number % self.variants, len(self._points))
-        values = []
-        for allowed in reversed(self.grid.values()):
-            combination, place = divmod(combination, len(allowed))
-            values.append(allowed[place])
-        return (*reversed(values), *self._points[point].tolist())
-
-
-def _refuse_again(what: str, given: Sequence[Any]) -> None:
-    again = next((one for number, one in enumerate(given) if one in given[:number]), None)
-    if again is not None:
-        raise UsageError(f"{what}: {again if isinstance(again, str) else list(again)} is given twice")
+        places = np.unravel_index(combination, [len(allowed) for allowed in self.grid.values()])
+        values = [allowed[place] for allowed, place in zip(self.grid.values(), places, strict=True)]
+        named = zip(self.names, [*values, *self._points[point].tolist()], strict=True)
+        return Case(self.bags[bag], self.params[params], dict(named))
 
 
 def read_study(path: Path) -> Study:

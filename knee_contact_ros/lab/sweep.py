@@ -1,22 +1,22 @@
-"""Many knees through the same gait: models from parameter values, their answers and outcomes, and `sweep`."""
+"""Many knees through the same gait, in memory: their models, answers and outcomes, and the function `sweep`."""
 
 from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from knee_contact_ros.bags.provenance import Provenance
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names, names_in_bag
-from knee_contact_ros.lab.uncertainty import Given, given_in
+from knee_contact_ros.joint_reaction.compartments import LoadRule
 from knee_contact_ros.model.compiler import worth_compiling
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD, KneeModel
 from knee_contact_ros.model.laws import ContactLaw
@@ -24,6 +24,7 @@ from knee_contact_ros.model.readouts import ContactPatch
 from knee_contact_ros.model.surfaces import ContactPair
 from knee_contact_ros.model.types import NANOSECOND, ROW, ContactState, Rows, Status
 from knee_contact_ros.offline.notebooks import Name, in_python_words
+from knee_contact_ros.offline.solve import parameters_in, solve
 from knee_contact_ros.parameters.build import build_model, contact_pair, load_rule
 from knee_contact_ros.parameters.files import (
     Source,
@@ -37,7 +38,7 @@ from knee_contact_ros.parameters.files import (
     variations_of,
 )
 from knee_contact_ros.parameters.schema import Parameters, has_both, lateral_knee
-from knee_contact_ros.streams.contact_stream import half_spacing, move_along_z
+from knee_contact_ros.streams.contact_stream import ContactStream, half_spacing, move_along_z
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded
 
@@ -151,18 +152,14 @@ def peak_pressure(law: ContactLaw, patch: ContactPatch, deepest: float) -> float
 
 Values = Mapping[str, Any]
 """Values of the varied parameters of a case, by name"""
-KEPT_SURFACES = 64
+LATERAL = "lateral_"
+"""Beginning of the names of the outcomes of the lateral compartment"""
+KEPT = 64
 """Number of pairs of surfaces, and of series of loads, that are kept for the next case that has the same ones"""
 SECTIONS = ("load.", "femur.", "tibia.", "translation.", "contact.", "lateral.", "fidelity.", "body_weight")
-"""Prefixes of the parameters that a study may vary; the others say how a bag is read or recorded"""
-
-
-class Side(NamedTuple):
-    """A compartment of a case: medial (or the only one), or lateral."""
-
-    model: KneeModel
-    loads: Floats
-    """Compressive load of the compartment [N], shape (n,)"""
+"""Beginnings of the names of the parameters that a study may vary; the others say how a bag is read or recorded"""
+TOGETHER = 16_384
+"""Number of answers that a thread holds at once: some 4 MB, which fit into processors' caches"""
 
 
 class Recording(NamedTuple):
@@ -180,9 +177,10 @@ class Recording(NamedTuple):
     """Frontal moment [N m]"""
     heights: Floats
     """Prescribed femoral height [m]; not a number where it is not prescribed"""
-
     damage: tuple[str, ...] = ()
     """Parts of the recording that cannot be read, a sentence each"""
+    share: float = 0.0
+    """Part of the axial load that the medial compartment bears beside what the parameters say"""
 
     @property
     def begins(self) -> list[int]:
@@ -190,42 +188,75 @@ class Recording(NamedTuple):
         return [*np.flatnonzero(self.steps == 0.0).tolist(), len(self.steps)]
 
 
-class Files:
-    """Contents of the files that parameters name; each file is read once."""
+def read_recording(
+    bag: Path, basis: Parameters | Provenance, texts: Mapping[str, str], names: Names = OWN_NAMES,
+    advance: Callable[[int, int], None] = lambda _done, _total: None, *, compiled: bool | None = None,
+) -> tuple[Recording, tuple[Rows, ...]]:  # fmt: skip
+    """Read the inputs of all ticks from a bag.
 
-    def __init__(self, known: Mapping[str, str] = MappingProxyType({})) -> None:
-        """Begin with contents that are known already, by the files' names."""
-        self.known = dict(known)
+    Args:
+        bag: Path of the bag.
+        basis: Parameters, or the provenance of a recording.
+        texts: Contents of the files that the parameters name, by parameter.
+        names: Names of the input topics.
+        advance: As for `solve`.
+        compiled: As for `solve`.
 
-    def texts(self, parameters: Parameters) -> dict[str, str]:
-        """Give the contents of the files that the model of some parameters needs, by parameter.
+    Returns:
+        The inputs, and the answers of each compartment, shape (n,): 300 B a tick.
 
-        Raises:
-            UsageError: a file cannot be read.
-        """
-        texts = {}
-        for parameter, name in curve_files(parameters).items():
-            if name not in self.known:
-                self.known[name] = read_curve(parameter, name)
-            texts[parameter] = self.known[name]
-        return texts
+    Raises:
+        UsageError: the bag cannot be used, see `solve`.
+    """
+    inputs: list[tuple[Any, Any, Any]] = []
+    blocks: list[Sequence[Rows]] = []
+
+    def listen(stream: ContactStream) -> None:
+        class Noting(LoadRule):
+            def __call__(self, axial: Any, moment: Any, flexion: Any) -> Any:
+                inputs.append((axial, moment, flexion))
+                return super().__call__(axial, moment, flexion)
+
+        stream.rule = Noting(**vars(stream.rule))
+
+    summary = solve(
+        bag, basis, None, advance, names=names, compiled=compiled, keep=blocks.append, prepare=listen, curves=texts
+    )
+    columns = [[np.atleast_1d(one) for one in column] for column in zip(*inputs, strict=True)]
+    axial, moment, angles = (np.ascontiguousarray(np.concatenate(column), dtype=float) for column in columns)
+    rows = tuple(np.concatenate(parts) for parts in zip(*blocks, strict=True))
+    stamps, height = rows[0]["stamp"].copy(), rows[0]["femoral_height"].copy()
+    steps = np.diff(stamps, prepend=stamps[:1]) * NANOSECOND
+    steps[(rows[0]["status"] & Status.TIME_RESET) != 0] = 0.0
+    if parameters_in(basis).drive != "displacement":
+        height[:] = np.nan
+    return Recording(stamps, steps, angles, axial, moment, height, tuple(summary.damage)), rows
+
+
+class Side(NamedTuple):
+    """A compartment of a knee: medial (or the only one), or lateral."""
+
+    model: KneeModel
+    loads: Floats
+    """Compressive load of the compartment [N], shape (n,)"""
+    z: float
+    """Place in the tibia frame [m]"""
 
 
 class Knees:
     """Makes the knees of one recording and one set of parameters, of which some are varied."""
 
-    def __init__(self, recording: Recording, parameters: Parameters, files: Files) -> None:
-        """Take what all knees have in common.
+    def __init__(self, recording: Recording, parameters: Parameters, files: Mapping[str, str]) -> None:
+        """Take what all knees have in common; `files` has contents of files by name, and others are read.
 
         Raises:
             UsageError: an angle or a height is too large for a knee.
         """
-        self.recording, self.parameters, self.files = recording, parameters, files
+        self.recording, self.parameters, self.files = recording, parameters, dict(files)
         _refuse_beyond("flexion angle", recording.angles, LARGEST_ANGLE, "rad")
         _refuse_beyond("femoral height", recording.heights, LARGEST_HEIGHT, "m")
         self.varied = variations_of(parameters)
-        self._surfaces = lru_cache(KEPT_SURFACES)(self._made_surfaces)
-        self._medial = lru_cache(KEPT_SURFACES)(self._made_medial)
+        self._medial = lru_cache(KEPT)(self._made_medial)
 
     def sides(self, parameters: Parameters, *, compiled: bool = False) -> tuple[Side, ...]:
         """Make the compartments of a knee, with compiled models or plain ones: the only one, or medial and lateral.
@@ -233,32 +264,49 @@ class Knees:
         Raises:
             UsageError: a surface or a law cannot be made, or a load is too large for a knee.
         """
-        texts = self.files.texts(parameters)
+        texts, z = file_texts(parameters, self.files), half_spacing(parameters)
         medial = self._medial(parameters.load, parameters.body_weight)
-        parts = [(parameters, texts, medial)]
+        parts = [(parameters, texts, medial, -z)]
         if has_both(parameters):
-            parts.append((lateral_knee(parameters), lateral_texts(texts), self.recording.axial - medial))
-        return tuple(Side(replace(self._model(own, files), compiled=compiled), loads) for own, files, loads in parts)
-
-    def _model(self, parameters: Parameters, texts: Mapping[str, str]) -> KneeModel:
-        femur = parameters.femur.model_copy(update={"mass": 1.0})
-        pair = self._surfaces(femur, parameters.tibia, parameters.translation, tuple(texts.items()))
-        return build_model(parameters, pair=pair)
-
-    def _made_surfaces(
-        self, femur: Any, tibia: Any, translation: Any, texts: tuple[tuple[str, str], ...]
-    ) -> ContactPair:
-        parts = {"femur": femur, "tibia": tibia, "translation": translation}
-        return contact_pair(self.parameters.model_copy(update=parts), dict(texts))
+            parts.append((lateral_knee(parameters), lateral_texts(texts), self.recording.axial - medial, z))
+        sides = []
+        for own, files, loads, place in parts:
+            pair = _surfaces(own.femur.model_copy(update={"mass": 1.0}), own.tibia, own.translation, *files.items())
+            sides.append(Side(replace(build_model(own, pair=pair), compiled=compiled), loads, place))
+        return tuple(sides)
 
     def _made_medial(self, load: Any, body_weight: float) -> Floats:
+        """Compute the loads of the medial compartment, or of the only one."""
         parameters = self.parameters.model_copy(update={"load": load, "body_weight": body_weight})
         recording = self.recording
-        rule = load_rule(parameters, self.files.texts(parameters))
+        rule = load_rule(parameters, file_texts(parameters, self.files))
         loads = np.ascontiguousarray(rule(recording.axial, recording.moment, recording.angles), dtype=float)
+        if recording.share:
+            loads = loads + recording.share * recording.axial
         _refuse_beyond("load", loads, LARGEST_LOAD, "N")
         _refuse_beyond("load", recording.axial - loads, LARGEST_LOAD, "N")
         return loads
+
+
+@lru_cache(KEPT)
+def _surfaces(femur: Any, tibia: Any, translation: Any, *texts: tuple[str, str]) -> ContactPair:
+    """Make surfaces and mechanism from sections of the parameters, and contents of files by parameter."""
+    sections = {"femur": femur, "tibia": tibia, "translation": translation}
+    return contact_pair(Parameters().model_copy(update=sections), dict(texts))
+
+
+def file_texts(parameters: Parameters, files: dict[str, str]) -> dict[str, str]:
+    """Give the contents of the files that the model of some parameters needs, by parameter.
+
+    `files` has contents by the files' names; each file is read once, and added to them.
+
+    Raises:
+        UsageError: a file cannot be read.
+    """
+    for parameter, name in curve_files(parameters).items():
+        if name not in files:
+            files[name] = read_curve(parameter, name)
+    return {parameter: files[name] for parameter, name in curve_files(parameters).items()}
 
 
 def _refuse_beyond(what: str, values: Floats, most: float, unit: str) -> None:
@@ -273,35 +321,7 @@ def may_vary(name: str) -> bool:
     return name.startswith(SECTIONS)
 
 
-def knees_in(bag: Path, parameters: Parameters, files: Files, names: Names = OWN_NAMES) -> Knees:
-    """Read a bag, and make the knees that go through its gait.
-
-    Args:
-        bag: Path of the bag.
-        parameters: Parameters before any value is varied.
-        files: Contents of the files that the parameters name.
-        names: Names of the input topics.
-
-    Raises:
-        UsageError: bag or parameters cannot be used.
-    """
-    texts = files.texts(parameters)
-    given = given_in(bag, parameters, lambda _done, _total: None, names, replays=0, compiled=None, curves=texts)
-    return Knees(_recording_of(given), parameters, files)
-
-
-def _recording_of(given: Given) -> Recording:
-    rows = given.rows[0]
-    stamps, resets = rows["stamp"].copy(), (rows["status"] & Status.TIME_RESET) != 0
-    steps = np.diff(stamps, prepend=stamps[:1]) * NANOSECOND
-    steps[resets] = 0.0
-    displaced = given.parameters.drive == "displacement"
-    heights = rows["femoral_height"].copy() if displaced else np.full(len(rows), np.nan)
-    angles, axial, moment = (np.ascontiguousarray(column, dtype=float) for column in given[3:6])
-    return Recording(stamps, steps, angles, axial, moment, heights, given.damage)
-
-
-def checked_names(names: list[str]) -> None:
+def checked_names(names: Sequence[str]) -> None:
     """Refuse parameters that a study cannot vary; unknown ones are left to `check_value`.
 
     Raises:
@@ -312,38 +332,30 @@ def checked_names(names: list[str]) -> None:
             raise UsageError(f"{name} is not allowed; a parameter of {', '.join(SECTIONS)}")
 
 
-TOGETHER = 16_384
-"""Number of answers that a thread holds at once: some 4 MB, which fit into processors' caches"""
-
-
 class Computed(NamedTuple):
-    """Result of a case."""
+    """Results of k cases that were computed together."""
 
-    parameters: Parameters | None
-    """All parameters of the case; None if they are not allowed"""
-    sides: tuple[NDArray[Any], ...]
-    """Outcomes of each compartment, records of `OF_A_RUN` of shape ()"""
-    series: tuple[Rows, ...]
-    """Answers of each compartment, shape (n,), if they were requested"""
-    failed: str
-    """Why there are no outcomes; empty if there are"""
+    parameters: list[Parameters | None]
+    """All parameters of each case; None where a case failed"""
+    failed: list[str]
+    """Why a case has no outcomes; empty if it has"""
+    outcomes: list[NDArray[Any]]
+    """Outcomes of the only or medial, and of the lateral compartment: records of `OF_A_RUN`, shape (k,), not a number
+    where a case has none"""
+    series: list[Rows]
+    """Answers of each compartment, shape (k, n), zeros where a case has none; none unless they were requested"""
     seconds: float
-    """Time [s] that the case took: that of all cases computed together, over their number"""
+    """Time [s] that a case took: that of all cases, over their number"""
 
-
-class _Run(NamedTuple):
-    """A compartment of a case."""
-
-    number: int
-    """Number of the case"""
-    side: Side
-    z: float
-    """Place of the compartment in the tibia frame [m]"""
+    def has(self, side: int) -> NDArray[np.bool_]:
+        """Whether a case has answers of a compartment (0 or 1), shape (k,)."""
+        known: NDArray[np.bool_] = np.isfinite(self.outcomes[side]["ticks"])
+        return known
 
 
 def compute(
-    knees: Knees, cases: Sequence[Values], *, series: bool = False, threads: int = 1, in_all: int = 0
-) -> list[Computed]:
+    knees: Knees, cases: Sequence[Values], *, series: bool = False, threads: int = 1, compiled: bool
+) -> Computed:
     """Compute cases; their answers are the same bits as those of a run of each.
 
     Args:
@@ -351,70 +363,53 @@ def compute(
         cases: Values of the varied parameters of each case.
         series: Whether to keep all answers.
         threads: Number of threads; 0: one for each processor.
-        in_all: Number of cases of the whole study, by which it is decided whether compiling is worthwhile.
-
-    Returns:
-        The results, in the order of the cases.
+        compiled: Whether to use the compiled model.
     """
-    begun = time.perf_counter()
-    results, runs, ticks = list[Computed](), list[_Run](), len(knees.recording.steps)
-    compiled = worth_compiling(max(in_all, len(cases)) * ticks)
-    for number, values in enumerate(cases):
+    begun, recording = time.perf_counter(), knees.recording
+    number, ticks = len(cases), len(recording.steps)
+    parameters: list[Parameters | None] = [None] * number
+    failed, runs = [""] * number, list[tuple[int, int, Side]]()
+    for i, values in enumerate(cases):
         try:
-            parameters = knees.varied(values)
-            z, sides = half_spacing(parameters), knees.sides(parameters, compiled=compiled)
+            own = knees.varied(values)
+            runs += [(i, place, side) for place, side in enumerate(knees.sides(own, compiled=compiled))]
+            parameters[i] = own
         except (UsageError, ValueError) as error:
-            results.append(Computed(None, (), (), str(error), 0.0))
-            continue
-        runs += [_Run(number, side, place) for side, place in zip(sides, (-z, z), strict=False)]
-        results.append(Computed(parameters, (), (), "", 0.0))
-    for run in runs[:1]:
-        run.side.model.kernel()  # threads find it made
+            failed[i] = str(error)
+    found = [np.full(number, np.nan, OF_A_RUN) for _ in range(2)]
+    both = any(place for _, place, _ in runs)
+    kept = [np.zeros((number, ticks), ROW) for _ in range(1 + both)] if series else []
+
+    def some(first: int) -> None:
+        part = runs[first : first + count]
+        answers = _answers(recording, [side for *_, side in part])
+        models = [side.model for *_, side in part]
+        rows = outcomes(answers, recording.steps, [one.law for one in models], [one.patch for one in models])
+        for (i, place, side), row, answer in zip(part, rows, answers, strict=True):
+            found[place][i] = row
+            if kept:
+                move_along_z(answer, side.z)
+                kept[place][i] = answer
+
+    for *_, side in runs[:1]:
+        side.model.kernel()  # threads find it made
     count = max(1, TOGETHER // ticks)
-    together = [runs[begin : begin + count] for begin in range(0, len(runs), count)]
     with ThreadPoolExecutor(threads or len(os.sched_getaffinity(0))) as pool:
-        computed = pool.map(partial(_computed, knees.recording, series=series), together)
-        for part, (rows, answers) in zip(together, computed, strict=True):
-            for i, run in enumerate(part):
-                one = results[run.number]
-                kept = (*one.series, answers[i]) if series else ()
-                results[run.number] = one._replace(sides=(*one.sides, rows[i]), series=kept)
-    seconds = (time.perf_counter() - begun) / max(len(cases), 1)
-    return [result._replace(seconds=seconds) for result in results]
+        list(pool.map(some, range(0, len(runs), count)))
+    return Computed(parameters, failed, found, kept, (time.perf_counter() - begun) / max(number, 1))
 
 
-def outcomes_of(computed: Sequence[Computed], side: int) -> NDArray[Any]:
-    """Collect the outcomes of all cases in a compartment.
-
-    Args:
-        computed: Results of k cases.
-        side: 0: the only or the medial compartment; 1: the lateral one.
-
-    Returns:
-        Records of `OF_A_RUN`, shape (k,); not a number where a case has no outcomes.
-    """
-    rows = np.full(len(computed), np.nan, OF_A_RUN)
-    for i, one in enumerate(computed):
-        if side < len(one.sides):
-            rows[i] = one.sides[side]
-    return rows
-
-
-def _computed(recording: Recording, runs: Sequence[_Run], *, series: bool) -> tuple[NDArray[Any], Sequence[Rows]]:
-    """Compute k runs; give their outcomes, shape (k,), and their answers, if they are to be kept."""
-    answers = np.zeros((len(runs), len(recording.steps)), ROW)
+def _answers(recording: Recording, sides: Sequence[Side]) -> Rows:
+    """Compute k compartments through a recording, shape (k, n)."""
+    answers = np.zeros((len(sides), len(recording.steps)), ROW)
     samples = np.column_stack([recording.steps, recording.angles, np.zeros_like(recording.steps), recording.heights])
-    for run, own in zip(runs, answers, strict=True):
-        samples[:, 2] = run.side.loads
+    for side, own in zip(sides, answers, strict=True):
+        samples[:, 2] = side.loads
         for begin, end in zip(recording.begins, recording.begins[1:], strict=False):
-            run.side.model.compute(samples[begin:end], own[begin:end])
+            side.model.compute(samples[begin:end], own[begin:end])
     answers["stamp"] = recording.stamps
     answers["status"][:, recording.begins[1:-1]] |= np.uint8(Status.TIME_RESET)
-    models = [run.side.model for run in runs]
-    rows = outcomes(answers, recording.steps, [model.law for model in models], [model.patch for model in models])
-    for run, own in zip(runs, answers if series else (), strict=False):
-        move_along_z(own, run.z)
-    return rows, tuple(answers) if series else ()
+    return answers
 
 
 @dataclass(frozen=True)
@@ -448,15 +443,9 @@ class Cohort:
 
 
 def sweep(
-    gait: Name | Mapping[str, ArrayLike],
-    values: Mapping[str, ArrayLike],
-    params: Source = DEFAULT_PARAMETERS,
-    *,
-    remap: Mapping[str, str] | None = None,
-    namespace: str = "",
-    series: bool = False,
-    threads: int = 0,
-) -> Cohort:
+    gait: Name | Mapping[str, ArrayLike], values: Mapping[str, ArrayLike], params: Source = DEFAULT_PARAMETERS, *,
+    remap: Mapping[str, str] | None = None, namespace: str = "", series: bool = False, threads: int = 0,
+) -> Cohort:  # fmt: skip
     """Compute many knees through one gait; the answers are the same bits as those of a run of each knee.
 
     Args:
@@ -476,28 +465,19 @@ def sweep(
     """
     with in_python_words():
         cases = _cases(values)
-        parameters = load_parameters(params)
+        parameters, files = load_parameters(params), dict[str, str]()
         if isinstance(gait, Mapping):
-            knees = Knees(_recording(gait), parameters, Files())
+            recording = _recording(gait)
         else:
             names = names_in_bag([f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()], namespace)
-            knees = knees_in(expanded(str(gait)), parameters, Files(), names)
-    computed = compute(knees, cases, series=series, threads=threads)
-    sides = range(max([1, *(len(one.sides) for one in computed)]))
-    medial, *lateral = (outcomes_of(computed, side).view(np.recarray) for side in sides)
-    answers = [_series(computed, side, len(knees.recording.steps)) for side in sides if series]
+            recording, _ = read_recording(expanded(str(gait)), parameters, file_texts(parameters, files), names)
+        knees = Knees(recording, parameters, files)
+    compiled = worth_compiling(len(cases) * len(recording.steps))
+    computed = compute(knees, cases, series=series, threads=threads, compiled=compiled)
+    medial, lateral = (rows.view(np.recarray) for rows in computed.outcomes)
     varied = {name: np.array([case[name] for case in cases]) for name in dotted(values)}
-    failed = np.array([one.failed for one in computed])
-    return Cohort(varied, medial, lateral[0] if lateral else None, failed, *answers)
-
-
-def _series(computed: Sequence[Computed], side: int, number: int) -> NDArray[Any]:
-    """Collect the answers of all cases in a compartment, shape (k, number); zeros where a case has none."""
-    rows = np.zeros((len(computed), number), ROW)
-    for own, one in zip(rows, computed, strict=True):
-        if side < len(one.series):
-            own[:] = one.series[side]
-    return rows
+    both = computed.has(1).any()
+    return Cohort(varied, medial, lateral if both else None, np.array(computed.failed), *computed.series)
 
 
 def _cases(values: Mapping[str, ArrayLike]) -> list[dict[str, Any]]:
@@ -538,7 +518,3 @@ def _recording(gait: Mapping[str, ArrayLike]) -> Recording:
         stamps, steps, columns["flexion_angle"], columns.get("axial_load", zeros),
         columns.get("frontal_moment", zeros), columns.get("femoral_height", unknown_heights),
     )  # fmt: skip
-
-
-LATERAL = "lateral_"
-"""Prefix of the columns with outcomes of the lateral compartment"""

@@ -1,4 +1,9 @@
-"""Standard deviations of depth and force that follow from those of angle, load, share and constants of the knee."""
+"""Standard deviations of depth and force that follow from those of angle, load, share and constants of the knee.
+
+Linear propagation follows JCGM 100:2008, Sec. 5.1.2, for independent inputs: u² = Σ (∂f/∂x u(x))². The
+slopes are differences between one deviation less and one more, each a whole run of the model, so that a curvature
+between them counts on average. `sampled` draws all inputs at once (JCGM 101:2008) and assumes no linearity.
+"""
 
 from __future__ import annotations
 
@@ -8,45 +13,42 @@ import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
+from operator import attrgetter
 from pathlib import Path
 from statistics import NormalDist
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from knee_contact_ros.bags.provenance import Provenance
 from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
-from knee_contact_ros.joint_reaction.compartments import LoadRule
+from knee_contact_ros.lab.sweep import Floats, Knees, compute, read_recording
 from knee_contact_ros.model.compiler import worth_compiling
-from knee_contact_ros.model.types import Rows, Status
+from knee_contact_ros.model.types import Rows
 from knee_contact_ros.offline.notebooks import Name, in_python_words, solve_inputs
-from knee_contact_ros.offline.solve import parameters_in, solve, texts_of
-from knee_contact_ros.parameters.build import load_rule
-from knee_contact_ros.parameters.files import (
-    Source,
-    all_values,
-    dotted,
-    flat_parameters,
-    known_parameters,
-    load_parameters,
-)
-from knee_contact_ros.parameters.schema import LATERAL, Parameters, has_both, lateral_knee
-from knee_contact_ros.streams.contact_stream import Compartment, ContactStream, compartments_of, half_spacing
+from knee_contact_ros.offline.solve import parameters_in, texts_of
+from knee_contact_ros.parameters.files import Source, all_values, curve_files, dotted, known_parameters
+from knee_contact_ros.parameters.schema import LATERAL, Parameters, has_both
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import expanded, read_mapping
 from knee_contact_ros.system.terminal import progress
 
-FLEXION_ANGLE, AXIAL_LOAD = "flexion_angle", "axial_load"
-MEDIAL_SHARE, FEMORAL_HEIGHT = "medial_share", "femoral_height"
-STREAMS = {FLEXION_ANGLE: "rad", AXIAL_LOAD: "N", MEDIAL_SHARE: "", FEMORAL_HEIGHT: "m"}
-"""Units of the deviations of the inputs of a tick, and of the medial share that follows from them"""
+STREAMS = {
+    "flexion_angle": ("angles", "rad"), "axial_load": ("axial", "N"), "medial_share": ("share", ""),
+    "femoral_height": ("heights", "m"),
+}  # fmt: skip
+"""Inputs of a tick that may be uncertain: their fields of `Recording`, and units"""
 SECTIONS = ("load.", "femur.", "tibia.", "contact.", "lateral.", "body_weight")
 """Beginnings of the names of the parameters that may be uncertain"""
 UNIT = re.compile(r"\[([^\]]+)\]")
 """The unit at the beginning of a parameter's description"""
 LARGEST = 1.0
 """Largest relative deviation: beyond it little is known, and no linear propagation holds"""
+DEPTH_AND_FORCE = ("penetration_depth", "contact_force")
+LEVEL = 0.95
+"""Default probability of an interval"""
+TRIES = 100
+"""Largest number of draws of a sample until all parameters lie in their ranges"""
 
 
 class Deviation(NamedTuple):
@@ -69,15 +71,19 @@ class Deviation(NamedTuple):
     @property
     def text(self) -> str:
         """The deviation with its unit, as text."""
-        return f"{100.0 * self.size:g} %" if self.relative else f"{self.size:g} {_unit_of(self.name)}".strip()
+        return f"{100.0 * self.size:g} %" if self.relative else f"{self.size:g} {self.unit}".strip()
+
+    @property
+    def unit(self) -> str:
+        """The SI unit of the input or the parameter; empty if it has none."""
+        if self.name in STREAMS:
+            return STREAMS[self.name][1]
+        unit = UNIT.match(known_parameters()[self.name].description)
+        return unit[1] if unit else ""
 
 
-def _unit_of(name: str) -> str:
-    """Return the SI unit of an input or a parameter; empty if it has none."""
-    if name in STREAMS:
-        return STREAMS[name]
-    unit = UNIT.match(known_parameters()[name].description)
-    return unit[1] if unit else ""
+Moved = Mapping[Deviation, float]
+"""Errors of inputs and parameters, in standard deviations of each"""
 
 
 def read_deviations(path: Path) -> Mapping[str, Any]:
@@ -115,71 +121,42 @@ def _deviation(name: str, given: Any, values: Mapping[str, Any], parameters: Par
         )
         hint = f"did you mean {near[0]}?" if near else allowed
         raise UsageError(f"uncertainty: {name or repr(name)} is not allowed; {hint}")
-    if (name == FEMORAL_HEIGHT) != (parameters.drive == "displacement") and name in STREAMS and name != FLEXION_ANGLE:
+    displaced = parameters.drive == "displacement"
+    if name in STREAMS and name != "flexion_angle" and (name == "femoral_height") != displaced:
         raise UsageError(f"uncertainty: {name} moves nothing with drive {parameters.drive}")
     if name.startswith(LATERAL) and not has_both(parameters):
         raise UsageError(f"uncertainty: {name} moves nothing with load.compartment {parameters.load.compartment}")
     relative = isinstance(given, str)
-    size = _percent(given) if isinstance(given, str) else _number(given)
+    size = _number(given)
     if not 0.0 < size < math.inf or (relative and size > LARGEST):
         raise UsageError(f"uncertainty: {name}: {given!r} is not allowed; a number > 0 in SI units, or up to '100 %'")
-    if relative and name in STREAMS and name != AXIAL_LOAD:
-        raise UsageError(f"uncertainty: {name}: {given!r} is not allowed; in {STREAMS[name] or 'parts of 1'}")
+    if relative and name in STREAMS and name != "axial_load":
+        raise UsageError(f"uncertainty: {name}: {given!r} is not allowed; in {STREAMS[name][1] or 'parts of 1'}")
     return Deviation(name, size, relative)
 
 
 def _number(given: Any) -> float:
-    """Return a number of Python or NumPy as float; NaN if it is no number, infinite if it is too large."""
+    """Return a number, or a text in percent as a part of 1; NaN if it is neither."""
     try:
+        if isinstance(given, str):
+            number, percent, rest = given.partition("%")
+            return float(number) / 100.0 if percent and not rest.strip() else math.nan
         return float(given) if isinstance(given, Real) and not isinstance(given, bool) else math.nan
-    except OverflowError:
-        return math.inf
-
-
-def _percent(text: str) -> float:
-    """Return a text in percent as a part of 1; NaN if it is none."""
-    number, percent, rest = text.partition("%")
-    try:
-        return float(number) / 100.0 if percent and not rest.strip() else math.nan
-    except ValueError:
+    except (ValueError, OverflowError):
         return math.nan
 
 
-Floats = NDArray[np.float64]
-Moved = Mapping[Deviation, float]
-"""Errors of inputs and parameters, in standard deviations of each"""
-
-
 class Given(NamedTuple):
-    """Inputs of the ticks of a recording, arrays of shape (n,), and the parameters it was computed with."""
+    """A recording and its knee, whose inputs and parameters may be off."""
 
-    parameters: Parameters
-    texts: Mapping[str, str]
-    """Contents of the files that parameters name, by parameter"""
+    knees: Knees
+    """Inputs of all ticks (`recording`), and the parameters they were computed with (`parameters`)"""
     rows: tuple[Rows, ...]
     """Answers of each compartment, arrays of shape (n,)"""
-    angles: Floats
-    """Flexion angles [rad]"""
-    axial: Floats
-    """Axial loads [N]"""
-    moment: Floats
-    """Frontal moments [N m]"""
-    compartments: tuple[Compartment, ...]
-    """Compartments that compute the answers to inputs with errors"""
-    wanted: bool | None
+    replays: int
+    """Number of runs that are to be expected: for many, the model is compiled"""
+    compiled: bool | None
     """Whether the compiled model is to be used; None: if it is quicker, with its compilation"""
-    compiled: bool
-    """Whether the compartments use the compiled model"""
-    damage: tuple[str, ...]
-    """Damage of the recording, as sentences"""
-
-    def ready_for(self, replays: int) -> Given:
-        """Return the same inputs, prepared for so many replays: for many, the model is compiled."""
-        ticks = replays * sum(map(len, self.rows))
-        compiles = worth_compiling(ticks) if self.wanted is None else self.wanted
-        for compartment in self.compartments if compiles and not self.compiled else ():
-            compartment.compile()
-        return self._replace(compiled=self.compiled or compiles)
 
     def answers(self, moved: Moved) -> list[Rows]:
         """Return the answers of each compartment to inputs and parameters with errors.
@@ -190,68 +167,26 @@ class Given(NamedTuple):
         Raises:
             UsageError: a parameter leaves its range, or an input the range of a knee.
         """
-        parameters = self._parameters(moved)
-        by_name = {deviation.name: (deviation, times) for deviation, times in moved.items()}
-
-        def off(name: str, values: Any) -> Any:
-            if name not in by_name:
-                return values
-            deviation, times = by_name[name]
-            return deviation.moved(values, times)
-
-        angles, axial = off(FLEXION_ANGLE, self.angles), off(AXIAL_LOAD, self.axial)
-        medial = load_rule(parameters, self.texts)(axial, self.moment, angles)
-        if MEDIAL_SHARE in by_name:
-            medial = medial + off(MEDIAL_SHARE, 0.0) * axial
-        stamps, status = self.rows[0]["stamp"], self.rows[0]["status"] & Status.TIME_RESET
-        displaced = parameters.drive == "displacement"
-        heights = off(FEMORAL_HEIGHT, self.rows[0]["femoral_height"].copy()) if displaced else None
-        answers = []
-        for compartment, loads in zip(self._compartments(parameters, moved), (medial, axial - medial), strict=False):
-            parts = []
-            for part in np.split(np.arange(len(stamps)), np.flatnonzero(status)):
-                if len(part):
-                    rows = slice(part[0], part[-1] + 1)
-                    height = None if heights is None else heights[rows]
-                    parts.append(_run(compartment, stamps[rows], angles[rows], loads[rows], height, status[rows]))
-            answers.append(np.concatenate(parts))
-        return answers
-
-    def _compartments(self, parameters: Parameters, moved: Moved) -> Sequence[Compartment]:
-        """Return compartments with other parameters: the same ones retuned, unless surfaces have to be made anew."""
-        if any(times and of_a_surface(deviation.name) for deviation, times in moved.items()):
-            new = compartments_of(parameters, self.texts)
-            for compartment in new if self.compiled else ():
-                compartment.compile()
-            return new
-        z = half_spacing(parameters)
-        for compartment, own, place in zip(
-            self.compartments, (parameters, lateral_knee(parameters)), (-z, z), strict=False
-        ):
-            compartment.retune(own, place)
-        return self.compartments
-
-    def _parameters(self, moved: Moved) -> Parameters:
-        """Return the parameters with their errors."""
-        values = flat_parameters(self.parameters)
-        off = {
-            deviation.name: deviation.moved(self._value(deviation.name), times)
-            for deviation, times in moved.items()
-            if deviation.name not in STREAMS
-        }
-        return load_parameters(values | off) if off else self.parameters
-
-    def _value(self, name: str) -> float:
-        """Return the value of a parameter by its dotted name; a lateral one may follow the medial one."""
-        part: Any = self.parameters
-        for step in name.split("."):
-            part = getattr(part, step)
-        return float(part)
+        recording, parameters = self.knees.recording, self.knees.parameters
+        inputs, values = dict[str, Any](), dict[str, float]()
+        for deviation, times in moved.items():
+            if deviation.name in STREAMS:
+                field, _ = STREAMS[deviation.name]
+                inputs[field] = deviation.moved(getattr(recording, field), times)
+            else:
+                values[deviation.name] = deviation.moved(float(attrgetter(deviation.name)(parameters)), times)
+        knees = Knees(recording._replace(**inputs), parameters, self.knees.files)
+        ticks = self.replays * sum(map(len, self.rows))
+        compiled = worth_compiling(ticks) if self.compiled is None else self.compiled
+        found = compute(knees, [values], series=True, compiled=compiled)
+        if found.failed[0]:
+            raise UsageError(found.failed[0])
+        return [rows[0] for rows in found.series]
 
 
 def given_in(
     bag: Path, basis: Parameters | Provenance, advance: Callable[[int, int], None], names: Names = OWN_NAMES,
-    *, replays: int, compiled: bool | None = None, curves: Mapping[str, str] | None = None,
+    *, replays: int, compiled: bool | None = None,
 ) -> Given:  # fmt: skip
     """Read the inputs of the model from a bag, to be answered `replays` times; other arguments are those of `solve`.
 
@@ -264,55 +199,10 @@ def given_in(
         raise UsageError(
             f"bag {bag}: its parameters changed, or the model was reset; uncertainty needs a constant model"
         )
-    parameters = parameters_in(basis)
-    texts = texts_of(basis) if curves is None else curves
-    inputs: list[tuple[Any, Any, Any]] = []
-    blocks: list[Sequence[Rows]] = []
-
-    def listen(pipeline: ContactStream) -> None:
-        class Noting(LoadRule):
-            def __call__(self, axial: Any, moment: Any, flexion: Any) -> Any:
-                inputs.append((axial, moment, flexion))
-                return super().__call__(axial, moment, flexion)
-
-        pipeline.rule = Noting(**vars(pipeline.rule))
-
-    summary = solve(
-        bag, basis, None, advance, names=names, compiled=compiled, keep=blocks.append, prepare=listen, curves=texts
-    )
-    axial, moment, angles = (
-        np.concatenate([np.atleast_1d(one) for one in column]) for column in zip(*inputs, strict=True)
-    )
-    rows = tuple(np.concatenate(parts) for parts in zip(*blocks, strict=True))
-    compartments = compartments_of(parameters, texts)
-    damage = tuple(summary.damage)
-    given = Given(parameters, texts, rows, angles, axial, moment, compartments, compiled, False, damage)
-    return given.ready_for(replays)
-
-
-def _run(compartment: Compartment, *columns: Any) -> Rows:
-    """Compute ticks from rest; the columns are the arguments of `Compartment.advance_all`.
-
-    Raises:
-        UsageError: a value is outside the range of a knee.
-    """
-    compartment.start_anew()
-    try:
-        return compartment.advance_all(*columns)
-    except ValueError as error:
-        raise UsageError(f"uncertainty: {error}") from None
-
-
-def of_a_surface(name: str) -> bool:
-    """Return whether a parameter belongs to a surface or a mechanism, which are made anew when it changes."""
-    return name.removeprefix(LATERAL).startswith(("femur.", "tibia.", "translation.")) and not name.endswith(".mass")
-
-
-DEPTH, FORCE = "penetration_depth", "contact_force"
-LEVEL = 0.95
-"""Default probability of an interval"""
-TRIES = 100
-"""Largest number of draws of a sample until all parameters lie in their ranges"""
+    parameters, texts = parameters_in(basis), texts_of(basis)
+    files = {name: texts[parameter] for parameter, name in curve_files(parameters).items()}
+    recording, rows = read_recording(bag, basis, texts, names, advance, compiled=compiled)
+    return Given(Knees(recording, parameters, files), rows, replays, compiled)
 
 
 class Propagated(NamedTuple):
@@ -335,17 +225,17 @@ class Propagated(NamedTuple):
 
     def depth_interval(self, level: float = LEVEL) -> tuple[Floats, Floats]:
         """Return the bounds between which the depth [m] lies with a probability, if errors are normal; not below 0."""
-        return self._interval(DEPTH, self.depth, level)
+        return self._interval(0, level)
 
     def force_interval(self, level: float = LEVEL) -> tuple[Floats, Floats]:
         """Return the bounds between which the contact force [N] lies with a probability, if errors are normal.
 
         They are not below 0, unless the force itself is because the contact law allows tension.
         """
-        return self._interval(FORCE, self.force, level)
+        return self._interval(1, level)
 
-    def _interval(self, name: str, deviation: Floats, level: float) -> tuple[Floats, Floats]:
-        reach, values = factor(level) * deviation, np.asarray(self.rows[name])
+    def _interval(self, which: int, level: float) -> tuple[Floats, Floats]:
+        reach, values = factor(level) * self._combined(which), np.asarray(self.rows[DEPTH_AND_FORCE[which]])
         least = np.minimum(values, 0.0)
         return np.maximum(values - reach, least), values + reach
 
@@ -391,23 +281,27 @@ def propagated(given: Given, deviations: Sequence[Deviation], advance: Callable[
     Raises:
         UsageError: an input or a parameter leaves its range by one deviation both upwards and downwards.
     """
-    parts: list[dict[Deviation, tuple[Floats, Floats]]] = [{} for _ in given.rows]
+    found = [Propagated(rows, {}) for rows in given.rows]
     for done, deviation in enumerate(deviations, start=1):
-        # All are named, as a named lateral parameter does not follow its medial one: it has its own deviation.
-        low, high = (
-            _answers(given, {other: times * (other == deviation) for other in deviations}) for times in (-1.0, 1.0)
-        )
-        if low is None and high is None:
+        ends: list[Sequence[Rows]] = []
+        for times in (-1.0, 1.0):
+            # All are named, as a named lateral parameter does not follow its medial one: it has its own deviation.
+            moved = {other: times * (other == deviation) for other in deviations}
+            try:
+                ends.append(given.answers(moved))
+            except UsageError:
+                ends.append(given.rows)  # the difference is that of the other side
+        low, high = ends
+        width = 2.0 - sum(end is given.rows for end in ends)
+        if not width:
             raise UsageError(
                 f"uncertainty: {deviation.name}: {deviation.text} leaves the range of what it is of both ways"
             )
-        sides = [one or list(given.rows) for one in (low, high)]
-        width = 2.0 if low and high else 1.0
-        for place, (below, above) in enumerate(zip(*sides, strict=True)):
-            depth, force = ((above[name] - below[name]) / width for name in (DEPTH, FORCE))
-            parts[place][deviation] = depth, force
+        for one, below, above in zip(found, low, high, strict=True):
+            depth, force = ((above[name] - below[name]) / width for name in DEPTH_AND_FORCE)
+            one.parts[deviation] = depth, force
         advance(done, len(deviations))
-    return [Propagated(rows, part) for rows, part in zip(given.rows, parts, strict=True)]
+    return found
 
 
 def sampled(
@@ -419,34 +313,22 @@ def sampled(
     """
     random = np.random.default_rng(seed)
     deviations = list(linear[0].parts)
-    bounds = [(one.depth_interval(), one.force_interval()) for one in linear]
-    sums = [np.zeros((3, 2, len(one.rows))) for one in linear]
+    before = [np.stack([one.rows[name] for name in DEPTH_AND_FORCE]) for one in linear]
+    bounds = [np.stack([one.depth_interval(), one.force_interval()], axis=1) for one in linear]
+    sums = [np.zeros((3, *one.shape)) for one in before]
     for done in range(1, samples + 1):
         for place, rows in enumerate(_drawn(given, deviations, random)):
-            before, total = linear[place].rows, sums[place]
-            for which, name in enumerate((DEPTH, FORCE)):
-                low, high = bounds[place][which]
-                off = rows[name] - before[name]
-                total[0, which] += off
-                total[1, which] += off * off
-                total[2, which] += (low <= rows[name]) & (rows[name] <= high)
+            now = np.stack([rows[name] for name in DEPTH_AND_FORCE])
+            off, (low, high) = now - before[place], bounds[place]
+            sums[place] += np.stack([off, off * off, (low <= now) & (now <= high)])
         advance(done, samples)
     results = []
-    for one, (first, second, inside) in zip(linear, sums, strict=True):
+    for base, (first, second, inside) in zip(before, sums, strict=True):
         mean = first / samples
         spread = np.sqrt(np.maximum(second - samples * mean**2, 0.0) / max(samples - 1, 1))
-        means = [mean[which] + one.rows[name] for which, name in enumerate((DEPTH, FORCE))]
-        shares = inside / samples
-        results.append(Sampled(samples, means[0], spread[0], means[1], spread[1], shares[0], shares[1]))
+        depth, force = zip(base + mean, spread, strict=True)
+        results.append(Sampled(samples, *depth, *force, *inside / samples))
     return results
-
-
-def _answers(given: Given, moved: Moved) -> list[Rows] | None:
-    """Return the answers to inputs with errors; None if one leaves its range."""
-    try:
-        return given.answers(moved)
-    except UsageError:
-        return None
 
 
 def _drawn(given: Given, deviations: Sequence[Deviation], random: np.random.Generator) -> list[Rows]:
@@ -480,20 +362,15 @@ class Uncertainty:
             raise UsageError(f"samples: {samples} is not allowed; 2 or more")
         linear = [self.medial, *([self.lateral] if self.lateral else [])]
         with progress("Sampling") as advance:
-            return sampled(self.given.ready_for(samples), linear, samples, seed, advance)
+            given = self.given._replace(replays=max(samples, self.given.replays))
+            return sampled(given, linear, samples, seed, advance)
 
 
 def uncertainty(
-    bag: Name | None = None,
-    params: Source | None = None,
-    deviations: Mapping[str, Any] | Name | None = None,
-    values: Mapping[str, Any] | None = None,
-    *,
-    subject: Name | None = None,
-    remap: Mapping[str, str] | None = None,
-    namespace: str = "",
-    compiled: bool | None = None,
-) -> Uncertainty:
+    bag: Name | None = None, params: Source | None = None, deviations: Mapping[str, Any] | Name | None = None,
+    values: Mapping[str, Any] | None = None, *, subject: Name | None = None, remap: Mapping[str, str] | None = None,
+    namespace: str = "", compiled: bool | None = None,
+) -> Uncertainty:  # fmt: skip
     """Propagate standard deviations of inputs and parameters to the depth and force of a recorded gait.
 
     Args:

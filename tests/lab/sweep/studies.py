@@ -1,4 +1,4 @@
-"""Studies that the tests of cohorts share, and what they ask of a table."""
+"""Studies that the tests of sweeps share, what they ask of a table, and a cluster of this machine."""
 
 from __future__ import annotations
 
@@ -19,13 +19,7 @@ from knee_contact_ros.lab.run_study import Done, run_study
 from knee_contact_ros.lab.study import Study
 from tests import ROOT
 
-LEAN = {"DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"}
-"""Settings of a cluster that waits for most of its time: nothing samples what it does"""
 DAMPINGS = [1e3, 2e3, 3e3, 4e3, 5e3]
-
-
-def silent(_done: int, _total: int) -> None:
-    """No bar."""
 
 
 def study(bag: Path | str, **content: Any) -> Study:
@@ -35,7 +29,7 @@ def study(bag: Path | str, **content: Any) -> Study:
 
 def computed(asked: Study, output: Path | str, **how: Any) -> Done:
     """Run a study without a bar."""
-    return run_study(asked, str(output), advance=silent, **how)
+    return run_study(asked, str(output), advance=lambda _done, _total: None, **how)
 
 
 def table(folder: Path) -> pd.DataFrame:
@@ -55,12 +49,11 @@ def left_over(folder: Path) -> list[str]:
     return [path.name for path in folder.rglob("_unfinished-*")]
 
 
-def begin(*arguments: str, **environment: str) -> subprocess.Popen[str]:
-    """A command, in a group of processes of its own, as a terminal has it."""
-    code = "import sys; from knee_contact_ros.commands.main import main; sys.exit(main())"
+def started(*arguments: str, cwd: Path = ROOT, **options: Any) -> subprocess.Popen[Any]:
+    """A process of Python, in a group of its own, as a terminal has it."""
+    own = {"PYTHONPATH": str(ROOT), "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "False"}
     return subprocess.Popen(
-        [sys.executable, "-c", code, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT,
-        env=os.environ | environment, start_new_session=True,
+        [sys.executable, *arguments], cwd=cwd, env=os.environ | own, start_new_session=True, **options
     )  # fmt: skip
 
 
@@ -87,16 +80,15 @@ class Cluster:
             free.bind(("127.0.0.1", 0))
             self.port = free.getsockname()[1]
         self.address = f"tcp://127.0.0.1:{self.port}"
+        self._quiet: dict[str, Any] = {"stdout": subprocess.DEVNULL, "stderr": (folder / "log").open("ab")}
         self._folder = folder
         self.workers: list[subprocess.Popen[bytes]] = []
         self.start_scheduler()
 
     def start_scheduler(self) -> None:
         """Start it, again at the same address after it was killed."""
-        self.scheduler = self._started(
-            "scheduler", "--host", "127.0.0.1", "--port", str(self.port), "--no-dashboard", "--no-show",
-            "--dashboard-address", "127.0.0.1:0",
-        )  # fmt: skip
+        options = f"--host 127.0.0.1 --port {self.port} --no-dashboard --no-show --dashboard-address 127.0.0.1:0"
+        self.scheduler = started("-m", "dask", "scheduler", *options.split(), **self._quiet)
         wait_until(self._answers)
 
     def _answers(self) -> bool:
@@ -104,21 +96,11 @@ class Cluster:
         with socket.socket() as tried:
             return tried.connect_ex(("127.0.0.1", self.port)) == 0
 
-    def add_worker(self, folder: Path = ROOT) -> None:
+    def add_worker(self, cwd: Path = ROOT) -> None:
         """Start a worker with one thread, in a folder."""
-        self.workers.append(
-            self._started(
-                "worker", self.address, "--host", "127.0.0.1", "--nthreads", "1", "--no-nanny", "--no-dashboard",
-                "--local-directory", str(self._folder), folder=folder,
-            )
-        )  # fmt: skip
-
-    def _started(self, *arguments: str, folder: Path = ROOT) -> subprocess.Popen[bytes]:
-        return subprocess.Popen(
-            [sys.executable, "-m", "dask", *arguments], cwd=folder, stdout=subprocess.DEVNULL,
-            stderr=(self._folder / f"{arguments[0]}.log").open("ab"), env=os.environ | {"PYTHONPATH": str(ROOT)} | LEAN,
-            start_new_session=True,
-        )  # fmt: skip
+        options = f"{self.address} --host 127.0.0.1 --nthreads 1 --no-nanny --no-dashboard --local-directory"
+        worker = started("-m", "dask", "worker", *options.split(), str(self._folder), cwd=cwd, **self._quiet)
+        self.workers.append(worker)
 
     def close(self) -> None:
         """Kill all of it."""

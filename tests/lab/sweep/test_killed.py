@@ -6,11 +6,10 @@ import os
 import random
 import signal
 import subprocess
-import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
 
 import pandas as pd
 import pytest
@@ -18,10 +17,11 @@ import pytest
 from knee_contact_ros.lab.study import read_study
 from knee_contact_ros.system.errors import IncompleteError
 from tests.helpers.disks import remount
-from tests.lab.sweep.studies import Cluster, assert_same, begin, computed, end, left_over, table, wait_until
+from tests.lab.sweep.studies import Cluster, assert_same, computed, end, left_over, started, table, wait_until
 
 pytestmark = pytest.mark.xdist_group("cluster of cohorts")
 CASES = 1280
+A_BLOCK = 80
 
 
 @pytest.fixture(scope="module")
@@ -53,92 +53,57 @@ def own(tmp_path: Path) -> Iterator[Cluster]:
     cluster.close()
 
 
-class Client(threading.Thread):
-    """A client in this process."""
-
-    def __init__(self, asked: Path, folder: Path, address: str) -> None:
-        super().__init__()
-        self.asked, self.folder, self.address = asked, folder, address
-        self.came: Any = None
-        self.start()
-
-    def run(self) -> None:
-        self.came = computed(read_study(self.asked), self.folder, scheduler=self.address)
+def begun(asked: Path, out: Path, *options: str, files: int = 2) -> subprocess.Popen[str]:
+    """A command of which so many files of the table are there."""
+    code = "import sys; from knee_contact_ros.commands.main import main; sys.exit(main())"
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True}
+    client = started("-c", code, "sweep", str(asked), "--output", str(out), *options, **pipes)
+    wait_until(lambda: len(list(out.glob("cases-*"))) >= files)
+    return client
 
 
-def finished(folder: Path) -> int:
-    """How many files of the table there are."""
-    return len(list(folder.glob("cases-*")))
+def assert_goes_on(asked: Path, out: Path, address: str, expected: pd.DataFrame, files: int = 1) -> None:
+    """The next run computes the rest."""
+    again = computed(read_study(asked), out, scheduler=address)
+    assert again.there >= A_BLOCK * files
+    assert again.there + again.computed == CASES
+    assert_same(table(out), expected)
 
 
 def test_killed_workers(asked: Path, expected: pd.DataFrame, own: Cluster, tmp_path: Path) -> None:
-    client = Client(asked, tmp_path / "out", own.address)
-    for files in sorted(random.sample(range(1, 13), 2)):
-        wait_until(lambda files=files: finished(tmp_path / "out") >= files or not client.is_alive())
-        time.sleep(random.uniform(0.0, 0.1))
-        own.add_worker()
-        end(own.workers[-2])
-    client.join()
-    assert client.came[:3] == (0, CASES, 0)
-    assert_same(table(tmp_path / "out"), expected)
+    out = tmp_path / "out"
+    with ThreadPoolExecutor() as pool:
+        client = pool.submit(computed, read_study(asked), out, scheduler=own.address)
+        for files in sorted(random.sample(range(1, 13), 2)):
+            wait_until(lambda files=files: len(list(out.glob("cases-*"))) >= files or client.done())
+            time.sleep(random.uniform(0.0, 0.1))
+            own.add_worker()
+            end(own.workers[-2])
+        assert client.result()[:3] == (0, CASES, 0)
+    assert_same(table(out), expected)
 
 
 def test_a_killed_scheduler(asked: Path, expected: pd.DataFrame, own: Cluster, tmp_path: Path) -> None:
-    client = begin("sweep", str(asked), "--output", str(tmp_path / "out"), "--scheduler", own.address)
-    files = random.randint(1, 10)
-    wait_until(lambda: finished(tmp_path / "out") >= files)
+    out, files = tmp_path / "out", random.randint(1, 10)
+    client = begun(asked, out, "--scheduler", own.address, files=files)
     end(own.scheduler)
     said, errors = client.communicate(timeout=60)
     assert (client.returncode, said) == (1, "")
     waits = f"knee-contact: warning: scheduler {own.address}: it has no workers yet, and is waited for\n"
-    told = errors.removeprefix(waits)
-    assert told == (
+    assert errors.removeprefix(waits) == (
         "knee-contact: the scheduler is gone; what is finished stays, and the rest is computed by the same command\n"
     )
-    there = finished(tmp_path / "out")
-    assert there >= files
-    assert len(table(tmp_path / "out")) < CASES
+    assert len(table(out)) < CASES
     own.start_scheduler()
     own.add_worker()
-    again = computed(read_study(asked), tmp_path / "out", scheduler=own.address)
-    assert again.there >= 40 * files
-    assert again.there + again.computed == CASES
-    assert_same(table(tmp_path / "out"), expected)
+    assert_goes_on(asked, out, own.address, expected, files)
 
 
 def test_a_killed_client(asked: Path, expected: pd.DataFrame, cluster: Cluster, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    client = begin("sweep", str(asked), "--output", str(out), "--scheduler", cluster.address)
-    wait_until(lambda: finished(out) >= 2)
+    client = begun(asked, tmp_path / "out", "--scheduler", cluster.address)
     time.sleep(random.uniform(0.0, 0.5))
     end(client)
-    again = computed(read_study(asked), out, scheduler=cluster.address)
-    assert again.there >= 80
-    assert again.there + again.computed == CASES
-    assert_same(table(out), expected)
-
-
-def test_a_killed_client_with_workers_of_its_own_leaves_no_process(asked: Path, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    client = begin("sweep", str(asked), "--output", str(out), "--workers", "1")
-    wait_until(lambda: finished(out) >= 2)
-    client.kill()
-    client.communicate()
-    wait_until(lambda: not in_group(client.pid))
-
-
-def test_ctrl_c(asked: Path, expected: pd.DataFrame, cluster: Cluster, tmp_path: Path) -> None:
-    out = tmp_path / "out"
-    client = begin("sweep", str(asked), "--output", str(out), "--workers", "2")
-    wait_until(lambda: finished(out) >= 2)
-    os.killpg(client.pid, signal.SIGINT)  # a terminal's Ctrl-C reaches the workers, too
-    said, errors = client.communicate(timeout=60)
-    assert (client.returncode, said, errors.strip()) == (130, "", "knee-contact: interrupted")
-    assert left_over(out) == []
-    wait_until(lambda: not in_group(client.pid))
-    assert 0 < len(table(out)) < CASES
-    computed(read_study(asked), out, scheduler=cluster.address)
-    assert_same(table(out), expected)
+    assert_goes_on(asked, tmp_path / "out", cluster.address, expected)
 
 
 def in_group(leader: int) -> list[str]:
@@ -148,14 +113,31 @@ def in_group(leader: int) -> list[str]:
     return [pid for group, state, pid in rows if group == str(leader) and not state.startswith("Z")]
 
 
+def test_a_killed_client_with_workers_of_its_own_leaves_no_process(asked: Path, tmp_path: Path) -> None:
+    client = begun(asked, tmp_path / "out", "--workers", "1")
+    client.kill()
+    client.communicate()
+    wait_until(lambda: not in_group(client.pid))
+
+
+def test_ctrl_c(asked: Path, expected: pd.DataFrame, cluster: Cluster, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    client = begun(asked, out, "--workers", "2")
+    os.killpg(client.pid, signal.SIGINT)  # a terminal's Ctrl-C reaches the workers, too
+    said, errors = client.communicate(timeout=60)
+    assert (client.returncode, said, errors.strip()) == (130, "", "knee-contact: interrupted")
+    assert left_over(out) == []
+    wait_until(lambda: not in_group(client.pid))
+    assert len(table(out)) < CASES
+    assert_goes_on(asked, out, cluster.address, expected)
+
+
 def test_a_full_disk(asked: Path, expected: pd.DataFrame, cluster: Cluster, small_disk: Path) -> None:
     remount(small_disk, "size=300k")
     out = small_disk / "out"
     with pytest.raises(IncompleteError, match=f"output {out}: No space left on device"):
         computed(read_study(asked), out, scheduler=cluster.address)
     wait_until(lambda: not left_over(out))  # what the workers had begun
-    before = len(table(out))
-    assert 0 < before < CASES
+    assert len(table(out)) < CASES
     remount(small_disk, "size=20m")
-    assert computed(read_study(asked), out, scheduler=cluster.address).there >= before
-    assert_same(table(out), expected)
+    assert_goes_on(asked, out, cluster.address, expected)

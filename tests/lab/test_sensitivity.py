@@ -1,0 +1,299 @@
+"""Indices that are known, of Ishigami's function and of a power law; and the command: page, figures, table."""
+
+from __future__ import annotations
+
+import csv
+import json
+import math
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from distributed import LocalCluster
+from SALib.test_functions import Ishigami
+
+import knee_contact_ros
+from knee_contact_ros.commands.main import main
+from knee_contact_ros.lab import run_study
+from knee_contact_ros.lab.sensitivity import Analysed, SalibDesign, analyse, not_converged, read_sensitivity_study
+from knee_contact_ros.system.files import share_folder
+from tests.helpers.bags import write_rosbag2
+from tests.helpers.messages import raw_inputs
+
+CUBE = {name: [-math.pi, math.pi] for name in ("a", "b", "c")}
+A, B = 7.0, 0.1
+"""Constants of Ishigami's function, as SALib has them"""
+ALONE, FOURTH = 0.5 * (1.0 + B * math.pi**4 / 5.0) ** 2, 8.0 * B**2 * math.pi**8 / 225.0
+VARIANCE = ALONE + A**2 / 8.0 + FOURTH
+"""Parts and the whole: Ishigami & Homma 1990, doi:10.1109/ISUMA.1990.151285"""
+KNOWN = {"S1": (ALONE / VARIANCE, A**2 / 8.0 / VARIANCE, 0.0),
+         "ST": ((ALONE + FOURTH) / VARIANCE, A**2 / 8.0 / VARIANCE, FOURTH / VARIANCE)}  # fmt: skip
+EXPONENT = 1.5
+RANGES = {"contact.stiffness": [5e7, 1e8], "contact.layer_depth": {"from": 2e-4, "to": 8e-4, "scale": "log"}}
+QUICK = {"fidelity.level": "quasi_static"}
+Capture = pytest.CaptureFixture[str]
+
+
+def ishigami(design: SalibDesign) -> np.ndarray:
+    """The function at the points of a design."""
+    return np.asarray(Ishigami.evaluate(design.points(), A, B))
+
+
+def test_ishigami_is_found_within_the_intervals() -> None:
+    design = SalibDesign(n=1024, second_order=True, ranges=CUBE)
+    found = analyse(design, "peak_depth", ishigami(design))
+    for kind, known in KNOWN.items():
+        indices = found.by_parameter(kind)
+        for name, value in zip(CUBE, known, strict=True):
+            assert indices[name].low <= value <= indices[name].high
+            assert indices[name].high - indices[name].low < 0.2
+    assert found.final("S2")[0].parameter == "a x c"
+    assert found.final("S2")[0].low <= FOURTH / VARIANCE <= found.final("S2")[0].high
+    course = found.course("ST", "a")
+    assert [index.n for index in course] == [128, 256, 512, 1024]
+    widths = [index.high - index.low for index in course]
+    assert widths == sorted(widths, reverse=True)
+
+
+def test_morris_finds_what_bends_and_what_is_straight() -> None:
+    design = SalibDesign(method="morris", n=40, ranges={"a": [0.0, 2.0], "b": [0.0, 1.0], "c": [0.0, 1.0]})
+    a, b, _ = design.points().T
+    found = analyse(design, "peak_depth", 3.0 * a - 4.0 * b**2)
+    sizes, means, deviations = map(found.by_parameter, ("mu_star", "mu", "sigma"))
+    assert sizes["a"].value == pytest.approx(6.0)  # over its whole range
+    assert sizes["c"].value == 0.0
+    assert sizes["b"].low <= 4.0 <= sizes["b"].high  # the mean slope of a square over steps of 2/3, of 0 and 1/3
+    assert deviations["a"].value == pytest.approx(0.0, abs=1e-9)
+    assert deviations["b"].value > 0.5
+    assert means["a"].value > 0.0 > means["b"].value
+
+
+@pytest.mark.parametrize("method", ["sobol", "morris"])
+def test_a_larger_design_begins_with_the_smaller_one(method: str) -> None:
+    small, large = (SalibDesign(method=method, n=n, ranges=CUBE) for n in (8, 32))
+    assert np.array_equal(small.points(), large.points()[: small.number])
+    assert np.array_equal(large.points(), large.points())
+    assert np.abs(large.points()).max() <= math.pi
+
+
+def stiffness_alone(found: Analysed) -> tuple[float, float]:
+    """The interval of what the stiffness makes alone."""
+    index = found.by_parameter("S1")["contact.stiffness"]
+    return index.low, index.high
+
+
+def mean_power(begin: float, end: float, power: float) -> float:
+    """The mean of x^power, x evenly in the logarithm."""
+    return (end**power - begin**power) / (power * math.log(end / begin))
+
+
+def test_a_depth_at_rest_has_the_indices_of_its_power_law() -> None:
+    """depth = (share L / K)^(1/n): in the logarithm, indices go as the squares of the ranges' logarithms.
+
+    Of the depth itself they are those of a product of independent factors x^a, x evenly in the logarithm.
+    """
+    ends = {"contact.stiffness": (4e7, 1.2e8), "load.share": (0.4, 0.8)}
+    ranges = {name: {"from": begin, "to": end, "scale": "log"} for name, (begin, end) in ends.items()}
+    gait = {"time": [0.0, 0.01], "flexion_angle": [0.2, 0.2], "axial_load": [1500.0, 1500.0]}
+    params = {"contact.law": "hertz", "contact.exponent": EXPONENT, "fidelity.level": "quasi_static"}
+    found = knee_contact_ros.sensitivity(gait, ranges, params, n=512, outcomes=["peak_depth"])
+    rows = found.cohort
+    expected = (1500.0 * rows.values["load.share"] / rows.values["contact.stiffness"]) ** (1.0 / EXPONENT)
+    assert rows.outcomes.peak_depth == pytest.approx(expected, abs=1e-6)  # the tolerance
+
+    widths = {name: math.log(end / begin) ** 2 for name, (begin, end) in ends.items()}
+    design = SalibDesign(n=512, ranges=ranges)
+    low, high = stiffness_alone(analyse(design, "peak_depth", np.log(rows.outcomes.peak_depth)))
+    assert low <= widths["contact.stiffness"] / sum(widths.values()) <= high
+
+    spread = {}
+    for (name, (begin, end)), power in zip(ends.items(), (-1.0 / EXPONENT, 1.0 / EXPONENT), strict=True):
+        spread[name] = mean_power(begin, end, 2.0 * power) / mean_power(begin, end, power) ** 2 - 1.0
+    whole = (1.0 + spread["contact.stiffness"]) * (1.0 + spread["load.share"]) - 1.0
+    low, high = stiffness_alone(found.outcomes["peak_depth"])
+    assert low <= spread["contact.stiffness"] / whole <= high
+    assert list(found.to_pandas().columns) == ["outcome", "parameter", "index", "n", "value", "low", "high"]
+
+
+def test_failed_cases_constant_outcomes_and_noise_have_no_index() -> None:
+    design = SalibDesign(n=256, ranges=CUBE)
+    values = ishigami(design)
+    values[[0, 1, 7 * design.group]] = np.nan  # of two groups
+    found = analyse(design, "peak_depth", values)
+    assert (found.cases, found.spoilt, found.reason) == (3, 2, "")
+    assert found.final("ST")[0].n == 254
+    spoilt = values.copy()
+    spoilt[: 30 * design.group : design.group] = np.nan
+    noise = 3.0 + 1e-9 * np.random.default_rng(0).standard_normal(design.number)
+    for given, bound, reason in (
+        (spoilt, 0.0, "31 of 1280 cases have no value and spoil 30 of 256 groups"),
+        (np.full(design.number, np.nan), 0.0, "no case has a value"),
+        (np.zeros(design.number), 0.0, "the same in all cases"),
+        (noise, 1e-6, "its numerical error bound is 1e-06 m"),
+    ):
+        refused = analyse(design, "peak_depth", given, bound)
+        assert not refused.indices
+        assert reason in refused.reason
+
+
+def test_what_has_not_converged_is_told() -> None:
+    design = SalibDesign(n=16, ranges=CUBE)
+    told = not_converged(design, analyse(design, "peak_depth", ishigami(design)))
+    assert "not converged: the interval of the largest index" in told[0]
+    assert "may do" in told[0]
+    design = SalibDesign(n=4096, ranges={"a": [0.0, 1.0], "b": [0.0, 0.3]})
+    assert not not_converged(design, analyse(design, "peak_depth", design.points() @ [1.0, 1.0]))
+
+
+@pytest.fixture(scope="module")
+def scheduler() -> Iterator[str]:
+    """Workers in this process, to save their start."""
+    with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, protocol="tcp", host="127.0.0.1",
+                      dashboard_address="127.0.0.1:0", scheduler_kwargs={"dashboard": False}) as cluster:  # fmt: skip
+        yield cluster.scheduler_address
+
+
+@pytest.fixture(scope="module")
+def short_bag(tmp_path_factory: pytest.TempPathFactory, right_bag: Path) -> Path:
+    """Three tenths of a second of the shipped gait, in stance."""
+    return write_rosbag2(tmp_path_factory.mktemp("bag") / "short", raw_inputs(right_bag)[60:90])
+
+
+def asked(**sensitivity: Any) -> dict[str, Any]:
+    """What a file says of the analysis."""
+    return {"sensitivity": {"n": 8, "ranges": RANGES} | sensitivity}
+
+
+def run(folder: Path, bag: Path, content: dict[str, Any], scheduler: str) -> int:
+    """The command on a study, into `folder / out`."""
+    usual = {"bags": [str(bag)], "params": ["osteoarthritis"], "values": QUICK, "outcomes": ["peak_depth"]}
+    (folder / "study.yaml").write_text(json.dumps(usual | content))
+    output = str(folder / "out")
+    return main(["sensitivity", str(folder / "study.yaml"), "--output", output, "--scheduler", scheduler])
+
+
+def rows(folder: Path) -> list[dict[str, str]]:
+    """The table of a study."""
+    with (folder / "out" / "indices.csv").open() as file:
+        return list(csv.DictReader(file))
+
+
+def test_a_study_gives_a_page_with_pictures_and_a_tidy_table(
+    tmp_path: Path, short_bag: Path, scheduler: str, capsys: Capture
+) -> None:
+    content = asked(n=16, second_order=True) | {"grid": {"load.share": [0.4, 1.0]}}
+    assert run(tmp_path, short_bag, content, scheduler) == 0
+    told = capsys.readouterr()
+    assert "192 cases: 128 computed, 64 were there, 0 failed" in told.out  # of two parameters, A with b is B with a
+    assert "peak depth, load.share 0.4: contact.layer_depth" in told.out
+    assert "warning: peak depth, load.share 0.4: not converged" in told.err
+    names = {path.name for path in (tmp_path / "out").iterdir()}
+    assert names == {"cases", "indices.csv", "sensitivity.html", "bars_peak_depth.png", "convergence_peak_depth.png"}
+    page = (tmp_path / "out" / "sensitivity.html").read_text()
+    assert "192 knees computed" in page.replace("\n", " ")
+    assert "not converged: the interval of the largest index" in page
+    found = rows(tmp_path)
+    columns = "bag, params, load.share, outcome, parameter, index, n, value, low, high"
+    assert ", ".join(found[0]) == columns
+    for name, values in (("load.share", {"0.4", "1.0"}), ("index", {"S1", "ST", "S2"}), ("n", {"8", "16"})):
+        assert {row[name] for row in found} == values
+    assert all(float(row["low"]) <= float(row["value"]) <= float(row["high"]) for row in found)
+
+
+def test_a_larger_n_and_a_stopped_run_compute_only_what_is_missing(
+    tmp_path: Path, short_bag: Path, scheduler: str, capsys: Capture, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    assert run(tmp_path, short_bag, asked(), scheduler) == 0
+    assert "32 cases: 32 computed" in capsys.readouterr().out
+    assert run(tmp_path, short_bag, asked(n=16), scheduler) == 0
+    assert "64 cases: 32 computed, 32 were there" in capsys.readouterr().out
+    at_once = (tmp_path / "out" / "indices.csv").read_bytes()
+
+    shutil.rmtree(tmp_path / "out")
+    finished = run_study.computed_by
+
+    def stopped(*asked: Any) -> Iterator[Any]:
+        for number, one in enumerate(finished(*asked)):
+            if number == 3:
+                raise KeyboardInterrupt
+            yield one
+
+    monkeypatch.setattr(run_study, "computed_by", stopped)
+    assert run(tmp_path, short_bag, asked(n=16), scheduler) == 130
+    assert not (tmp_path / "out" / "indices.csv").exists()
+    monkeypatch.setattr(run_study, "computed_by", finished)
+    capsys.readouterr()
+    assert run(tmp_path, short_bag, asked(n=16), scheduler) == 0
+    computed = int(capsys.readouterr().out.split(" cases: ")[1].split(" computed")[0])
+    assert 0 < computed < 64
+    assert (tmp_path / "out" / "indices.csv").read_bytes() == at_once
+
+
+def test_morris_has_a_plane_and_takes_away_pictures_of_an_earlier_run(
+    tmp_path: Path, short_bag: Path, scheduler: str
+) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "bars_peak_force.png").write_bytes(b"earlier")
+    assert run(tmp_path, short_bag, asked(method="morris"), scheduler) == 0
+    pictures = {path.name for path in (tmp_path / "out").glob("*.png")}
+    assert pictures == {"bars_peak_depth.png", "plane_peak_depth.png"}  # of n/2 there are too few for a course
+    assert {row["index"] for row in rows(tmp_path)} == {"mu_star", "mu", "sigma"}
+
+
+def test_cases_that_fail_are_told_and_too_many_leave_no_index(
+    tmp_path: Path, short_bag: Path, scheduler: str, capsys: Capture
+) -> None:
+    ranges = {"contact.femoral_radius": [0.03, 0.06], "contact.tibial_radius": [0.05, 0.09]}
+    content = asked(ranges=ranges) | {"values": QUICK | {"contact.stiffness_from": "material"}}
+    assert run(tmp_path, short_bag, content, scheduler) == 0
+    told = capsys.readouterr()
+    assert " failed" in told.out
+    assert "cases have no value and spoil" in told.out
+    assert "cases failed: parameter contact.tibial_radius" in told.err
+    assert rows(tmp_path) == []
+    assert "so what is left is no sample of the ranges" in (tmp_path / "out" / "sensitivity.html").read_text()
+
+
+def test_the_example_can_be_read() -> None:
+    found = read_sensitivity_study(share_folder() / "examples" / "sensitivity.yaml")
+    assert found.cases.number == 4 * found.design.n * 8
+
+
+def also(name: str, told: Any) -> dict[str, Any]:
+    """A further range."""
+    return asked(ranges=RANGES | {name: told})
+
+
+@pytest.mark.parametrize(
+    ("wrong", "line"),
+    [
+        (asked(n=100), "sensitivity.n: 100 is not allowed with method sobol; a power of two, 64 or 128"),
+        (asked(n=4), "sensitivity.n: 4 is not allowed; it should be greater than or equal to 8"),
+        (asked(method="fast"), "sensitivity.method: 'fast' is not allowed"),
+        (asked(method="morris", second_order=True), "second_order: True is not allowed with method morris"),
+        (asked(confidence=2), "sensitivity.confidence: 2 is not allowed"),
+        (asked(ranges={"load.share": [0.4, 0.8]}), "sensitivity.ranges: {'load.share': [0.4, 0.8]} is not allowed"),
+        (also("contact.stifness", [1.0, 2.0]), "did you mean contact.stiffness?"),
+        (also("load.share", [0.9, 0.4]), "load.share: {'from': 0.9, 'to': 0.4} is not allowed; from 0.9"),
+        (also("load.share", [0.4, 1.4]), "load.share: 1.4 is not allowed"),
+        (also("load.share", 0.4), "load.share: 0.4 is not allowed; a list of two numbers, or from, to and scale"),
+        (also("fidelity.budget", [0, 9]), "fidelity.budget: a range is not allowed; it is no real number"),
+        ({"sensitivity": None}, "sensitivity: None is not allowed; method, n and ranges"),
+        (asked() | {"sample": {"n": 8}}, "sample is not allowed; the method under sensitivity draws its own"),
+        (asked() | {"outcomes": ["peak_death"]}, "outcomes: peak_death is not allowed; one of peak_force, peak_depth"),
+        (asked() | {"outcomes": []}, "outcomes: [] is not allowed; a list of some of"),
+        (asked() | {"grid": {"contact.stiffness": [5e7]}}, "contact.stiffness is given twice"),
+        (asked() | {"bags": ["nowhere.mcap"]}, "bag nowhere.mcap: No such file or directory"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_one_line(
+    tmp_path: Path, short_bag: Path, wrong: dict[str, Any], line: str, capsys: Capture
+) -> None:
+    assert run(tmp_path, short_bag, wrong, "tcp://127.0.0.1:9") == 2
+    told = capsys.readouterr().err
+    assert line in told
+    assert told.count("\n") == 1
+    assert not list((tmp_path / "out").glob("*.html"))

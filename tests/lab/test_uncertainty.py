@@ -1,0 +1,290 @@
+"""Standard deviations as they are given, a recording that is answered again, and intervals against closed forms."""
+
+from __future__ import annotations
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import knee_contact_ros
+from knee_contact_ros import UsageError
+from knee_contact_ros.bags.provenance import Change, read_provenance
+from knee_contact_ros.lab import uncertainty
+from knee_contact_ros.lab.uncertainty import (
+    Deviation,
+    Given,
+    Propagated,
+    deviations_of,
+    factor,
+    given_in,
+    read_deviations,
+)
+from knee_contact_ros.model.types import FLAT, Rows, Status
+from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.parameters.files import load_parameters
+from tests.helpers.bags import write_rosbag2
+from tests.helpers.messages import raw_inputs
+from tests.offline.test_solve import make_bag, silent
+
+HEALTHY: dict[str, Any] = {}
+DISPLACED = {"drive": "displacement"}
+LOAD, STIFFNESS, EXPONENT = 1000.0, 7.905694e7, 1.5
+AT_REST = {"contact.law": "hertz", "fidelity.level": "quasi_static", "contact.stiffness": STIFFNESS}
+DEPTH = (0.5 * LOAD / STIFFNESS) ** (1.0 / EXPONENT)
+"""[m] of half the load, at rest"""
+SHORT = 60
+"""Ticks: plain Python computes them"""
+
+
+def test_numbers_and_percents(tmp_path: Path) -> None:
+    path = tmp_path / "sd.yaml"
+    path.write_text("flexion_angle: 0.02\naxial_load: 5 %\ncontact:\n  stiffness: 10%\n  damping: 20\n")
+    read = dict(read_deviations(path))
+    own = read | {"femur.mass": np.int64(2), "femur.radius": np.float32(0.5)}
+    given = deviations_of(own, load_parameters(HEALTHY))
+    assert given == (
+        Deviation("flexion_angle", 0.02, relative=False), Deviation("axial_load", 0.05, relative=True),
+        Deviation("contact.stiffness", 0.1, relative=True), Deviation("contact.damping", 20.0, relative=False),
+        Deviation("femur.mass", 2.0, relative=False), Deviation("femur.radius", 0.5, relative=False),
+    )  # fmt: skip
+    assert [one.text for one in given] == ["0.02 rad", "5 %", "10 %", "20 N s/m", "2 kg", "0.5 m"]
+    assert given[2].moved(200.0, 1.0) == pytest.approx(200.0 * math.exp(0.1), rel=1e-15)  # a percentage is a factor
+    assert given[2].moved(given[2].moved(200.0, 1.0), -1.0) == pytest.approx(200.0, rel=1e-15)
+    assert given[3].moved(np.array([0.0, 100.0]), -2.0).tolist() == [-40.0, 60.0]
+    path.write_text("- 3\n")
+    with pytest.raises(UsageError, match="names to standard deviations"):
+        read_deviations(path)
+
+
+@pytest.mark.parametrize(
+    ("params", "name", "size", "said"),
+    [
+        (HEALTHY, "load", 3.0, "load is not allowed; flexion_angle, axial_load, medial_share, femoral_height, or a"),
+        (HEALTHY, "contact.law", 1.0, "contact.law is not allowed"),
+        (HEALTHY, "contact.stifness", "5 %", "contact.stifness is not allowed; did you mean contact.stiffness?"),
+        (HEALTHY, "axial_loads", 3.0, "axial_loads is not allowed; did you mean axial_load?"),
+        (HEALTHY, "", 3.0, "'' is not allowed; flexion_angle"),
+        (HEALTHY, "fidelity.tolerance", 1e-6, "fidelity.tolerance is not allowed"),
+        (HEALTHY, "knee.flexion_offset", 0.1, "knee.flexion_offset is not allowed; flexion_angle"),
+        (HEALTHY, "contact.stiffness", "ten", "contact.stiffness: 'ten' is not allowed; a number > 0 in SI units"),
+        (HEALTHY, "contact.stiffness", "120 %", "'120 %' is not allowed; a number > 0 in SI units, or up to '100 %'"),
+        (HEALTHY, "contact.stiffness", "5 % of it", "'5 % of it' is not allowed"),
+        *((HEALTHY, "contact.stiffness", size, f"contact.stiffness: {size!r} is not allowed")
+          for size in (0.0, -1.0, math.nan, math.inf, 10**400, np.True_, True, None)),
+        (HEALTHY, "flexion_angle", "5 %", "flexion_angle: '5 %' is not allowed; in rad"),
+        (HEALTHY, "medial_share", "5 %", "medial_share: '5 %' is not allowed; in parts of 1"),
+        (HEALTHY, "lateral.contact.stiffness", "5 %", "moves nothing with load.compartment fixed_share"),
+        (HEALTHY, "femoral_height", 1e-4, "femoral_height moves nothing with drive force"),
+        (DISPLACED, "axial_load", 10.0, "axial_load moves nothing with drive displacement"),
+        (DISPLACED, "medial_share", 0.1, "medial_share moves nothing with drive displacement"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_is_refused_in_a_line(params: dict[str, Any], name: str, size: Any, said: str) -> None:
+    with pytest.raises(UsageError, match=f"^uncertainty: .*{re.escape(said)}"):
+        deviations_of({name: size}, load_parameters(params))
+
+
+def given(bag: Path, source: Any) -> Given:
+    return given_in(bag, load_parameters(source), silent, replays=1, compiled=False)
+
+
+def assert_same(one: Rows, other: Rows) -> None:
+    """In all but the status, of which the pairing has told its part, and the latency."""
+    for name in set(FLAT.names or ()) - {"status", "latency"}:
+        np.testing.assert_array_equal(one.view(FLAT)[name], other.view(FLAT)[name], err_msg=name)
+
+
+@pytest.fixture(scope="module")
+def short_bag(right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_rosbag2(tmp_path_factory.mktemp("short") / "bag", raw_inputs(right_bag)[: 2 * SHORT])
+
+
+@pytest.mark.parametrize(
+    "knee",
+    ["healthy", "osteoarthritis", ["healthy", "both_compartments"], {"load.compartment": "measured_share"},
+     {"load.compartment": "moment_balance", "load.compartment_spacing": 0.2}, {"load.compartment": "total"}], ids=str,
+)  # fmt: skip
+def test_off_by_nothing_are_the_bits_of_solve(knee: Any, short_bag: Path) -> None:
+    taken = given(short_bag, knee)
+    assert len(taken.knees.recording.axial) == len(taken.rows[0]) >= SHORT - 1
+    for again, rows in zip(taken.answers({}), taken.rows, strict=True):
+        assert_same(again, rows)
+
+
+def test_a_run_that_began_anew_begins_anew(tmp_path: Path) -> None:
+    rows = [(i * 5_000_000, 0.1 + 0.02 * i, 800.0 + 200.0 * i) for i in range(40)]
+    once = raw_inputs(make_bag(tmp_path / "once.mcap", rows))
+    later = [message._replace(log_time=message.log_time + 1_000_000_000) for message in once]
+    taken = given(write_rosbag2(tmp_path / "twice", [*once, *later]), {"contact.law": "kelvin_voigt"})
+    assert np.flatnonzero(taken.rows[0]["status"] & Status.TIME_RESET).tolist() == [40]
+    assert_same(taken.answers({})[0], taken.rows[0])
+
+
+@pytest.mark.parametrize(("asked", "used"), [(None, [False, True]), (True, [True, True]), (False, [False, False])])
+def test_many_answers_are_compiled_though_a_few_are_not(
+    asked: bool | None, used: list[bool], short_bag: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[bool] = []
+    compute = uncertainty.compute
+
+    def noted(*arguments: Any, **options: Any) -> Any:
+        made.append(options["compiled"])
+        return compute(*arguments, **options)
+
+    monkeypatch.setattr(uncertainty, "compute", noted)
+    monkeypatch.setattr(uncertainty, "worth_compiling", lambda ticks: ticks > 100 * SHORT)
+    few = given_in(short_bag, load_parameters("healthy"), silent, replays=2, compiled=asked)
+    for one in (few, few._replace(replays=200)):
+        assert_same(one.answers({})[0], few.rows[0])
+    assert made == used
+
+
+def test_inputs_are_off_where_they_come_in(short_bag: Path, tmp_path: Path) -> None:
+    taken = given(short_bag, ["healthy", "both_compartments"])
+    medial, lateral = taken.rows
+    more, less = taken.answers({
+        Deviation("axial_load", 10.0, relative=False): 2.0, Deviation("medial_share", 0.1, relative=False): 1.0,
+        Deviation("flexion_angle", 0.01, relative=False): -1.0,
+    })  # fmt: skip
+    axial = medial["load"] + lateral["load"] + 20.0
+    assert more["load"] == pytest.approx(0.6 * axial, rel=1e-14)  # a few roundings
+    assert less["load"] == pytest.approx(0.4 * axial, rel=1e-14)
+    np.testing.assert_array_equal(more["flexion_angle"], medial["flexion_angle"] - 0.01)
+    rows = [(i * 5_000_000, 0.1, 800.0) for i in range(10)]
+    taken = given(make_bag(tmp_path / "in.mcap", rows, heights=[0.0335] * 10), DISPLACED)
+    assert_same(taken.answers({})[0], taken.rows[0])
+    (higher,) = taken.answers({Deviation("femoral_height", 1e-4, relative=False): 1.0})
+    # the depth of a circle on a plane is the radius less the height: three roundings of 0.03 m
+    assert higher["penetration_depth"] == pytest.approx(taken.rows[0]["penetration_depth"] - 1e-4, abs=3e-17)
+
+
+def test_a_recording_whose_parameters_changed_is_refused(short_bag: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out.mcap"
+    solve(short_bag, load_parameters("mri_femur"), out, silent)
+    provenance = read_provenance(out)
+    assert provenance is not None
+    taken = given_in(out, provenance, silent, replays=0, compiled=False)
+    assert_same(taken.answers({})[0], taken.rows[0])
+    with pytest.raises(UsageError, match="its parameters changed, or the model was reset"):
+        given_in(out, provenance._replace(changes=(Change(3, None),)), silent, replays=0)
+
+
+@pytest.fixture(scope="module")
+def resting(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    rows = [(i * 10_000_000, 0.3, LOAD) for i in range(5)]
+    return make_bag(tmp_path_factory.mktemp("resting") / "in.mcap", rows)
+
+
+def of(bag: Path, deviations: dict[str, Any], **values: Any) -> Propagated:
+    return knee_contact_ros.uncertainty(bag, {**AT_REST, **values}, deviations, compiled=False).medial
+
+
+@pytest.mark.parametrize(
+    ("name", "size", "power"),
+    [("axial_load", "1 %", 1.0), ("axial_load", 10.0, 1.0), ("medial_share", 0.005, 1.0), ("load.share", 0.005, 1.0),
+     ("contact.stiffness", "1 %", -1.0), ("contact.stiffness", 0.01 * STIFFNESS, -1.0)],
+)  # fmt: skip
+def test_the_depth_at_rest_goes_with_a_power(name: str, size: Any, power: float, resting: Path) -> None:
+    """δ = (F/K)^(1/n), so that dδ/δ = ±1/n dF/F; secants over ±1 % differ from that by some 1e-4, being cubic."""
+    found = of(resting, {name: size})
+    ((depth, force),) = found.parts.values()
+    assert depth == pytest.approx(power / EXPONENT * 0.01 * DEPTH, rel=3e-4)
+    assert force == pytest.approx(0.005 * LOAD if power > 0.0 else 0.0, abs=0.005 * LOAD * 3e-4)
+    assert found.depth == pytest.approx(np.abs(depth), rel=1e-15)
+
+
+def test_a_radius_in_a_stiffness_of_materials(resting: Path) -> None:
+    """K ~ √R, 1/R = 1/r_F - 1/r_T: dK/K = dR/(2R) = R/(2 r_F²) dr_F."""
+    found = of(resting, {"contact.femoral_radius": 1e-4}, **{"contact.stiffness_from": "material"})
+    ((depth, _),) = found.parts.values()
+    slope = -1.0 / (1.0 / 0.034 - 1.0 / 0.095) / (2.0 * 0.034**2) / EXPONENT
+    assert depth == pytest.approx(slope * 1e-4 * found.rows["penetration_depth"], rel=1e-4)  # secants, likewise
+
+
+def test_independent_inputs_add_up_in_squares_and_a_depth_is_not_below_0(resting: Path, tmp_path: Path) -> None:
+    found = of(resting, {"axial_load": "3 %", "contact.stiffness": "4 %", "femur.radius": 1e-3})
+    depths = np.array([depth for depth, _ in found.parts.values()])
+    assert (depths[2] == 0.0).all()  # a circle on a level plane is as deep with any radius
+    assert found.depth == pytest.approx(np.hypot(depths[0], depths[1]), rel=1e-14)
+    assert found.depth == pytest.approx(0.05 / EXPONENT * DEPTH, rel=1e-3)  # secants of 4 %
+    low, high = found.depth_interval(0.6826894921370859)  # one standard deviation
+    assert high - low == pytest.approx(2.0 * found.depth, rel=1e-12)
+    assert (found.depth_interval(0.99)[1] > found.depth_interval()[1]).all()
+    light = make_bag(tmp_path / "in.mcap", [(i * 10_000_000, 0.3, 1.0) for i in range(3)])
+    found = of(light, {"axial_load": 0.9, "contact.stiffness": "90 %"})
+    assert (found.depth_interval(0.999)[0] == 0.0).all()
+    assert (found.force_interval(0.999)[0] == 0.0).all()
+    assert factor(0.95) == pytest.approx(1.959963984540054, rel=1e-12)  # tables of the normal distribution
+    for level in (0.0, 1.0, -0.3, math.nan):
+        with pytest.raises(UsageError, match=r"level: .* is not allowed; a probability between 0 and 1"):
+            found.depth_interval(level)
+
+
+def test_at_the_end_of_a_range_one_side_is_taken(resting: Path) -> None:
+    ((depth, force),) = of(resting, {"load.share": 0.01}, **{"load.share": 1.0}).parts.values()
+    assert force == pytest.approx(0.01 * LOAD, rel=1e-9)  # from 0.99 to 1 only; the depth is solved to 1e-12 of it
+    assert (depth > 0.0).all()
+    for name, size, unit in (("load.share", 2.0, ""), ("flexion_angle", 100.0, " rad")):
+        with pytest.raises(UsageError, match=f"{name}: {size:g}{unit} leaves the range of what it is of both ways"):
+            of(resting, {name: size}, **{"load.share": 1.0})
+
+
+GAIT = {"flexion_angle": 0.035, "axial_load": "3 %", "medial_share": 0.02, "contact.stiffness": "5 %",
+        "contact.damping": "20 %"}  # fmt: skip
+SAMPLES = 120
+SPREAD = 4.0 / math.sqrt(2.0 * (SAMPLES - 1))
+"""Four standard errors of a standard deviation, relative"""
+
+
+def test_samples_of_gait_agree_with_the_straight_lines(right_bag: Path) -> None:
+    """On all of the gait, in contact throughout: where deviations are small, straight lines hold."""
+    found = knee_contact_ros.uncertainty(right_bag, "healthy", GAIT, compiled=True)
+    (check,) = found.sampled(SAMPLES, seed=3)
+    for linear, drawn in ((found.medial.depth, check.depth), (found.medial.force, check.force)):
+        # A share of 20 damping and 5 % of stiffness bend by 1 %: beside four standard errors
+        assert drawn == pytest.approx(linear, rel=SPREAD + 0.02)
+    for inside in (check.depth_inside, check.force_inside):
+        # 95 %, of 120 samples: ±4 standard errors of the binomial distribution at any tick
+        assert inside.min() > 0.95 - 4.0 * math.sqrt(0.05 * 0.95 / SAMPLES)
+    at = int(found.medial.rows["load"].argmax())
+    assert found.medial.depth[at] > 100.0 * found.medial.rows["error_estimate"][at]
+    assert found.lateral is None
+    assert found.sampled(2, seed=3)[0].depth.shape == check.depth.shape
+    with pytest.raises(UsageError, match="samples: 1 is not allowed"):
+        found.sampled(1)
+
+
+def test_compartments_have_their_own_loads_and_follow_unless_they_are_named(resting: Path) -> None:
+    both = {**AT_REST, "load.compartment": "both"}
+    shared = knee_contact_ros.uncertainty(resting, both, {"medial_share": 0.01}, compiled=False)
+    assert shared.lateral is not None
+    for one, sign in ((shared.medial, 1.0), (shared.lateral, -1.0)):  # what one gets the other one loses
+        ((_, force),) = one.parts.values()
+        assert force == pytest.approx(sign * 0.01 * LOAD, rel=1e-9)
+    medial, lateral = {"contact.stiffness": "10 %"}, {"lateral.contact.stiffness": "10 %"}
+    ten = DEPTH * math.sinh(0.1 / EXPONENT)  # e^±0.1, to the power -1/n
+    for deviations, alone in (
+        (medial, ten), (lateral, 0.0), (medial | lateral, ten), (medial | lateral | {"lateral.femur.radius": 1e-3}, ten)
+    ):  # fmt: skip
+        found = knee_contact_ros.uncertainty(resting, both, deviations, compiled=False)
+        assert found.lateral is not None
+        assert found.medial.depth == pytest.approx(alone, rel=1e-9, abs=1e-18)
+        assert found.lateral.depth == pytest.approx(ten, rel=1e-9)
+
+
+def test_deviations_may_be_a_file_and_what_is_wrong_is_told(resting: Path, tmp_path: Path) -> None:
+    path = tmp_path / "sd.yaml"
+    path.write_text("contact.stiffness: 1 %\n")
+    ours = knee_contact_ros.uncertainty(resting, AT_REST, path, compiled=False).medial
+    assert ours.depth.tolist() == of(resting, {"contact.stiffness": "1 %"}).depth.tolist()
+    for arguments, said in (
+        ((resting, AT_REST), r"^uncertainty: no standard deviation is given; as contact.stiffness: 10 %"),
+        ((None, None, {"contact.stiffness": "1 %"}), r"^no bag: give one"),
+        ((resting, AT_REST, tmp_path / "nowhere.yaml"), r"nowhere\.yaml"),
+    ):
+        with pytest.raises(UsageError, match=said):
+            knee_contact_ros.uncertainty(*arguments)

@@ -1,1 +1,0 @@
-"""Uncertainty of inputs and parameters."""
