@@ -166,10 +166,10 @@ def report(
     """
     from knee_contact_ros.bags.bag_files import others_beside
     from knee_contact_ros.bags.topic_names import names_in_bag
+    from knee_contact_ros.lab.report.page import run_report
+    from knee_contact_ros.lab.report.runs import ReportOptions
     from knee_contact_ros.system.files import parameters_of
     from knee_contact_ros.system.terminal import say, warn
-    from knee_contact_ros.tools.report.run import run_report
-    from knee_contact_ros.tools.report.runs import ReportOptions
 
     values = parameters_of(parameter_values)
     sources: list[Path | dict[str, Any]] = [*find_parameters(parameter_files), *([values] if values else [])]

@@ -9,7 +9,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from knee_contact_ros.tools.report.published import COMPUTED
+from knee_contact_ros.lab.report.figures import COMPUTED
 from studies.gait import BODY_WEIGHT
 from studies.reproduction.drawing import (
     BLUE,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from benchmarks.report import Section
-from knee_contact_ros.tools.report.published import COMPUTED, Range
+from knee_contact_ros.lab.report.figures import COMPUTED, Range
 from studies.gait import BODY_WEIGHT
 from studies.reproduction.page import COMPARISON, compare, unprinted
 from studies.reproduction.phases import at, load_peaks, peak, second_stance

@@ -17,8 +17,8 @@ from knee_contact_ros.commands.main import main
 from tests.helpers.needs import HAS_VIEWER
 
 for needed in (
-    "tools.report.figures",
-    "tools.report.page",
+    "lab.report.figures",
+    "lab.report.page",
     "bags.recover",
     "offline.solve",
     "offline.estimate_load",

@@ -1,17 +1,16 @@
-"""A comparison changes the contact law and nothing else, and says what that is."""
+"""A comparison changes the contact law and nothing else, and says what that is; runs are told apart by their names."""
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import pytest
 
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.parameters.files import flat_parameters, load_parameters
+from knee_contact_ros.lab.report.runs import between, differences, kept, named, overlay
+from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.tools.report.comparison import between, compared, differences, kept, named, overlay
-from tests.tools.report.pages import page_of, text_of
+from tests.lab.report.pages import numbers, runs_of, text_of
 
 pytest.importorskip("matplotlib", minversion="3.7", reason="needs the extra report: matplotlib 3.7")
 HEAVY = {"body_weight": 931.6, "load.share": 0.6, "femur.radius": 0.036, "femur.mass": 11.8, "contact.damping": 4000.0}
@@ -24,13 +23,6 @@ WHOLE = """/**/knee_contact:
     record: {path: elsewhere}
     contact: {law: hertz, stiffness: 5.0e+7}
 """
-
-
-def peaks(folder: Path) -> dict[str, list[dict[str, str]]]:
-    """Rows by run."""
-    with (folder / "peaks.csv").open(encoding="utf-8", newline="") as file:
-        rows = list(csv.DictReader(file))
-    return {run: [row for row in rows if row["run"] == run] for run in dict.fromkeys(row["run"] for row in rows)}
 
 
 @pytest.fixture
@@ -46,30 +38,30 @@ def test_a_heavy_subject_stays_itself(bags: tuple[Path, Path], tmp_path: Path, w
     subject = [text for name, value in HEAVY.items() for text in ("-p", f"{name}:={value}")]
     arguments = ["--compare", str(whole) if file == "WHOLE" else file, "--output", str(tmp_path / "out")]
     assert main(["report", str(bags[0]), *subject, *arguments]) == 0
-    (own, other) = peaks(tmp_path / "out").values()
+    (own, other) = runs_of(tmp_path / "out" / "peaks.csv").values()
     assert [row["load_BW"] for row in own] == [row["load_BW"] for row in other]
     for row in (own[1], other[1]):  # of the shipped right knee 0.5 of it are 1556.9 N
         assert float(row["load_BW"]) == pytest.approx(1556.9 / 0.5 * 0.6 / 931.6, abs=1e-4)
         assert float(row["contact_force_BW"]) == pytest.approx(float(row["load_BW"]), abs=0.05)  # hertz rings
     assert own[1]["penetration_depth_mm"] != other[1]["penetration_depth_mm"]
-    text, told = text_of(page_of(tmp_path / "out")), "body_weight 931.6 (not 700)"
-    assert (told in text) == (file == "WHOLE")
-    assert (told in capsys.readouterr().err) == (file == "WHOLE")
+    told = "body_weight 931.6 (not 700)"
+    assert (told in text_of(tmp_path / "out")) == (told in capsys.readouterr().err) == (file == "WHOLE")
 
 
-def test_only_the_contact_law_is_taken(whole: Path) -> None:
+def test_only_the_contact_law_is_taken(whole: Path, config: Path) -> None:
     before = load_parameters(HEAVY)
     over = overlay([whole])
-    after = compared(before, over)
-    assert flat_parameters(after) == flat_parameters(before) | {"contact.law": "hertz", "contact.stiffness": 5.0e7}
+    assert over.taken == {"contact.law": "hertz", "contact.stiffness": 5.0e7}
     assert kept(before, over) == [
         "body_weight 931.6 (not 700)", "load.share 0.6 (not 0.5)", "femur.radius 0.036 (not 0.03)",
         "fidelity.tolerance 1e-06 (not 1e-07)",
     ]  # fmt: skip
-    assert kept(load_parameters({"body_weight": 700, "load.share": 0.5, "femur.radius": 0.03,
-                                 "fidelity.tolerance": 1e-7}), over) == []  # fmt: skip
-    told = [str(each) for each in differences(before, after)]
+    same = {"body_weight": 700, "load.share": 0.5, "femur.radius": 0.03, "fidelity.tolerance": 1e-7}
+    assert kept(load_parameters(same), over) == []
+    told = [str(each) for each in differences(before, load_parameters([before, over.taken]))]
     assert told == ["law: kelvin_voigt → hertz", "stiffness: 7.90569e+07 → 5e+07 N/m^n", "damping: 4000 → – N s/m"]
+    with pytest.raises(UsageError, match=r"^--compare .*healthy.yaml is given twice$"):  # under any of its names
+        overlay([Path("healthy"), config / "healthy.yaml"])
 
 
 @pytest.mark.parametrize(
@@ -90,13 +82,9 @@ def test_curves_are_named_by_what_differs(values: dict[str, object], names: tupl
     assert (named(found, after=False), named(found, after=True)) == names
 
 
-def test_a_law_that_nobody_knows_differs_in_all() -> None:
+def test_what_is_not_known_differs_and_recordings_say_in_what_they_do() -> None:
     found = differences(None, load_parameters({}))
-    assert str(found[0]) == "law: not told → kelvin_voigt"
-    assert named(found, after=False) == "not told"
-
-
-def test_recordings_with_parameters_of_their_own_say_so() -> None:
+    assert (str(found[0]), named(found, after=False)) == ("law: not told → kelvin_voigt", "not told")
     one, other = load_parameters({}), load_parameters({"body_weight": 800.0, "contact.law": "hertz", "deadline": 0.2})
     assert between([one, one]) == []
     assert between([one, other]) == [
@@ -104,28 +92,26 @@ def test_recordings_with_parameters_of_their_own_say_so() -> None:
     ]  # fmt: skip
 
 
-def test_a_file_without_a_law_is_refused(bags: tuple[Path, Path], config: Path, tmp_path: Path, capsys) -> None:
-    with pytest.raises(UsageError, match=r"mri_femur.yaml: sets no contact\.\* parameter"):
-        overlay([config / "osteoarthritis.yaml", config / "mri_femur.yaml"])
-    arguments = ["--compare", "mri_femur.yaml", "--output", str(tmp_path / "out")]
-    assert main(["report", str(bags[0]), *arguments]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
-    assert not (tmp_path / "out").exists()
-
-
 def test_curves_that_are_the_same_are_said_to_be(bags: tuple[Path, Path], tmp_path: Path) -> None:
-    path = tmp_path / "stiffer.yaml"
-    path.write_text("/**/knee_contact: {ros__parameters: {contact: {stiffness: 7.9057e+7}}}\n")
-    assert main(["report", str(bags[0]), "--compare", str(path), "--output", str(tmp_path / "out")]) == 0
-    text = text_of(page_of(tmp_path / "out"))
-    assert text.count("Curves with “=” are the same within") == 4  # force, depth, pressure and patch
-    assert "Largest difference" not in text
-    path.write_text("/**/knee_contact: {ros__parameters: {contact: {stiffness: 3.0e+7}}}\n")
-    assert main(["report", str(bags[0]), "--compare", str(path), "--output", str(tmp_path / "other")]) == 0
-    assert "Largest difference of dashed to full: gait2354_right" in text_of(page_of(tmp_path / "other"))
+    path, texts = tmp_path / "stiffer.yaml", []
+    for stiffness in ("7.9057e+7", "3.0e+7"):
+        path.write_text(f"/**/knee_contact: {{ros__parameters: {{contact: {{stiffness: {stiffness}}}}}}}\n")
+        assert main(["report", str(bags[0]), "--compare", str(path), "--output", str(tmp_path / "out")]) == 0
+        texts.append(text_of(tmp_path / "out"))
+    assert texts[0].count("Curves with “=” are the same within") == 4  # force, depth, pressure and patch
+    assert "Largest difference" not in texts[0]
+    assert "Largest difference of dashed to full: gait2354_right" in texts[1]
 
 
-def test_a_file_that_is_given_twice_is_refused(config: Path) -> None:
-    """Under any of its names."""
-    with pytest.raises(UsageError, match=r"^--compare .*healthy.yaml is given twice$"):
-        overlay([Path("healthy"), config / "healthy.yaml"])
+def test_files_of_one_name_are_told_apart_also_when_their_laws_differ(
+    bags: tuple[Path, Path], config: Path, tmp_path: Path
+) -> None:
+    recordings = [tmp_path / folder / "knee.mcap" for folder in ("first", "second")]
+    for recording, file in zip(recordings, ("healthy", "osteoarthritis"), strict=True):
+        recording.parent.mkdir()
+        assert main(["solve", str(bags[0]), "--params", file, "--output", str(recording)]) == 0
+    compare = ["--compare", str(config / "osteoarthritis.yaml"), "--output", str(tmp_path / "out")]
+    assert main(["report", *map(str, recordings), *compare]) == 0
+    runs = runs_of(tmp_path / "out" / "peaks.csv")
+    assert [label.split(",")[0] for label in runs] == ["knee (1)", "knee (1)", "knee (2)", "knee (2)"]
+    assert all(len(numbers(rows, "load_N")) == 4 for rows in runs.values())

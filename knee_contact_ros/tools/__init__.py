@@ -1,1 +1,0 @@
-"""What is not needed to compute: each a command of its own; none imports another."""
