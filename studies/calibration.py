@@ -24,7 +24,7 @@ from benchmarks.report import Section, machine, save
 from knee_contact_ros import calibrate
 from knee_contact_ros.lab.calibrate import Calibration
 from knee_contact_ros.lab.calibrate.contact import fittable_of, measured_from, problem_of
-from knee_contact_ros.lab.calibrate.fit import unknowns_of
+from knee_contact_ros.lab.calibrate.problem import scaled, unknowns_of
 from knee_contact_ros.parameters.files import load_parameters
 from studies.calibration_cases import CASES, DEPTH, DOUBTFUL, FORCE, GAP, Case
 from studies.reference import LAWS, Knee, Solution, solve
@@ -166,7 +166,7 @@ def along_straight_lines(name: str, repetitions: int) -> NDArray[np.int64]:
         drawn = made(name, case, np.random.default_rng((2026, sum(name.encode()), number)))
         whole = {DEPTH: exact.depth, GAP: -exact.depth, FORCE: exact.force}
         noise = {each: (drawn[each] - whole[each])[np.isfinite(drawn[each])] for each in measured.answers}
-        off = problem.scaled(noise, case.noise)
+        off = scaled(noise, case.noise)
         error = spread @ (slopes.T @ off)
         size = 1.0 if case.told else math.sqrt(float(((off - slopes @ error) ** 2).sum()) / freedom)
         limit = student.ppf(0.5 + 0.5 * LEVEL, math.inf if case.told else freedom)

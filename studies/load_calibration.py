@@ -8,6 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
+from dataclasses import replace
 from functools import cache
 from multiprocessing import get_context
 from pathlib import Path
@@ -21,8 +22,9 @@ from scipy.stats import t as student
 
 from benchmarks.report import Section, machine, save
 from knee_contact_ros.joint_reaction.leg import STILL, UNKNOWN, Ground, Joints
-from knee_contact_ros.lab.calibrate.fit import LINEAR, correlations, fitted, intervals, samples_per_value, unknowns_of
+from knee_contact_ros.lab.calibrate.fit import LINEAR, correlations, fitted, intervals, samples_per_value
 from knee_contact_ros.lab.calibrate.load import AXIAL_FORCE, LoadProblem, Referenced, fittable_in, load_problem_of
+from knee_contact_ros.lab.calibrate.problem import unknowns_of
 from knee_contact_ros.offline.estimate_load import Sensed
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
@@ -97,14 +99,14 @@ def walking(count: int) -> tuple[Sensed, ...]:
 def true_problem(count: int) -> LoadProblem:
     """Problem of the fit against the true joint reaction, at the true constants."""
     parameters = load_parameters({**BODY, **TRUE}, LoadParameters)
-    empty = Referenced("made", "", walking(count), {AXIAL_FORCE: np.zeros(count)}, {}, ())
+    empty = Referenced("made", "", {AXIAL_FORCE: np.zeros(count)}, walking(count), {}, ())
     problem = load_problem_of(parameters, empty, unknowns_of(list(TRUE), fittable_in(parameters)))
     return held_against(problem, problem.answers(problem.start)[AXIAL_FORCE])
 
 
 def held_against(problem: LoadProblem, reference: Floats) -> LoadProblem:
     """Problem in which the axial force is held against another reference [N]."""
-    measured = problem.measured._replace(answers={AXIAL_FORCE: reference})
+    measured = replace(problem.measured, answers={AXIAL_FORCE: reference})
     return load_problem_of(problem.parameters, measured, problem.unknowns)
 
 

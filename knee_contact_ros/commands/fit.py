@@ -193,9 +193,8 @@ def calibrate(
     Prints each value with its interval by profile likelihood, says where parameters trade off, and writes them as a
     parameter file for --params, to be given after the others.
     """
-    from knee_contact_ros.lab.calibrate import CalibrateOptions, is_bag, run_calibrate, show_calibration
+    from knee_contact_ros.lab.calibrate import is_bag, run_calibrate
     from knee_contact_ros.system.files import parameters_of
 
     files = find_parameters(parameter_files, None if is_bag(data) else DEFAULT_PARAMETERS)
-    options = CalibrateOptions(data, files, parameters_of(parameter_values), with_intervals=not without, **rest)
-    show_calibration(run_calibrate(options), rest["output"])
+    run_calibrate(data, files, parameters_of(parameter_values), with_intervals=not without, **rest)

@@ -1,24 +1,19 @@
-"""Tables of measurements: inputs over time, and the depth, force, gap or height to which parameters are fitted.
-
-The parameters of the contact model that can be fitted.
-
-The problem of fitting the contact model of a compartment to what was measured of it.
-"""
+"""The problem of fitting the contact model of a compartment to a table of what was measured of it."""
 
 from __future__ import annotations
 
 import difflib
-import hashlib
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from knee_contact_ros.lab.calibrate.fit import STEP, Fittable, Problem, Unknown, nested
+from knee_contact_ros.lab.calibrate.problem import STEP, Data, Fittable, Problem, Unknown
+from knee_contact_ros.lab.number_table import read_number_table
 from knee_contact_ros.model.compiler import worth_compiling
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import Floats, Rows, Status, blank
@@ -33,24 +28,26 @@ from knee_contact_ros.parameters.files import (
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters, constants_of
 from knee_contact_ros.results import Results
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import read_regular
 
-LARGEST_FILE = 2**28
-"""Largest size [B] of a file"""
 TIME, ANGLE, LOAD, AXIAL_LOAD, HEIGHT = "time", "flexion_angle", "load", "axial_load", "femoral_height"
 ANSWERS = {"penetration_depth": "m", "contact_force": "N", "gap": "m", HEIGHT: "m"}
 """Columns to which the model is fitted, with their units; the height only where it is not prescribed"""
 COLUMNS = (TIME, ANGLE, LOAD, AXIAL_LOAD, *ANSWERS)
-COMMENT = "#"
+SHARE = "load.share"
+SECTIONS = ("femur.", "tibia.", "contact.")
+RADII = ("femoral_radius", "tibial_radius")
+ELASTIC = {"stiffness": ("youngs_modulus", "poissons_ratio"), "stiffness_2": ("youngs_modulus_2", "poissons_ratio_2")}
+"""Parameters from which a stiffness is computed where `contact.stiffness_from` is material"""
+FINE = 1e-9
+"""Tolerance of the depth [m] while fitting: the model's error must be far below that of the measurement"""
+RUNS = 300
+"""Approximate number of runs of the model that a fit takes for each free parameter"""
 
 
-class Measured(NamedTuple):
-    """Inputs and measured answers of a trial of n samples."""
+@dataclass(frozen=True)
+class Measured(Data):
+    """Inputs and measured answers of a trial of n samples; for the answers' names see `ANSWERS`."""
 
-    source: str
-    """Name of the file or table, for messages"""
-    digest: str
-    """SHA-256 of the file; empty for a table in memory"""
     time: Floats
     """Time [s], shape (n,), increasing"""
     angle: Floats
@@ -61,13 +58,6 @@ class Measured(NamedTuple):
     """Whether the load is the axial joint reaction, of which the compartment bears `load.share`"""
     height: Floats | None
     """Prescribed femoral height [m], shape (n,); None with drive force"""
-    answers: dict[str, Floats]
-    """Measured columns by name, see `ANSWERS`, shape (n,) each; not a number where nothing was measured"""
-
-    @property
-    def number(self) -> int:
-        """Number of measured values."""
-        return sum(int(np.isfinite(column).sum()) for column in self.answers.values())
 
     def load_of(self, share: float) -> Floats:
         """Give the load of the compartment [N], which bears a `share` of an axial load."""
@@ -83,22 +73,12 @@ def read_measured(path: Path, drive: str) -> Measured:
     Raises:
         UsageError: the file cannot be read or is no such table, or values make no sense.
     """
-    try:
-        content = read_regular(path, LARGEST_FILE)
-        text = content.decode("utf-8-sig")
-    except OSError as error:
-        raise UsageError(f"cannot read {path}: {error.strerror}") from None
-    except UnicodeDecodeError:
-        raise UsageError(f"cannot read {path}: it is not a text file in UTF-8") from None
-    lines = [line for line in text.splitlines() if line.strip() and not line.lstrip().startswith(COMMENT)]
-    names = [name.strip() for name in lines[0].split(",")] if lines else []
-    doubled = [name for place, name in enumerate(names) if name in names[:place]]
-    if doubled:
-        raise UsageError(f"{path}: column {doubled[0] or repr('')} is there twice")
-    _check_names(names, str(path))
-    rows = np.array([_row(line, len(names), number, path) for number, line in enumerate(lines[1:], start=1)])
-    columns = {name: rows[:, place] if len(rows) else rows for place, name in enumerate(names)}
-    return measured_from(columns, drive, str(path))._replace(digest=hashlib.sha256(content).hexdigest())
+    table = read_number_table(path, gaps=True)
+    for place, name in enumerate(table.names):
+        if name in table.names[:place]:
+            raise UsageError(f"{path}: column {name or repr('')} is there twice")
+    columns = dict(zip(table.names, table.rows.T, strict=True))
+    return replace(measured_from(columns, drive, str(path)), digest=table.digest)
 
 
 def measured_from(table: Mapping[str, ArrayLike] | Any, drive: str, source: str = "table") -> Measured:
@@ -113,7 +93,6 @@ def measured_from(table: Mapping[str, ArrayLike] | Any, drive: str, source: str 
         UsageError: columns are missing, or values make no sense.
     """
     columns = {str(name): _column(table, name, source) for name in table}
-    _check_names(columns, source)
     prescribed = drive == "displacement"
     loads = [name for name in (LOAD, AXIAL_LOAD) if name in columns]
     if len(loads) == 2:
@@ -121,29 +100,32 @@ def measured_from(table: Mapping[str, ArrayLike] | Any, drive: str, source: str 
     needed = [TIME, ANGLE, *([HEIGHT] if prescribed else [] if loads else [LOAD])]
     for name in needed:
         if name not in columns:
-            present = ", ".join(columns) or "none"
-            raise UsageError(f"{source}: it has no column {name}, which drive {drive} needs; it has {present}")
-    answers = {name: columns[name] for name in ANSWERS if name in columns and name not in needed}
+            raise UsageError(f"{source}: it has no column {name}, which drive {drive} needs; it has "
+                             f"{', '.join(columns) or 'none'}")  # fmt: skip
+    measurable = [name for name in ANSWERS if name not in needed]
+    answers = {name: columns[name] for name in measurable if name in columns}
     if not answers:
-        known = ", ".join(name for name in ANSWERS if name not in needed)
-        raise UsageError(f"{source}: nothing is measured in it; one or more of the columns {known} are needed")
+        raise UsageError(f"{source}: nothing is measured in it; one or more of the columns {', '.join(measurable)} "
+                         "are needed")  # fmt: skip
     if len({len(column) for column in columns.values()}) > 1 or not len(columns[TIME]):
         raise UsageError(f"{source}: its columns must be equally long, with one sample or more")
-    for name in {*needed, *loads}:
-        _check_finite(columns[name], name, source, all_of_them=True)
-    for name, column in answers.items():
-        _check_finite(column, name, source, all_of_them=False)
+    _check_finite({name: columns[name] for name in [*needed, *loads]}, answers, source)
     time = columns[TIME]
-    if not (np.diff(np.rint(time * 1e9)) > 0.0).all():
-        row = int(np.argmin(np.diff(np.rint(time * 1e9)) > 0.0)) + 2
+    grows = np.diff(np.rint(time * 1e9)) > 0.0
+    if not grows.all():
+        row = int(np.argmin(grows)) + 2
         raise UsageError(f"{source}: column {TIME} must increase, by a nanosecond or more; row {row} does not")
     load = columns[loads[0]] if loads else np.zeros(len(time))
     height = columns[HEIGHT] if prescribed else None
-    return Measured(source, "", time, columns[ANGLE], load, loads == [AXIAL_LOAD], height, answers)
+    return Measured(source, "", answers, time, columns[ANGLE], load, loads == [AXIAL_LOAD], height)
 
 
 def _column(table: Any, name: str, source: str) -> Floats:
     """Copy a column as numbers."""
+    if str(name) not in COLUMNS:
+        near = difflib.get_close_matches(str(name), COLUMNS, n=1, cutoff=0.6)
+        hint = f"did you mean {near[0]}?" if near else f"allowed are {', '.join(COLUMNS)}"
+        raise UsageError(f"{source}: column {name or repr(name)} is not known; {hint}")
     try:
         column = np.array(table[name], dtype=np.float64)
     except (TypeError, ValueError):
@@ -153,40 +135,16 @@ def _column(table: Any, name: str, source: str) -> Floats:
     return column
 
 
-def _row(line: str, columns: int, number: int, path: Path) -> list[float]:
-    """Read the numbers of a line; an empty cell is not a number."""
-    try:
-        cells = [float(cell) if cell.strip() else math.nan for cell in line.split(",")]
-    except ValueError:
-        cells = []
-    if len(cells) != columns:
-        raise UsageError(f"{path}: row {number} does not hold {columns} numbers or empty cells: {line[:60]}")
-    return cells
-
-
-def _check_names(names: Iterable[str], source: str) -> None:
-    for name in names:
-        if name not in COLUMNS:
-            near = difflib.get_close_matches(name, COLUMNS, n=1, cutoff=0.6)
-            hint = f"did you mean {near[0]}?" if near else f"allowed are {', '.join(COLUMNS)}"
-            raise UsageError(f"{source}: column {name or repr(name)} is not known; {hint}")
-
-
-def _check_finite(column: Floats, name: str, source: str, *, all_of_them: bool) -> None:
+def _check_finite(inputs: Mapping[str, Floats], answers: Mapping[str, Floats], source: str) -> None:
     """Refuse an input that is missing or infinite anywhere, and an answer that is infinite or missing everywhere."""
-    wrong = ~np.isfinite(column) if all_of_them else np.isinf(column)
-    if wrong.any():
-        what = "an input must be known at every sample" if all_of_them else "allowed are numbers and empty cells"
-        raise UsageError(f"{source}: column {name} is {column[wrong][0]:g} in row {int(wrong.argmax()) + 1}; {what}")
-    if np.isnan(column).all():
-        raise UsageError(f"{source}: column {name} is empty; leave it out, or give what was measured")
-
-
-SHARE = "load.share"
-SECTIONS = ("femur.", "tibia.", "contact.")
-RADII = ("femoral_radius", "tibial_radius")
-ELASTIC = {"stiffness": ("youngs_modulus", "poissons_ratio"), "stiffness_2": ("youngs_modulus_2", "poissons_ratio_2")}
-"""Parameters from which a stiffness is computed where `contact.stiffness_from` is material"""
+    for name, column in [*inputs.items(), *answers.items()]:
+        wrong = ~np.isfinite(column) if name in inputs else np.isinf(column)
+        if wrong.any():
+            what = "an input must be known at every sample" if name in inputs else "allowed are numbers and empty cells"
+            where = f"column {name} is {column[wrong][0]:g} in row {int(wrong.argmax()) + 1}"
+            raise UsageError(f"{source}: {where}; {what}")
+        if np.isnan(column).all():
+            raise UsageError(f"{source}: column {name} is empty; leave it out, or give what was measured")
 
 
 def fittable_of(parameters: Parameters, measured: Measured) -> Fittable:
@@ -217,17 +175,10 @@ def _used_parameters(parameters: Parameters, measured: Measured) -> list[str]:
         elastic = [name for stiffness, made_of in ELASTIC.items() if stiffness in names for name in made_of]
         names = [name for name in names if name not in (*ELASTIC, "exponent")] + [*elastic, *RADII]
     used = [f"contact.{name}" for name in dict.fromkeys(names)]
-    if measured.height is None:
-        used.append("femur.mass")
-    used.append("femur.radius" if femur.geometry == "circle" else "femur.scale")
+    used += [] if measured.height is not None else ["femur.mass"]
+    used += ["femur.radius" if femur.geometry == "circle" else "femur.scale"]
     used += {"plane": ["tibia.slope"], "circle": ["tibia.radius"], "profile": ["tibia.scale"]}.get(tibia.geometry, [])
     return [*used, *([SHARE] if measured.axial else [])]
-
-
-FINE = 1e-9
-"""Tolerance of the depth [m] while fitting: the model's error must be far below that of the measurement"""
-RUNS = 300
-"""Approximate number of runs of the model that a fit takes for each free parameter"""
 
 
 @dataclass(frozen=True)
@@ -244,8 +195,7 @@ class ContactProblem(Problem):
 
     def answers(self, place: Floats) -> Rows:
         """Compute the answers, shape (n,), without the checks of `KneeModel.run`; see `Problem.answers`."""
-        values = self.values(place)
-        parameters = _with(self.parameters, values)
+        parameters = self._near(place)
         trial, height = self.measured, self.measured.height
         if height is None:
             height = np.full(len(trial.time), math.nan)
@@ -253,56 +203,53 @@ class ContactProblem(Problem):
         durations = np.diff(stamps, prepend=stamps[:1]) * 1e-9
         samples = np.column_stack([durations, trial.angle, trial.load_of(parameters.load.share), height])
         answers = blank(len(samples))
+        surfaces = {each.name for each in self.unknowns if each.name.startswith(("femur.", "tibia."))} - {"femur.mass"}
         try:
-            self._model(parameters, values).compute(samples, answers)
+            model = self._made(parameters) if surfaces else retuned(self.model, parameters)
+            model.compute(samples, answers)
         except ValueError as error:
             raise UsageError(f"{trial.source}: {error}") from None
         return answers
 
     def predicted(self, place: Floats) -> Results:
-        """Compute the answers by a run of a model; see `Problem.predicted`."""
-        parameters = checked(self.parameters, self.values(place))
+        """Compute the answers by a run of a model, after a check of all parameters; see `Problem.predicted`."""
+        parameters = load_parameters(flat_parameters(self.parameters) | self.values(place))
         trial = self.measured
         try:
             model = self._made(parameters)
             series = model.run(trial.time, trial.angle, trial.load_of(parameters.load.share), trial.height)
         except ValueError as error:
             raise UsageError(f"{trial.source}: {error}") from None
-        return series.view(Results) if not isinstance(series, Results) else series
+        return series if isinstance(series, Results) else series.view(Results)
 
     def doubts(self, place: Floats) -> list[str]:
         """Report answers with a status that makes them unusable, and landings at which a measured force leaps."""
-        return [*self._unusable(place), *self._leaps(place)]
-
-    def _unusable(self, place: Floats) -> list[str]:
-        status = self.answers(place)["status"]
-        sentences = []
-        for bit, fault in (
-            (Status.NOT_CONVERGED, "missed their tolerance"),
-            (Status.IMPLAUSIBLE, "are implausibly deep"),
-        ):
-            if count := int(np.count_nonzero(status & bit)):
-                sentences.append(f"{count} of {len(status)} answers {fault}")
+        answers = self.predicted(place)
+        faults = {Status.NOT_CONVERGED: "missed their tolerance", Status.IMPLAUSIBLE: "are implausibly deep"}
+        counts = {fault: int(np.count_nonzero(answers["status"] & bit)) for bit, fault in faults.items()}
+        sentences = [f"{count} of {len(answers)} answers {fault}" for fault, count in counts.items() if count]
+        forces = self.measured.answers.get("contact_force")
+        at_touch, _, _ = self.model.law.layers[0].force_at(0.0, 1.0, 1.0)
+        if forces is not None and at_touch > 0.0:
+            apart = np.asarray(answers["gap"]) > 0.0
+            if landings := int((apart[:-1] & ~apart[1:] & np.isfinite(forces[1:])).sum()):
+                sentences.append(f"contact_force: it leaps at touch under this law, in {landings} landing(s), and a "
+                                 "sample falls before or after it: the misfit jumps, and the intervals are rough; "
+                                 "leave these samples empty")  # fmt: skip
         return sentences
 
-    def _leaps(self, place: Floats) -> list[str]:
-        """Report landings among samples of the force, under a contact law whose force leaps at touch."""
-        forces = self.measured.answers.get("contact_force")
-        if forces is None:
-            return []
-        force, _, _ = self.model.law.layers[0].force_at(0.0, 1.0, 1.0)
-        apart = np.asarray(self.predicted(place)["gap"]) > 0.0
-        landings = int((apart[:-1] & ~apart[1:] & np.isfinite(forces[1:])).sum())
-        if force <= 0.0 or not landings:
-            return []
-        return [f"contact_force: it leaps at touch under this law, in {landings} landing(s), and a sample falls before "
-                "or after it: the misfit jumps, and the intervals are rough; leave these samples empty"]  # fmt: skip
-
-    def _model(self, parameters: Parameters, values: Mapping[str, float]) -> KneeModel:
-        """Make the model of some parameters; surfaces are made again only if a parameter of theirs is free."""
-        if any(name.startswith(("femur.", "tibia.")) and name != "femur.mass" for name in values):
-            return self._made(parameters)
-        return retuned(self.model, parameters)
+    def _near(self, place: Floats) -> Parameters:
+        """Give the parameters at a place, within their ranges, which are not checked again: that takes milliseconds."""
+        changed = self.parameters
+        for name, value in self.values(place).items():
+            section, own = name.split(".")
+            changed = changed.model_copy(update={section: getattr(changed, section).model_copy(update={own: value})})
+        femur, tibia, contact = changed.femur, changed.tibia, changed.contact
+        if femur.geometry == tibia.geometry == "circle" and tibia.radius <= femur.radius:
+            raise UsageError(f"tibia.radius: {tibia.radius:g} must exceed femur.radius, {femur.radius:g}")
+        if contact.law == "elastic_foundation" and contact.tibial_radius <= contact.femoral_radius:
+            raise UsageError(f"contact.tibial_radius: {contact.tibial_radius:g} must exceed contact.femoral_radius")
+        return changed
 
     def _made(self, parameters: Parameters) -> KneeModel:
         model = build_model(parameters, curves=self.texts)
@@ -330,36 +277,13 @@ def problem_of(
     if measured.number <= len(unknowns):
         raise UsageError(f"{measured.source}: {measured.number} values are measured, for {len(unknowns)} parameters; "
                          "more are needed than parameters are free")  # fmt: skip
-    fidelity = parameters.fidelity.model_copy(
-        update={"tolerance": min(parameters.fidelity.tolerance, FINE), "budget": 0}
-    )
+    tolerance = min(parameters.fidelity.tolerance, FINE)
+    fidelity = parameters.fidelity.model_copy(update={"tolerance": tolerance, "budget": 0})
     exact = parameters.model_copy(update={"fidelity": fidelity})
     texts = curve_texts(exact, {})
-    runs = RUNS * len(unknowns) * len(measured.time)
-    compiles = worth_compiling(runs) if compiled is None else compiled
-    model = replace(build_model(exact, curves=texts), compiled=compiles, results=Results)
-    steps = np.full(len(unknowns), STEP)
-    problem = ContactProblem(measured, unknowns, steps, exact, model, texts)
+    if compiled is None:
+        compiled = worth_compiling(RUNS * len(unknowns) * len(measured.time))
+    model = replace(build_model(exact, curves=texts), compiled=compiled, results=Results)
+    problem = ContactProblem(measured, unknowns, np.full(len(unknowns), STEP), exact, model, texts)
     problem.predicted(problem.start)  # raises an error for wrong inputs or a wrong start
     return problem
-
-
-def checked(parameters: Parameters, values: Mapping[str, float]) -> Parameters:
-    """Give parameters with other values, after checking all of them.
-
-    Raises:
-        UsageError: a value is not allowed, alone or together with others.
-    """
-    return load_parameters(flat_parameters(parameters) | dict(values))
-
-
-def _with(parameters: Parameters, values: Mapping[str, float]) -> Parameters:
-    """Give parameters with other values within their ranges, which are not checked again: that takes milliseconds."""
-    sections = {name: getattr(parameters, name).model_copy(update=section) for name, section in nested(values).items()}
-    changed = parameters.model_copy(update=sections)
-    femur, tibia, contact = changed.femur, changed.tibia, changed.contact
-    if femur.geometry == tibia.geometry == "circle" and tibia.radius <= femur.radius:
-        raise UsageError(f"tibia.radius: {tibia.radius:g} must exceed femur.radius, {femur.radius:g}")
-    if contact.law == "elastic_foundation" and contact.tibial_radius <= contact.femoral_radius:
-        raise UsageError(f"contact.tibial_radius: {contact.tibial_radius:g} must exceed contact.femoral_radius")
-    return changed

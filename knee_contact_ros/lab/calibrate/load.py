@@ -1,15 +1,12 @@
-"""Read a bag of a leg's sensors with the measured joint reaction, to which the load estimate is fitted.
-
-The problem of fitting a person's constants of the load estimate to a measured joint reaction.
-"""
+"""The problem of fitting a person's constants of the load estimate to a measured joint reaction in a bag."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,9 +18,9 @@ from knee_contact_ros.bags.topic_names import Names
 from knee_contact_ros.joint_reaction.estimator import LEVELS, EstimationLevel
 from knee_contact_ros.joint_reaction.leg import NetMoments, leg_of
 from knee_contact_ros.joint_reaction.muscles import Person, reaction_of
-from knee_contact_ros.lab.calibrate.fit import STEP, Fittable, Problem, Unknown
+from knee_contact_ros.lab.calibrate.problem import STEP, Data, Fittable, Problem, Unknown
 from knee_contact_ros.model.types import UNUSABLE, Floats
-from knee_contact_ros.offline.estimate_load import Sensed, SensedBag, sensed_in
+from knee_contact_ros.offline.estimate_load import Sensed, sensed_in
 from knee_contact_ros.parameters.files import all_values, known_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.contact_stream import load_sample
@@ -35,28 +32,30 @@ Stamps = NDArray[np.int64]
 AXIAL_FORCE = "axial_force"
 OWN_NAME, ROLE = f"/{JOINT_REACTION_FORCE}", "/reference"
 """Default topic of the reference, and a role of its own, so that no other force is read in its place"""
+SECTION = "person."
+BODY = ("person.mass", "person.height")
+"""Parameters on which the net moments depend"""
+LEAST_DEVIATION, LARGEST_DEVIATION = 0.01, 10.0
+"""Range of the parameter `standard_deviation` [body weights]"""
+OTHER_TRIALS = (
+    "standard_deviation is the RMS of what is left of these data; in another trial of the same person it was up to 1.4 "
+    "times as large (docs/calibration.md)"
+)
 
 
-class Referenced(NamedTuple):
-    """Samples of a leg's sensors, n of them, one for each ground force, and the joint reaction at their stamps."""
+@dataclass(frozen=True)
+class Referenced(Data):
+    """Samples of a leg's sensors, n of them, one for each ground force, and the joint reaction at their stamps.
 
-    source: str
-    """Path of the bag"""
-    digest: str
-    """SHA-256 of the bag"""
+    The answer is `axial_force` [N], shape (n,): the reference; not a number at samples that are left out.
+    """
+
     samples: tuple[Sensed, ...]
     """All n samples"""
-    answers: dict[str, Floats]
-    """`axial_force` [N], shape (n,): the reference; not a number at samples that are left out"""
     left_out: dict[str, int]
     """Number of samples that are left out, by the reason"""
     doubts: tuple[str, ...]
     """What makes no sense in the bag, a sentence each"""
-
-    @property
-    def number(self) -> int:
-        """Number of samples that have a reference."""
-        return int(np.isfinite(self.answers[AXIAL_FORCE]).sum())
 
 
 def referenced(
@@ -76,38 +75,37 @@ def referenced(
     Raises:
         UsageError: the bag cannot be used, a topic is missing, or no sample is left.
     """
-    sensed = sensed_in(bag, parameters, names, advance)
-    stamps, axial, refused = _reference(bag, names.get(OWN_NAME, OWN_NAME))
+    sensed, topic = sensed_in(bag, parameters, names, advance), names.get(OWN_NAME, OWN_NAME)
+    stamps, axial, refused = _reference(bag, topic)
     if not sensed.samples:
         raise UsageError(f"bag {bag}: no ground force has joint angles at its time ({_counted(sensed.refused)})")
-    column = interpolated(stamps, axial, sensed, round(parameters.pairing.max_gap * NANOSECONDS))
+    at = np.array([sample.stamp for sample in sensed.samples], dtype=np.int64)
+    column = _interpolated(stamps, axial, at, round(parameters.pairing.max_gap * NANOSECONDS))
     flagged = np.array([bool(sample.status & UNUSABLE) for sample in sensed.samples])
-    without = int((np.isnan(column) & ~flagged).sum())
-    column[flagged] = np.nan
-    left_out = {"flagged": int(flagged.sum()), "without a reference": without}
+    left_out = {"flagged": int(flagged.sum()), "without a reference": int((np.isnan(column) & ~flagged).sum())}
     left_out |= {f"refused as {reason}": count for reason, count in (sensed.refused + refused).items()}
+    column[flagged] = np.nan
     if np.isnan(column).all():
         raise UsageError(f"bag {bag}: no sample can be fitted to the reference ({_counted(left_out)})")
-    return Referenced(
-        str(bag), bag_digest(bag), tuple(sensed.samples), {AXIAL_FORCE: column}, left_out,
-        (*_own(bag, names.get(OWN_NAME, OWN_NAME)), *others_beside(bag), *_damage(bag, sensed)),
-    )  # fmt: skip
+    doubts = [*_own_estimate(bag, topic), *others_beside(bag)]
+    if sensed.damage:
+        doubts.append(f"bag {bag} is damaged, and read as far as it can be: {in_a_line(sensed.damage)}")
+    return Referenced(str(bag), bag_digest(bag), {AXIAL_FORCE: column}, tuple(sensed.samples), left_out, tuple(doubts))
 
 
-def interpolated(stamps: Stamps, values: Floats, sensed: SensedBag, max_gap: int) -> Floats:
+def _interpolated(stamps: Stamps, values: Floats, at: Stamps, max_gap: int) -> Floats:
     """Interpolate the reference at the stamps of all samples.
 
     Args:
         stamps: Stamps of the reference [ns], increasing.
         values: The reference.
-        sensed: The samples.
+        at: Stamps of the samples [ns], shape (n,).
         max_gap: The largest distance [ns] of neighbours between which to interpolate.
 
     Returns:
         The reference, shape (n,). It is not a number where neighbours are missing or too far apart, and where a
         sample's stamp is not later than all before: of two runs over the same stamps, the first one counts.
     """
-    at = np.array([sample.stamp for sample in sensed.samples], dtype=np.int64)
     later = at > np.maximum.accumulate(np.concatenate(([-1], at[:-1])))
     after = np.searchsorted(stamps, at, side="left")
     inside = np.minimum(after, len(stamps) - 1)
@@ -122,32 +120,30 @@ def interpolated(stamps: Stamps, values: Floats, sensed: SensedBag, max_gap: int
 
 def _reference(bag: Path, topic: str) -> tuple[Stamps, Floats, Counter[str]]:
     """Read increasing stamps [ns] and axial forces [N] of the reference, and count refused samples by the reason."""
-    kept, refused, last = [], Counter[str](), -1
-    with _opened(bag, topic) as reader:
+    try:
+        reader = BagReader(bag, {ROLE: MESSAGE_TYPES[JOINT_REACTION_FORCE]}, {ROLE: topic})
+    except UsageError as error:
+        raise UsageError(f"{error}; --remap {JOINT_REACTION_FORCE}:=TOPIC names a measured joint reaction") from None
+    refused, last = Counter[str](), -1
+    kept: list[tuple[int, float]] = []
+    with reader:
         for message in reader.raw_messages():
             try:
                 sample = load_sample(WRENCH.read(message.data, JOINT_REACTION_FORCE)[0])
             except RefusedSampleError as error:
                 refused[error.reason] += 1
                 continue
-            if sample.stamp <= last:
+            if sample.stamp > last:
+                last = sample.stamp
+                kept.append((sample.stamp, sample.axial))
+            else:
                 refused["time_went_back"] += 1
-                continue
-            last = sample.stamp
-            kept.append((sample.stamp, sample.axial))
     if not kept:
         raise UsageError(f"bag {bag}: no message on {topic} can be a reference ({_counted(refused)})")
     return np.array([stamp for stamp, _ in kept]), np.array([axial for _, axial in kept]), refused
 
 
-def _opened(bag: Path, topic: str) -> BagReader:
-    try:
-        return BagReader(bag, {ROLE: MESSAGE_TYPES[JOINT_REACTION_FORCE]}, {ROLE: topic})
-    except UsageError as error:
-        raise UsageError(f"{error}; --remap {JOINT_REACTION_FORCE}:=TOPIC names a measured joint reaction") from None
-
-
-def _own(bag: Path, topic: str) -> list[str]:
+def _own_estimate(bag: Path, topic: str) -> list[str]:
     """Report a reference that is likely an estimate of our own, as there is a topic `load_estimate` beside it."""
     estimate = topic.removesuffix(JOINT_REACTION_FORCE) + LOAD_ESTIMATE
     if not topic.endswith(OWN_NAME):
@@ -159,24 +155,21 @@ def _own(bag: Path, topic: str) -> list[str]:
     return [f"the bag also has {estimate}: its {topic} is likely an estimate of the load node, and was not measured"]
 
 
-def _damage(bag: Path, sensed: SensedBag) -> list[str]:
-    return [f"bag {bag} is damaged, and read as far as it can be: {in_a_line(sensed.damage)}"] if sensed.damage else []
-
-
-def _counted(reasons: dict[str, int] | Counter[str]) -> str:
+def _counted(reasons: Mapping[str, int]) -> str:
     return ", ".join(f"{count} {reason}" for reason, count in reasons.items() if count) or "nothing is refused"
 
 
-SECTION = "person."
-BODY = ("person.mass", "person.height")
-"""Parameters on which the net moments depend"""
-LEAST_DEVIATION, LARGEST_DEVIATION = 0.01, 10.0
-"""Range of the parameter `standard_deviation` [body weights]"""
+def fittable_in(parameters: LoadParameters) -> Fittable:
+    """Give the parameters that can be fitted: the constants of the person."""
+    known = known_parameters(LoadParameters)
+    names = [name for name in known if name.startswith(SECTION)]
 
-OTHER_TRIALS = (
-    "standard_deviation is the RMS of what is left of these data; in another trial of the same person it was up to 1.4 "
-    "times as large (docs/calibration.md)"
-)
+    def why_not(name: str) -> str:
+        if name not in known and name in known_parameters():
+            return f"it is one of the contact, which is fitted to a table; to a bag {', '.join(names)} are"
+        return f"it is none of a person; allowed are {', '.join(names)}" if name in known else ""
+
+    return Fittable(names, known, all_values(parameters), "person.moment_arm_scale", why_not)
 
 
 @dataclass(frozen=True)
@@ -193,8 +186,7 @@ class LoadProblem(Problem):
     def answers(self, place: Floats) -> dict[str, Floats]:
         """Compute the estimate `axial_force` [N] at every sample, shape (n,), with the bits of the estimator."""
         person = self.person(place)
-        nets = self.nets or net_moments_of(self.level, person, self.measured)
-        both = zip(self.measured.samples, nets, strict=True)
+        both = zip(self.measured.samples, self.nets or _net_moments(self.level, person, self.measured), strict=True)
         axial = [reaction_of(person, each.joints, net, each.ground.force[1]).axial for each, net in both]
         return {AXIAL_FORCE: np.array(axial)}
 
@@ -209,10 +201,12 @@ class LoadProblem(Problem):
     def remarks(self, place: Floats) -> list[str]:
         """Give the RMS residual in body weights, the correlation with the reference, and counts of samples."""
         reference, answer = self.measured.answers[AXIAL_FORCE], self.answers(place)[AXIAL_FORCE]
-        known, left_out = np.isfinite(reference), self.measured.left_out
-        correlation = _correlation(reference[known], answer[known])
-        alike = f", r {correlation:.3f}" if np.isfinite(correlation) else ""
-        counts = [f"{count} {reason}" for reason, count in left_out.items() if count or "refused" not in reason]
+        known = np.isfinite(reference)
+        one, other = reference[known] - reference[known].mean(), answer[known] - answer[known].mean()
+        size = float(np.sqrt((one**2).sum() * (other**2).sum()))
+        alike = f", r {float((one * other).sum()) / size:.3f}" if size > 0.0 else ""
+        left_out = self.measured.left_out.items()
+        counts = [f"{count} {reason}" for reason, count in left_out if count or "refused" not in reason]
         return [
             f"that is {self.relative_rms(place):.3f} body weights{alike}, level {self.parameters.chosen_level}",
             f"samples: {self.measured.number} fitted; left out: {', '.join(counts)}",
@@ -244,34 +238,12 @@ def load_problem_of(parameters: LoadParameters, measured: Referenced, unknowns: 
     if measured.number <= len(unknowns):
         raise UsageError(f"bag {measured.source}: {measured.number} samples can be fitted, for {len(unknowns)} "
                          "parameters; more are needed than parameters are free")  # fmt: skip
-    level = LEVELS[parameters.chosen_level]
-    nets: tuple[NetMoments, ...] = ()
-    if not any(unknown.name in BODY for unknown in unknowns):
-        nets = net_moments_of(level, parameters.person.constants, measured)
+    level, moves = LEVELS[parameters.chosen_level], any(unknown.name in BODY for unknown in unknowns)
+    nets = () if moves else _net_moments(level, parameters.person.constants, measured)
     return LoadProblem(measured, unknowns, np.full(len(unknowns), STEP), parameters, level, nets)
 
 
-def net_moments_of(level: EstimationLevel, person: Person, measured: Referenced) -> tuple[NetMoments, ...]:
+def _net_moments(level: EstimationLevel, person: Person, measured: Referenced) -> tuple[NetMoments, ...]:
     """Compute the net moments at knee and ankle of a person at every sample."""
     leg = leg_of(person.mass, person.height)
     return tuple(level.dynamics(leg, each.joints, each.motion, each.ground) for each in measured.samples)
-
-
-def fittable_in(parameters: LoadParameters) -> Fittable:
-    """Give the parameters that can be fitted: the constants of the person."""
-    known = known_parameters(LoadParameters)
-    names = [name for name in known if name.startswith(SECTION)]
-
-    def why_not(name: str) -> str:
-        if name not in known and name in known_parameters():
-            return f"it is one of the contact, which is fitted to a table; to a bag {', '.join(names)} are"
-        return f"it is none of a person; allowed are {', '.join(names)}" if name in known else ""
-
-    return Fittable(names, known, all_values(parameters), "person.moment_arm_scale", why_not)
-
-
-def _correlation(one: Floats, other: Floats) -> float:
-    """Compute the correlation of two columns; not a number if one of them is constant."""
-    one, other = one - one.mean(), other - other.mean()
-    size = float(np.sqrt((one**2).sum() * (other**2).sum()))
-    return float((one * other).sum()) / size if size > 0.0 else float("nan")
