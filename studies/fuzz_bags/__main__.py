@@ -14,8 +14,7 @@ import click
 from benchmarks.report import Section, machine, save
 from knee_contact_ros.system.terminal import progress
 from studies.fuzz_bags.bags import CHUNK, TICKS
-from studies.fuzz_bags.judge import BAD, GOOD, SAID, Verdict
-from studies.fuzz_bags.workers import LIMIT, run
+from studies.fuzz_bags.judge import BAD, GOOD, LIMIT, SAID, Verdict, run
 
 ABOUT = (
     f"One recording of {TICKS} ticks in every form, damaged at random, through reading, pipeline and writing as in "

@@ -9,12 +9,11 @@ from pathlib import Path
 import click
 
 from benchmarks.report import Section, machine, save
-from studies.load_validation import legs as opensim
+from studies.load_validation import walks as opensim
 from studies.load_validation.answers import answers
-from studies.load_validation.knee import walks
 from studies.load_validation.opensim_sections import sections as opensim_sections
 from studies.load_validation.sections import COMMAND, TITLE, sections
-from studies.load_validation.walks import Walk
+from studies.load_validation.walks import Walk, walks
 from studies.validation.data import is_there
 
 PAGE = "load-validation.md"

@@ -10,12 +10,10 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from studies.load_validation.answers import BY_DEFAULT, FITTED, Answer
-from studies.load_validation.legs import Leg, nets_in
-from studies.load_validation.scores import HALVES, peaks
-from studies.load_validation.tables import deviations, one_number
-from studies.load_validation.walks import Floats, Walk
-from studies.reproduction.drawing import BLUE, DPI, GREEN, GREY, ORANGE, VERMILLION, panels
+from studies.load_validation.answers import BY_DEFAULT, FITTED, HALVES, Answer, peaks
+from studies.load_validation.sections import deviations, one_number
+from studies.load_validation.walks import Floats, Leg, Walk, nets_in
+from studies.reproduction.figures import BLUE, DPI, GREEN, GREY, ORANGE, VERMILLION, panels
 
 BLACK = "#000000"
 SHOWN = 3.4

@@ -7,13 +7,10 @@ from pathlib import Path
 import click
 
 from benchmarks.report import machine
-from studies.osteoarthritis.curves import curves
 from studies.osteoarthritis.figures import draw
 from studies.osteoarthritis.findings import find
-from studies.osteoarthritis.grid import whole
-from studies.osteoarthritis.knees import compute
+from studies.osteoarthritis.knees import compute, curves, whole, write_csv
 from studies.osteoarthritis.page import text
-from studies.osteoarthritis.summary import write_csv
 
 
 @click.command()

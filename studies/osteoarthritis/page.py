@@ -10,10 +10,20 @@ from tabulate import tabulate
 
 from studies.gait import BODY_WEIGHT
 from studies.osteoarthritis.findings import Count, Findings, Range
-from studies.osteoarthritis.grid import FIRST, LAYER, SECOND, SHIPPED, STUDY, Floats
-from studies.osteoarthritis.knees import Knees, along
-from studies.osteoarthritis.maps import MM
-from studies.osteoarthritis.theory import equal_second, needed_depth, turning
+from studies.osteoarthritis.knees import (
+    FIRST,
+    LAYER,
+    MM,
+    SECOND,
+    SHIPPED,
+    STUDY,
+    Floats,
+    Knees,
+    along,
+    equal_second,
+    needed_depth,
+    turning,
+)
 
 PAGE = Path(__file__).with_name("page.txt")
 PAPER_DEPTH = 0.521e-3

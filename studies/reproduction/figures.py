@@ -1,32 +1,72 @@
-"""The report's figures: healthy knee, contact points, osteoarthritis, ringing."""
+"""The figures of the page, in colours that colour-blind readers tell apart."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
+import matplotlib as mpl
+import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from knee_contact_ros.lab.report.figures import COMPUTED
 from studies.gait import BODY_WEIGHT
-from studies.reproduction.drawing import (
-    BLUE,
-    GREEN,
-    GREY,
-    MARKERS,
-    ORANGE,
-    PURPLE,
-    VERMILLION,
-    heel_strike,
-    panels,
-    store,
+from studies.reproduction.osteoarthritis import CARTILAGE, LAWS, break_even, largest_force, loss_for_paper
+from studies.reproduction.scenes import (
+    ARTHRITIC,
+    CYCLE,
+    FINE,
+    HEALTHY,
+    MECHANISMS,
+    MM,
+    MRI,
+    at,
+    body_weights,
+    gait,
+    led_run,
+    phases,
+    run,
+    second_stance,
+    within,
 )
-from studies.reproduction.osteoarthritis import CARTILAGE, break_even, largest_force, loss_for_paper
-from studies.reproduction.phases import CYCLE, at, phases, second_stance, within
-from studies.reproduction.ringing import LAWS
-from studies.reproduction.scenes import ARTHRITIC, FINE, HEALTHY, MECHANISMS, MM, MRI, body_weights, gait, led_run, run
+
+mpl.use("Agg")
+
+
+BLUE, ORANGE, GREEN, VERMILLION, PURPLE, GREY = "#0072B2", "#E69F00", "#009E73", "#D55E00", "#CC79A7", "#666666"
+SIZE: dict[Any, Any] = {
+    "font.size": 9.5,
+    "axes.titlesize": 9.5,
+    "legend.fontsize": 8.5,
+    "axes.grid": True,
+    "grid.alpha": 0.3,
+}
+WIDTH, DPI = 7.5, 150
+MARKERS = ("v", "s", "o", "D")
+"""Markers of the four phases, in their order"""
+
+
+def panels(height: float, rows: int = 1, columns: int = 1, **options: Any) -> tuple[Figure, list[Axes]]:
+    """A figure [inches] and its panels in reading order."""
+    plt.rcParams.update(SIZE)
+    figure, axes = plt.subplots(rows, columns, figsize=(WIDTH, height), squeeze=False, layout="constrained", **options)
+    return figure, list(axes.flat)
+
+
+def heel_strike(axes: Axes, time: float, label: str = "") -> None:
+    """Draw a vertical line at a heel strike [s]."""
+    axes.axvline(time, color=GREY, linewidth=1.0, linestyle=":", label=label or None)
+
+
+def store(figure: Figure, folder: Path, name: str) -> None:
+    """Write a figure as reproduction_NAME.png."""
+    folder.mkdir(parents=True, exist_ok=True)
+    figure.savefig(folder / f"reproduction_{name}.png", dpi=DPI, metadata={"Software": None})
+    plt.close(figure)
+
 
 TIME = "time [s]"
 

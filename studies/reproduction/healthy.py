@@ -1,26 +1,179 @@
-"""The healthy knee: contact force (Fig. 8), depth (Fig. 9a), femoral height (Fig. 9b)."""
+"""Loads, Table 1 and the healthy knee: peaks, depths, local radius and contact points."""
 
 from __future__ import annotations
+
+import math
+from itertools import product
 
 import numpy as np
 
 from benchmarks.report import Section
+from knee_contact_ros.model.laws import hertz_stiffness, relative_radius
+from knee_contact_ros.lab.report.figures import COMPUTED, Range
 from studies.gait import BODY_WEIGHT
-from studies.reproduction.loads import PAPER_PEAKS
-from studies.reproduction.page import COMPARISON, compare, figure, unprinted
-from studies.reproduction.phases import CYCLE, at, peak, second_stance, within
 from studies.reproduction.scenes import (
+    ARTHRITIC,
+    COMPARISON,
+    CURVED_TIBIAE,
+    CYCLE,
     HEALTHY,
+    MECHANISMS,
     MM,
     MRI,
+    N_MM,
     PERCENT,
     SPHERE_AND_CURVE,
+    Moment,
+    at,
     body_weights,
+    compare,
+    figure,
     gait,
+    load_peaks,
+    model,
+    parameters,
+    passages,
+    peak,
+    phases,
     run,
+    second_stance,
     static_depth,
     static_force,
+    thousands,
+    unprinted,
+    within,
 )
+
+PAPER_PEAKS = (1.81, 2.19)
+"""Load peaks of the paper [BW]"""
+SUBJECT_WEIGHT = 72.6 * 9.80665
+"""Weight [N] of the scaled model, whose gait it is"""
+
+
+def loads_section() -> Section:
+    """Section on the load peaks of the right leg."""
+    rows = [
+        compare(f"{name} load peak, second stance", paper, load_peak(time), "BW", 3, _why(time, bounds))
+        for name, paper, time, bounds in zip(("first", "second"), PAPER_PEAKS, second_stance(), COMPUTED, strict=True)
+    ]
+    rows += [
+        unprinted(f"{name} load peak, first stance", f"{load_peak(time):.3f} BW",
+                  f"{_newton(time)}; another step of the same walk")
+        for name, time in zip(("first", "second"), load_peaks("right")[:2], strict=True)
+    ]  # fmt: skip
+    text = (
+        "The load is half of the axial joint reaction of gait2354's right knee. Its peaks after the second heel "
+        "strike (1.853 s) are the paper's to the two decimals printed, so the paper's \"medial\" force is a fixed "
+        "share of one half and not a computed medial share (in vivo, 60 to 80 % are reported). The body weight of "
+        f"{BODY_WEIGHT:.1f} N belongs to the unscaled model of 75.16 kg. The walk is that of the scaled model of "
+        f"72.6 kg, and in its own body weight the two peaks are {_own(second_stance()[0])} and "
+        f"{_own(second_stance()[1])} BW."
+    )
+    return Section("1. Loads (Fig. 6c)", text, COMPARISON, rows)
+
+
+def both_legs() -> Section:
+    """Section on the peaks of load, force and depth of all stances, healthy and arthritic."""
+    header = (
+        "leg", "time [s]", "load [BW]", "force, sphere [BW]", "force, curve [BW]", "depth, sphere [mm]",
+        "depth, curve [mm]", "osteoarthritis: force, curve [BW]", "osteoarthritis: depth, curve [mm]",
+    )  # fmt: skip
+    left = load_peaks("left")
+    rows = [_loads_line(side, time) for side in ("right", "left") for time in load_peaks(side)]
+    text = (
+        "All load peaks of both bags; force and depth are the largest within 0.05 s of the load's. The paper treats "
+        "one leg and does not say which; its two numbers fit the right one only. The left leg's second peaks of "
+        f"{load_peak(left[0], 'left'):.2f} and {load_peak(left[2], 'left'):.2f} BW lie above the range that the "
+        "paper cites (computed, of healthy people), in the same simulation of the same walk. The left bag begins "
+        "within a stance, shortly before its first peak listed here."
+    )
+    return Section("8. Both legs", text, header, rows)
+
+
+def load_peak(time: float, side: str = "right") -> float:
+    """Load [BW] at a time [s]."""
+    return body_weights(at(time, gait(side)[2], side))
+
+
+def _loads_line(side: str, time: float) -> list[str]:
+    runs = [run(*files, side=side) for files in ((HEALTHY,), (HEALTHY, MRI), (ARTHRITIC, MRI))]
+    force = [f"{body_weights(peak(time, series.contact_force, side)):.3f}" for series in runs]
+    depth = [f"{MM * peak(time, series.penetration_depth, side):.4f}" for series in runs]
+    return [side, f"{time:.3f}", f"{load_peak(time, side):.3f}", *force[:2], *depth[:2], force[2], depth[2]]
+
+
+def _newton(time: float) -> str:
+    return f"{at(time, gait('right')[2]):.1f} N at {time:.3f} s"
+
+
+def _own(time: float) -> str:
+    return f"{at(time, gait('right')[2]) / SUBJECT_WEIGHT:.2f}"
+
+
+def _why(time: float, bounds: Range) -> str:
+    inside = "inside" if bounds.lowest <= load_peak(time) <= bounds.highest else "outside"
+    return (
+        f"{_newton(time)}: equal to the digits printed; {inside} the range of {bounds.lowest:g} to "
+        f"{bounds.highest:g} BW computed for healthy people, which the paper cites"
+    )
+
+
+MATERIAL = (("contact.stiffness_from", "material"),)
+
+
+def table1_section() -> Section:
+    """Section with every property of the table, and those that it lacks."""
+    contact = parameters(ARTHRITIC).contact
+    femur = parameters(HEALTHY).femur
+    rows = [
+        _row("K, cartilage", "2500 N/mm^1.5", "stiffness", f"{contact.stiffness:.6e} N/m^1.5", "calibrated"),
+        _row("C", "5 N s/mm", "damping", f"{contact.damping:g} N s/m", ""),
+        _row("n", "1.5", "exponent", f"{contact.exponent:g}", ""),
+        _row("ν, cartilage", "0.38", "poissons_ratio", f"{contact.poissons_ratio:g}", "unused unless asked for"),
+        _row("E, cartilage", "24 MPa", "youngs_modulus", f"{contact.youngs_modulus:.3g} Pa", "the same"),
+        _row("ν, bone", "0.39", "poissons_ratio_2", f"{contact.poissons_ratio_2:g}", "the same; gives K₂"),
+        _row("E, bone", "17 200 MPa", "youngs_modulus_2", f"{contact.youngs_modulus_2:.3g} Pa", "the same; gives K₂"),
+        _row("K₂, bone", "not printed", "stiffness_2", f"{contact.stiffness_2:.4g} N/m^1.5",
+              f"Hertz with bone's E, ν and the two radii: {thousands(bone_stiffness() * N_MM)} N/mm^1.5"),
+        _row("h_s1", "0.5 mm (abstract)", "layer_depth", f"{contact.layer_depth:g} m", "not in the table"),
+        _row("radii", "34 mm, 95 mm (text)", "femoral_radius, contact.tibial_radius",
+              f"{contact.femoral_radius:g} m, {contact.tibial_radius:g} m", "for the stiffness; not in the table"),
+        ["femur's mass M", "not printed", "`femur.mass`", f"{femur.mass:g} kg", "femur of the 75.16 kg gait2354"],
+    ]  # fmt: skip
+    soft = cartilage_stiffness() * N_MM
+    text = (
+        "The paper says that the contact parameters were derived from the materials. For bone this can be followed. "
+        f"For cartilage the same formula, K = 4/3 E* √R with 1/R = 1/34 mm - 1/95 mm, gives {soft:.0f} N/mm^1.5 and "
+        f"not 2500, {2500 / soft:.0f} times less: the printed value is a calibrated one. With {soft:.0f} N/mm^1.5 "
+        f"the depth at 2.19 BW would be {MM * material_depth():.1f} mm, more than femur and tibia have cartilage "
+        "together (4.4 mm on average in our meshes). Cartilage is a thin layer on bone, stiffer than the half-space "
+        "of that formula."
+    )
+    return Section("2. Properties (Table 1)", text, ("property", "paper", "our parameter", "default", "note"), rows)
+
+
+def bone_stiffness() -> float:
+    """Stiffness of bone, K₂ [N/m^1.5]."""
+    contact = parameters(ARTHRITIC).contact
+    radius = relative_radius(contact.femoral_radius, contact.tibial_radius)
+    return hertz_stiffness(contact.youngs_modulus_2, contact.poissons_ratio_2, radius)
+
+
+def cartilage_stiffness() -> float:
+    """K [N/m^1.5] that Table 1's cartilage would have as a half-space."""
+    contact = parameters(ARTHRITIC).contact
+    radius = relative_radius(contact.femoral_radius, contact.tibial_radius)
+    return hertz_stiffness(contact.youngs_modulus, contact.poissons_ratio, radius)
+
+
+def material_depth() -> float:
+    """Static depth [m] at 2.19 BW with the stiffness of Table 1's cartilage."""
+    return static_depth(2.19 * BODY_WEIGHT, HEALTHY, changes=MATERIAL)
+
+
+def _row(what: str, paper: str, name: str, default: str, note: str) -> list[str]:
+    return [what, paper, f"`contact.{name}`".replace(", contact.", "`, `contact."), default, note]
+
 
 ABSTRACT_DEPTH, TEXT_DEPTH, REDUCTION = 0.795, 0.705, -0.6
 """Depths [mm] of abstract and text, and the reduction [%], in the paper"""
@@ -137,3 +290,144 @@ def _depth_text() -> str:
         f"(the whole axial load is {full:.2f} BW at heel strike). An offset of the reference point shifts the zero "
         "of the femoral height and changes neither force nor depth.\n\n" + figure("depth", CAPTION)
     )
+
+
+WINDOWS = ((-15.0, 25.0), (20.0, 70.0), (60.0, 110.0))
+"""Flexion angles [deg] at which the fitted part of the profile touches."""
+AROUND = 10.0
+"""Flexion [deg] on both sides of a load peak's angle at which the fitted part touches"""
+NOMINAL, TIBIA, PLANE = 0.034, 0.095, math.inf
+"""Radii [m] to which the 2500 N/mm^1.5 are taken to belong."""
+REDUCED = 0.994
+"""Ratio of the depths of curve and sphere in the paper"""
+
+
+def local_radius_section() -> Section:
+    """Section on static depths at 2.19 BW over the radius."""
+    reference = static_depth(PAPER_PEAKS[1] * BODY_WEIGHT, HEALTHY)
+    rows = [["sphere", f"{MM * NOMINAL:.1f} mm", *2 * (f"{MM * reference:.4f} mm (reference)",)]]
+    for low, high, name in windows():
+        radius = fitted_radius(low, high)
+        depths = [depth_with(radius, tibia) for tibia in (PLANE, TIBIA)]
+        part = f"fitted curve, touching at {low:.0f}° to {high:.0f}°{name}"
+        compared = (f"{MM * depth:.4f} mm ({100 * (depth / reference - 1):+.1f} %)" for depth in depths)
+        rows.append([part, f"{MM * radius:.1f} mm", *compared])
+    plane, concave = radius_needed()
+    text = (
+        "### A stiffness from the local radius\n\n"
+        "Hertz gives K ~ √R, hence δ ~ R^(-1/3) at a given force. Taking the 2500 N/mm^1.5 for the sphere of 34 mm, "
+        "the static depth at 2.19 BW with the circles through parts of the MRI profile would be as below, with R of "
+        "the femur on a plane and in the concave 95 mm. The profile is no circle, so its radius depends on the part "
+        "that is fitted: on average near extension it is the sphere's, but around both peaks' angles of flexion it "
+        "is smaller, and the depth would be larger and not smaller than the sphere's. The paper's reduction of "
+        f"0.6 % would need a femoral radius of {MM * plane:.1f} mm on the plane or {MM * concave:.1f} mm in the "
+        "concave tibia at the second peak: not implausible for another profile, but not what the text describes, and "
+        "not part of our model."
+    )
+    return Section("", text, ("femur", "radius", "depth, plane", "depth, concave tibia"), rows)
+
+
+def windows() -> list[tuple[float, float, str]]:
+    """Ranges of flexion [deg] with their names."""
+    angle = gait("right")[1]
+    peaks = [np.degrees(at(time, angle)) for time in second_stance()]
+    around = [(round(peak - AROUND), round(peak + AROUND), f" ({name} peak)") for name, peak in
+              zip(("first", "second"), peaks, strict=True)]  # fmt: skip
+    return [*((low, high, "") for low, high in WINDOWS), *around]
+
+
+def fitted_radius(low: float, high: float) -> float:
+    """Radius [m] of the circle through the part of the MRI profile that touches in a range of flexion [deg]."""
+    points = model(HEALTHY, MRI).pair.femur.outline()
+    tangent = np.gradient(points, axis=0)
+    touches = np.degrees(np.arctan2(-tangent[:, 1], tangent[:, 0]))
+    part = points[(touches >= low) & (touches <= high)]
+    columns = np.column_stack([2.0 * part, np.ones(len(part))])
+    x, y, rest = np.linalg.lstsq(columns, (part * part).sum(axis=1), rcond=None)[0]
+    return float(np.sqrt(rest + x * x + y * y))
+
+
+def depth_with(radius: float, tibia: float) -> float:
+    """Static depth [m] at 2.19 BW with the stiffness of a femoral radius [m]."""
+    ratio = math.sqrt(relative_radius(radius, tibia) / relative_radius(NOMINAL, tibia))
+    stiffness = ratio * parameters(HEALTHY).contact.stiffness
+    return static_depth(PAPER_PEAKS[1] * BODY_WEIGHT, HEALTHY, changes=(("contact.stiffness", stiffness),))
+
+
+def radius_needed() -> tuple[float, float]:
+    """Femoral radius [m] that reduces the depth as the paper says, on the plane and in the concave tibia."""
+    plane = NOMINAL / REDUCED**3
+    relative = relative_radius(NOMINAL, TIBIA) / REDUCED**3
+    return plane, 1.0 / (1.0 / relative + 1.0 / TIBIA)
+
+
+POINTS_CAPTION = (
+    "Contact point on the plateau over time and over flexion, right leg. Markers: the four phases. A sphere on a hinge "
+    "stays at 0."
+)
+
+
+def contact_points_section() -> Section:
+    """Section on the contact points: phases by geometry, over the mechanisms."""
+    header = ("phase", "time [s]", "flexion [°]", "load [BW]", "femur", "depth [mm]",
+              *(f"x, {name} [mm]" for name in MECHANISMS))  # fmt: skip
+    rows = [
+        _contact_points_line(moment, femur, files) for femur, files in SPHERE_AND_CURVE.items() for moment in phases()
+    ]
+    text = (
+        "The text gives no numbers for the contact points; these are ours. x is anterior in the tibia frame, whose "
+        "origin lies below the femoral reference point at full extension. The swing passes through 55° twice, at "
+        f"{' and '.join(f'{time:.3f} s' for time in passages())}; the table takes the later one, so that the four "
+        "phases follow each other as in the paper. Values between two samples are linear. On the flat plateau the "
+        "depth does not depend on the mechanism. In the plane, hinge and ball-and-socket are one fixed axis: a "
+        "sphere then touches in one point for ever, and the MRI curve rolls. The parallel mechanism carries x(θ) of "
+        "the medial sphere's centre of another, published knee; the table has the mean of 20 knees, of the "
+        "condyles' geometric centre axis. Neither was measured on the knee that the profile comes from, nor about "
+        "its reference point, so combining them is an approximation.\n\n" + figure("contact_points", POINTS_CAPTION)
+    )
+    return Section("5. Contact points at four phases (Figs. 10, 12)", text, header, rows)
+
+
+def curved_section() -> Section:
+    """Section on the general two-body case: a tibia that is curved."""
+    header = ("phase", "tibia", "femur", "x [mm]", "y [mm]", "depth [mm]", "depth against the plane [%]")
+    rows = [
+        _curved_line(moment, tibia, femur)
+        for tibia, femur in product(CURVED_TIBIAE, SPHERE_AND_CURVE)
+        for moment in phases()
+    ]
+    text = (
+        "### A curved tibia\n\n"
+        "The general two-body case (Eqs. 1 to 6), hinge, all else equal: the tibia as a concave circle of 95 mm with "
+        "its lowest point in the tibia frame's origin, and as the medial cartilage of the MRI knee that the fitted "
+        "curve comes from, in that knee's own place. A sphere on a hinge sits in the bottom of the circle. The fitted "
+        "curve, whose circle near extension has its centre in front of the reference point, touches further from the "
+        "origin than on the plane, where the normal is inclined: but for inertia the normal force is the load over "
+        "n_y, and the depth grows with it. Where the reference point lies over the circle is an assumption. The MRI "
+        "plateau rises to the front, and near extension the femur touches on that slope."
+    )
+    return Section("", text, header, rows)
+
+
+def _contact_points_line(moment: Moment, femur: str, files: tuple[str, ...]) -> list[str]:
+    _, angle, load = gait("right")
+    runs = [run(*files, changes=changes) for changes in MECHANISMS.values()]
+    return [
+        moment.name, f"{moment.time:.3f}", f"{np.degrees(at(moment.time, angle)):.1f}",
+        f"{body_weights(at(moment.time, load)):.3f}", femur, f"{MM * at(moment.time, runs[0].penetration_depth):.4f}",
+        *(_signed(MM * at(moment.time, series.contact_point.x)) for series in runs),
+    ]  # fmt: skip
+
+
+def _curved_line(moment: Moment, tibia: str, femur: str) -> list[str]:
+    files = SPHERE_AND_CURVE[femur]
+    plane, curved = run(*files), run(*files, changes=CURVED_TIBIAE[tibia])
+    depth, flat = (at(moment.time, series.penetration_depth) for series in (curved, plane))
+    x, y = (MM * at(moment.time, curved.contact_point[axis]) for axis in "xy")
+    change = _signed(100.0 * (depth / flat - 1.0))
+    return [moment.name, tibia, femur, _signed(x), _signed(y), f"{MM * depth:.4f}", change]
+
+
+def _signed(value: float) -> str:
+    """Format a number with two decimals, without a negative zero."""
+    return f"{round(value, 2) + 0.0:.2f}"

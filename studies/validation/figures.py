@@ -13,9 +13,9 @@ from matplotlib.axes import Axes
 from knee_contact_ros.joint_reaction.compartments import MeasuredShare
 from knee_contact_ros.parameters.files import read_share_table
 from knee_contact_ros.system.files import find_file
-from studies.reproduction.drawing import DPI, GREEN, GREY, VERMILLION, panels
+from studies.reproduction.figures import DPI, GREEN, GREY, VERMILLION, panels
 from studies.validation.data import BODY_WEIGHT, Floats, Measured
-from studies.validation.shares import answers, in_stance
+from studies.validation.sections import answers, in_stance
 
 SHOWN = 3.0
 """Time [s] of a trial that is drawn"""

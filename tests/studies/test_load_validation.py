@@ -17,15 +17,22 @@ pytest.importorskip("tabulate", reason="the studies' tables")
 
 from benchmarks.report import save
 from studies import moment_arms
-from studies.load_validation import legs as opensim
+from studies.load_validation import walks as opensim
 from studies.load_validation.__main__ import main
-from studies.load_validation.answers import FITTED, answers, lines
-from studies.load_validation.fitting import fitted, fitted_together
-from studies.load_validation.knee import Moments, plausible, walks
-from studies.load_validation.scores import covered, peaks, score
+from studies.load_validation.answers import (
+    FITTED,
+    VARIANTS,
+    answers,
+    covered,
+    fitted,
+    fitted_together,
+    force_by,
+    lines,
+    peaks,
+    score,
+)
 from studies.load_validation.sections import COMMAND, TITLE, sections
-from studies.load_validation.variants import VARIANTS, force_by
-from studies.load_validation.walks import Constants, Walk, axial
+from studies.load_validation.walks import Constants, Moments, Walk, axial, plausible, walks
 from studies.validation.data import is_there
 
 PAGE = ROOT / "docs" / "load-validation.md"

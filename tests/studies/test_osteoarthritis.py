@@ -9,14 +9,29 @@ import pytest
 
 pytest.importorskip("tabulate", reason="the studies' tables")
 
-from studies.osteoarthritis import checks
-from studies.osteoarthritis.curves import CHOSEN
+from studies.osteoarthritis import findings as checks
 from studies.osteoarthritis.findings import count
-from studies.osteoarthritis.grid import FIRST, LAYER, SECOND, SHIPPED, STUDY, Grid, whole
-from studies.osteoarthritis.knees import TOLERANCE, Knees, along, compute
+from studies.osteoarthritis.knees import (
+    CHOSEN,
+    FIRST,
+    HEADER,
+    LAYER,
+    SECOND,
+    SHIPPED,
+    STUDY,
+    TOLERANCE,
+    Grid,
+    Knees,
+    along,
+    compute,
+    equal_second,
+    needed_depth,
+    ratio,
+    rest_force,
+    turning,
+    whole,
+)
 from studies.osteoarthritis.page import SHIPPED_KNEE
-from studies.osteoarthritis.summary import HEADER
-from studies.osteoarthritis.theory import equal_second, needed_depth, ratio, rest_force, turning
 from tests import ROOT
 
 PAGE = ROOT / "docs" / "osteoarthritis-study.md"

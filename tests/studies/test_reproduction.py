@@ -11,13 +11,10 @@ from tests import ROOT
 pytest.importorskip("tabulate", reason="the studies' tables")
 
 from benchmarks.report import save
-from studies.reproduction.healthy import static_depths
-from studies.reproduction.loads import load_peak
+from studies.reproduction.__main__ import COMMAND, TITLE, sections
+from studies.reproduction.healthy import bone_stiffness, cartilage_stiffness, load_peak, static_depths
 from studies.reproduction.osteoarthritis import arthritic_depth, bone_stiffness_needed, load_needed
-from studies.reproduction.phases import phases, second_stance
-from studies.reproduction.scenes import MM, N_MM
-from studies.reproduction.sections import COMMAND, TITLE, sections
-from studies.reproduction.table1 import bone_stiffness, cartilage_stiffness
+from studies.reproduction.scenes import MM, N_MM, phases, second_stance
 
 PAGE = ROOT / "docs" / "reproduction.md"
 

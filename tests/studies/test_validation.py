@@ -15,9 +15,7 @@ pytest.importorskip("tabulate", reason="the studies' tables")
 from benchmarks.report import save
 from studies.validation.__main__ import main
 from studies.validation.data import Measured, is_there, read
-from studies.validation.events import errors_of, found_in
-from studies.validation.sections import COMMAND, TITLE, left_out, sections
-from studies.validation.shares import peaks
+from studies.validation.sections import COMMAND, TITLE, errors_of, found_in, left_out, peaks, sections
 
 PAGE = ROOT / "docs" / "validation.md"
 
