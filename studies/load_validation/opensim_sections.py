@@ -20,7 +20,7 @@ from studies.load_validation.sections import (
     peak_row,
     variant_rows,
 )
-from studies.load_validation.walks import DEFAULTS, MASS, SCALED_HEIGHT, Floats, Leg, Walk, axial, nets_in
+from studies.load_validation.walks import DEFAULTS, MASS, TALL, Floats, Leg, Walk, axial, nets_in
 
 MODEL_SHANK = 0.425
 """Distance [m] between the centres of knee and ankle of the scaled model, on average over the walk"""
@@ -49,14 +49,14 @@ def dynamics_section(legs: Sequence[Leg]) -> Section:
         for name, ours, theirs in zip(names, nets_in(leg.walk), (leg.knee, leg.ankle, leg.frontal), strict=True):
             rows.append([leg.walk.name, name, off(ours[used], theirs[used])])
     text = (
-        f"The walk that is shipped with gait2354 ({MASS} kg, {SCALED_HEIGHT} m), both legs. Our sensors are made of it: hip, "
+        f"The walk that is shipped with gait2354 ({MASS} kg, {TALL} m), both legs. Our sensors are made of it: hip, "
         "knee and ankle angles of the motion, the plates' wrench about the ankle joint's centre. Ours: proportions of "
         "Winter from mass and height, in the sagittal plane, causal, accelerations from the last 0.05 s. OpenSim's: "
         "`InverseDynamicsTool` on the scaled model, with the whole body in three dimensions and motion that was "
         "filtered to and fro at 6 Hz. The frontal moment is compared with that of the plates' wrench about the knee's "
         "centre in three dimensions, about x of the tibia. In stance our knee extends by "
         f"{more[0]:.0f} and {more[1]:.0f} N m more than OpenSim's on average: by Winter's proportions the shank is "
-        f"{SHANK_LENGTH * SCALED_HEIGHT:.3f} m long, and the model's {MODEL_SHANK} m, so the knee lies 5 to 7 mm farther "
+        f"{SHANK_LENGTH * TALL:.3f} m long, and the model's {MODEL_SHANK} m, so the knee lies 5 to 7 mm farther "
         "ahead of the ground force.\n\n"
         "![Ours and OpenSim's](images/load_validation_opensim.png)\n\n"
         "*Black: OpenSim. Grey: the foot is on the ground.*"

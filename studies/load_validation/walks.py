@@ -190,7 +190,7 @@ NEEDED = (
 STEP = Path(__file__).resolve().with_name("opensim_step.py")
 SIDES = {"right": "r", "left": "l"}
 PLATES = {"right": "", "left": "1_"}
-MASS, SCALED_HEIGHT = 72.6, 1.80
+MASS, TALL = 72.6, 1.80
 """Mass [kg] and height [m] of the person, as in the set-up for scaling"""
 WINDOW = 0.05
 """Time [s] over which the motion is estimated: the parameters' default"""
@@ -283,7 +283,7 @@ def _leg(side: str, tables: dict[str, Storage], centres: NDArray[np.void]) -> Le
     wrenches = zip((force * [1.0, 1.0, mirror]).tolist(), (about_ankle * [mirror, mirror, 1.0]).tolist(), strict=True)
     reaction = f"knee_{letter}_on_tibia_{letter}_in_tibia_{letter}_fy"
     walk = Walk(
-        f"OpenSim, {side}", MASS, SCALED_HEIGHT, time, force[:, 1], joints,
+        f"OpenSim, {side}", MASS, TALL, time, force[:, 1], joints,
         nets_of(time, joints, [Ground((x, y, z), (a, b, c)) for (x, y, z), (a, b, c) in wrenches]),
         -_at(time, tables["reaction"], reaction), time > time[0] + SEEN,
     )  # fmt: skip
@@ -296,7 +296,7 @@ def _leg(side: str, tables: dict[str, Storage], centres: NDArray[np.void]) -> Le
 def nets_of(time: Floats, joints: list[Joints], grounds: list[Ground]) -> dict[str, list[NetMoments]]:
     """Net moments of our levels from the sensors' samples, stamp by stamp, by level."""
     found: dict[str, list[NetMoments]] = {level: [] for level in LEVELS}
-    leg, seen = leg_of(MASS, SCALED_HEIGHT), MotionFilter(WINDOW)
+    leg, seen = leg_of(MASS, TALL), MotionFilter(WINDOW)
     for stamp, one, ground in zip(np.rint(time * SECOND).astype(np.int64).tolist(), joints, grounds, strict=True):
         motion = seen.see(stamp, one)
         for level, way in LEVELS.items():

@@ -140,7 +140,6 @@ def path_section(trials: Sequence[Measured]) -> Section:
     return Section("5. Contact path", text, header, rows)
 
 
-MS = 1e3
 LARGEST_MOMENT = 80.0
 """Largest plausible moment of inverse dynamics [N m] in walking; larger ones come from a change of plates"""
 PEAK_WITHIN = 0.5
