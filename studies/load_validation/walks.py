@@ -255,12 +255,12 @@ def _at(time: Floats, storage: Table, name: str) -> Floats:
     return found
 
 
-def _three(time: Floats, storage: Storage, prefix: str) -> Floats:
+def _three(time: Floats, storage: Table, prefix: str) -> Floats:
     """Three columns of a storage, shape (n, 3)."""
     return np.stack([_at(time, storage, f"{prefix}{axis}") for axis in "xyz"], axis=1)
 
 
-def _leg(side: str, tables: dict[str, Storage], centres: NDArray[np.void]) -> Leg:
+def _leg(side: str, tables: dict[str, Table], centres: NDArray[np.void]) -> Leg:
     letter, plate = SIDES[side], PLATES[side]
     time, mirror = np.asarray(centres["time"]), 1.0 if side == "right" else -1.0
     hip, knee, ankle, forward = (
