@@ -8,8 +8,8 @@ from itertools import product
 import numpy as np
 
 from benchmarks.report import Section
-from knee_contact_ros.model.laws import hertz_stiffness, relative_radius
 from knee_contact_ros.lab.report.figures import COMPUTED, Range
+from knee_contact_ros.model.laws import hertz_stiffness, relative_radius
 from studies.gait import BODY_WEIGHT
 from studies.reproduction.scenes import (
     ARTHRITIC,
