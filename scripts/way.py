@@ -21,8 +21,8 @@ COMMAND = [sys.executable, "-m", "knee_contact_ros.commands.main"]
 MODEL = ("model/",)
 
 
-def files_on_the_way(work: Path) -> set[str]:
-    """Files of the package that a force passes, as paths in it."""
+def files_on_the_way(work: Path) -> set[tuple[str, str]]:
+    """Files of the package that a force passes, each with its way: `publish`, or `record` from there."""
     noted = work / "noted"
     noted.mkdir()
     tracing = os.pathsep.join([str(ROOT / "scripts" / "tracing"), str(ROOT)])
@@ -32,20 +32,21 @@ def files_on_the_way(work: Path) -> set[str]:
     with private_graph() as graph, (work / "log").open("wb") as log:
         environment = os.environ | graph
         with kept(node_command, log, PATIENCE, env=environment | traced) as node:
-            subprocess.run([*COMMAND, "replay", bag, "--wait", f"{PATIENCE}"], check=True, env=environment)
+            subprocess.run([*COMMAND, "replay", bag, "--wait", "120"], check=True, env=environment)
             time.sleep(1.0)  # the last forces are answered
             node.send_signal(signal.SIGINT)
             node.wait(PATIENCE)
-    return {name for path in noted.iterdir() for name in path.read_text(encoding="utf-8").split()}
+    lines = [line.split() for path in noted.iterdir() for line in path.read_text(encoding="utf-8").splitlines()]
+    return {(way, file) for way, file in lines if not file.startswith(MODEL)}
 
 
 def main() -> None:
     """Print the files and their number."""
     with tempfile.TemporaryDirectory() as name:
         files = files_on_the_way(Path(name))
-    outside = sorted(file for file in files if not file.startswith(MODEL))
-    print("\n".join(outside))
-    print(f"{len(outside)} files outside the model")
+    for name, ways in (("to the topics", {"publish"}), ("to the file", {"publish", "record"})):
+        passed = sorted({file for way, file in files if way in ways})
+        print(f"{len(passed)} files outside the model {name}: {' '.join(passed)}")
 
 
 if __name__ == "__main__":

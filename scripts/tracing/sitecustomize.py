@@ -1,6 +1,7 @@
 """Note the files of the package that a force passes; Python loads this in every process of the node (`scripts/way.py`).
 
-Noted is what one of `BEGINS` calls: a node takes a force, hands over its answer and sends it; a recorder writes it.
+Noted is what the functions of a way call: a node takes a force and publishes the answer; it hands the answer over and
+sends it, and a recorder writes it.
 """
 
 from __future__ import annotations
@@ -13,38 +14,41 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
-BEGINS = {
-    ("subscription.py", "_on_message"), ("process.py", "put"), ("process.py", "_send_batch"), ("worker.py", "_next"),
-    ("answer_recorder.py", "write"), ("answer_recorder.py", "flush"),
+PUBLISHES = ("inputs.py", "_on_message")
+RECORDS = {
+    ("outputs.py", "put"), ("outputs.py", "_send_batch"), ("output_process.py", "_next"),
+    *((file, name) for file in ("answer_recorder.py", "recorder.py") for name in ("write", "flush")),
 }  # fmt: skip
+"""Functions at which the way to the topics and the way on to the file begin, by file and name"""
 FORCE = "joint_reaction_force"
 FOLDER = os.environ["KNEE_CONTACT_WAY"]
-"""Folder for a file with the names that each process has noted"""
+"""Folder for a file with what each process has noted: a way and a file in each line"""
 PART = "/knee_contact_ros/"
 seen: set[str] = set()
 within = threading.local()
 
 
-def begins(frame: FrameType) -> bool:
-    """Whether a call begins a way: of messages, only those of the force count."""
-    place, name = frame.f_code.co_filename.rpartition("/")[2], frame.f_code.co_name
-    if name == "_on_message":
-        return getattr(frame.f_locals.get("self"), "topic", "") == FORCE
-    return (place, name) in BEGINS
+def way_from(frame: FrameType) -> str:
+    """Name the way that begins with a call, if any; of messages, only those of the force count."""
+    place = frame.f_code.co_filename.rpartition("/")[2], frame.f_code.co_name
+    if place == PUBLISHES and getattr(frame.f_locals.get("self"), "topic", "") == FORCE:
+        return "publish"
+    return "record" if place in RECORDS else ""
 
 
 def look(frame: FrameType, event: str, _argument: Any) -> None:
     """Note the file of a call, within a way."""
     if event not in ("call", "return") or PART not in frame.f_code.co_filename:
         return
-    first = getattr(within, "first", None)
+    ways = within.__dict__.setdefault("ways", [])
     if event == "return":
-        within.first = None if frame is first else first
+        if ways and ways[-1][0] is frame:
+            ways.pop()
         return
-    if first is None and begins(frame):
-        within.first = first = frame
-    if first is not None:
-        seen.add(frame.f_code.co_filename.rpartition(PART)[2])
+    if way := way_from(frame):
+        ways.append((frame, way))
+    if ways:
+        seen.add(f"{ways[-1][1]} {frame.f_code.co_filename.rpartition(PART)[2]}")
 
 
 def put_down() -> None:
