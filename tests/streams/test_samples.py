@@ -1,103 +1,191 @@
-"""Messages to samples: names, signs, shares, and what is refused."""
+"""Messages to samples of a knee and of a leg: names, signs, actuators, levers and axes, and what is refused."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
+from typing import Any
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from knee_contact_ros.parameters.schema import Knee
+from knee_contact_ros.joint_reaction.leg import Joints
+from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.schema import GroundForce, Knee, LoadParameters
 from knee_contact_ros.streams.contact_stream import angle_sample, load_sample
+from knee_contact_ros.streams.load_stream import LARGEST_TORQUE, ground_of, ground_sample, joints_of, leg_sample
 from knee_contact_ros.streams.messages import JointState, RefusedSampleError, WrenchStamped
 
 STAMP = 1_500_000_000
+LEG: dict[str, Any] = {"hip.joint_name": "hip", "ankle.joint_name": "ankle"}
+ASSISTED = LEG | {"knee.assisted": True, "ankle.assisted": True}
+UPRIGHT, FULL = Joints(0.0, 0.0, 0.0), GroundForce(components="full")
+WRENCH = WrenchStamped(STAMP, "plate", (10.0, 700.0, -20.0), (3.0, 4.0, 50.0))
+POSE = {"knee": 0.1, "hip": 0.1, "ankle": 0.1}
 
 
-def joint_state(**positions: float) -> JointState:
-    return JointState(STAMP, "", tuple(positions), tuple(positions.values()), (), ())
+def state(*efforts: float, **positions: float) -> JointState:
+    return JointState(STAMP, "", tuple(positions), tuple(positions.values()), (), efforts)
 
 
-def force(y: float, stamp: int = STAMP) -> WrenchStamped:
-    return WrenchStamped(stamp, "tibia_r", (1.0, y, 2.0), (0.0, 0.0, 0.0))
+def force(y: float, **parts: Any) -> WrenchStamped:
+    return WrenchStamped(STAMP, "tibia_r", (1.0, y, 2.0), (0.0, 0.0, 0.0))._replace(**parts)
 
 
-def test_the_joint_is_found_by_its_name() -> None:
-    sample = angle_sample(joint_state(hip=1.0, knee=0.25, ankle=2.0), Knee())
-    assert (sample.stamp, sample.angle) == (1_500_000_000, 0.25)
+def leg(values: dict[str, Any], message: JointState) -> Joints:
+    """The leg's joints as a message tells them."""
+    sample = leg_sample(message, load_parameters(values, LoadParameters), b"", 0)
+    return joints_of(sample.angle, sample.others)
 
 
-def test_sign_and_offset_make_the_flexion_angle() -> None:
-    knee = Knee(joint_name="knee_angle_r", flexion_sign=-1.0, flexion_offset=0.1)
-    assert angle_sample(joint_state(knee_angle_r=-0.5), knee).angle == pytest.approx(0.6)
+def knee(message: JointState) -> Any:
+    return angle_sample(message, Knee())
 
 
-def test_compression_is_a_positive_load() -> None:
-    assert load_sample(force(-1000.0)).axial == 1000.0
-    assert load_sample(force(80.0)).axial == -80.0
-    assert load_sample(force(1.0)).frame_id == "tibia_r"
+def height(message: JointState) -> Any:
+    return angle_sample(message, Knee(), height_prescribed=True)
 
 
-@pytest.mark.parametrize("value", [float("nan"), float("inf"), float("-inf")])
-def test_numbers_that_are_none_are_refused(value: float) -> None:
-    with pytest.raises(RefusedSampleError, match="knee") as caught:
-        angle_sample(joint_state(knee=value), Knee())
-    assert caught.value.reason == "not_finite"
-    with pytest.raises(RefusedSampleError, match="joint_reaction_force"):
-        load_sample(force(value))
+def assisted(message: JointState) -> Any:
+    return leg(ASSISTED, message)
 
 
-@pytest.mark.parametrize("value", [1.1e6, -1e300])
-def test_numbers_beyond_all_knees_are_refused(value: float) -> None:
-    with pytest.raises(RefusedSampleError, match="beyond 10") as caught:
-        angle_sample(joint_state(knee=value), Knee())
-    assert caught.value.reason == "out_of_range"
-    with pytest.raises(RefusedSampleError, match=r"beyond 1e\+06"):
-        load_sample(force(value))
+def vertical(message: WrenchStamped) -> Any:
+    return ground_sample(message, GroundForce(), b"", 0.0)
 
 
-def test_a_missing_joint_is_refused_with_those_that_are_there() -> None:
-    with pytest.raises(RefusedSampleError, match="no joint 'knee'; it has hip, ankle") as caught:
-        angle_sample(joint_state(hip=1.0, ankle=2.0), Knee())
-    assert caught.value.reason == "joint_missing"
+def whole(message: WrenchStamped) -> Any:
+    return ground_sample(message, FULL, b"", 0.0)
 
 
-def test_a_joint_without_position_is_refused() -> None:
-    with pytest.raises(RefusedSampleError, match="no position"):
-        angle_sample(joint_state(knee=1.0)._replace(position=()), Knee())
+def test_joints_are_found_by_their_names_and_signs_and_offsets_make_their_angles() -> None:
+    sample = knee(state(hip=1.0, knee=0.25, ankle=2.0))
+    assert (sample.stamp, sample.angle) == (STAMP, 0.25)
+    other = Knee(joint_name="knee_angle_r", flexion_sign=-1.0, flexion_offset=0.1)
+    assert angle_sample(state(knee_angle_r=-0.5), other).angle == pytest.approx(0.6)
+    for message in (state(knee=0.25, hip=0.5, ankle=0.125), state(toe=9.0, ankle=0.125, hip=0.5, knee=0.25)):
+        assert leg(LEG, message) == Joints(0.25, 0.5, 0.125)
+    signs = {f"{joint}.sign": -1.0 for joint in ("knee", "hip", "ankle")}
+    values = LEG | signs | {"knee.offset": 0.5, "hip.offset": -0.25, "ankle.offset": 1.5}
+    assert leg(values, state(knee=-0.25, hip=-0.5, ankle=1.0)) == Joints(0.75, 0.25, 0.5)
+
+
+def test_what_is_not_named_is_not_measured_whatever_comes() -> None:
+    found = leg({}, state(knee=0.25, hip=math.inf, ankle=0.1))
+    assert (found.flexion, found.knee_assistance, found.ankle_assistance) == (0.25, 0.0, 0.0)
+    assert math.isnan(found.hip)
+    assert math.isnan(found.ankle)
 
 
 def test_with_the_displacement_drive_a_second_joint_gives_the_height() -> None:
-    knee = Knee(height_joint_name="knee_ty")
-    assert angle_sample(joint_state(knee=0.2, knee_ty=0.034), knee, height_prescribed=True).height == 0.034
-    assert angle_sample(joint_state(knee=0.2, knee_ty=0.034), knee).height is None
+    named = Knee(height_joint_name="knee_ty")
+    assert angle_sample(state(knee=0.2, knee_ty=0.034), named, height_prescribed=True).height == 0.034
+    assert angle_sample(state(knee=0.2, knee_ty=0.034), named).height is None
 
 
-@pytest.mark.parametrize(
-    ("positions", "reason", "words"),
-    [
-        ({"knee": 0.2}, "joint_missing", "no joint 'knee_height'; it has knee"),
-        ({"knee": 0.2, "knee_height": math.nan}, "not_finite", "'knee_height' is nan"),
-        ({"knee": 0.2, "knee_height": 34.0}, "out_of_range", "34 m, beyond 10"),
-    ],
-)
-def test_heights_that_cannot_be_used_are_refused(positions: dict[str, float], reason: str, words: str) -> None:
+def test_compression_is_a_positive_load() -> None:
+    assert [load_sample(force(y)).axial for y in (-1000.0, 80.0)] == [1000.0, -80.0]
+    assert load_sample(force(1.0)).frame_id == "tibia_r"
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_efforts_assist_extension_and_plantarflexion(sign: float) -> None:
+    """In the sense of the positions: what flexes the knee, or lifts the foot, helps the other muscles."""
+    values = ASSISTED | {"knee.sign": sign, "ankle.sign": sign}
+    found = leg(values, state(1.0, sign * -12.0, sign * -7.0, hip=0.0, knee=0.0, ankle=0.0))
+    assert (found.knee_assistance, found.ankle_assistance) == (12.0, 7.0)
+    without = leg(LEG, state(1.0, math.nan, math.inf, hip=0.0, knee=0.0, ankle=0.0))  # of a motor's friction, say
+    idle = leg(ASSISTED, state(0.0, 0.0, -0.0, hip=0.0, knee=0.0, ankle=0.0))
+    assert {str(none) for none in (*without[3:], *idle[3:])} == {"0.0"}  # and not -0.0
+
+
+REFUSED: list[tuple[Callable[[Any], Any], Any, str, str]] = [
+    *((knee, state(knee=value), "not_finite", "'knee' is") for value in (math.nan, math.inf, -math.inf)),
+    *((load_sample, force(value), "not_finite", "reaction_force: force.y is") for value in (math.nan, math.inf)),
+    *((knee, state(knee=value), "out_of_range", "rad, beyond 10") for value in (1.1e6, -1e300)),
+    *((load_sample, force(value), "out_of_range", r"N, beyond 1e\+06") for value in (1.1e6, -1e300)),
+    (knee, state(hip=1.0, ankle=2.0), "joint_missing", "no joint 'knee'; it has hip, ankle"),
+    (knee, state(knee=1.0)._replace(position=()), "joint_missing", "no position"),
+    (height, state(knee=0.2), "joint_missing", "no joint 'knee_height'; it has knee"),
+    (height, state(knee=0.2, knee_height=math.nan), "not_finite", "'knee_height' is nan"),
+    (height, state(knee=0.2, knee_height=34.0), "out_of_range", "34 m, beyond 10"),
+    *((load_sample, force(-1.0, stamp=stamp), "bad_stamp", "stamp") for stamp in (-1, 2**31 * 10**9)),
+    *((knee, state(knee=1.0)._replace(stamp=stamp), "bad_stamp", "stamp") for stamp in (-1, 2**31 * 10**9)),
+    (assisted, state(hip=0.1, ankle=0.2), "joint_missing", "no joint 'knee'; it has hip, ankle"),
+    (assisted, state(knee=0.1, ankle=0.2), "joint_missing", "no joint 'hip'; it has knee, ankle"),
+    (assisted, state(0.0, 0.0, knee=0.1, hip=0.2), "joint_missing", "no joint 'ankle'; it has knee, hip"),
+    (assisted, state(hip=0.1, ankle=0.1, knee=0.1)._replace(position=(0.1, 0.1)), "joint_missing", "no position"),
+    (assisted, state(**POSE), "joint_missing", "gives no effort for joint 'knee'"),
+    (assisted, state(1.0, **POSE), "joint_missing", "gives no effort for joint 'ankle'"),
+    (assisted, state(1.0, 0.0, math.nan, **POSE), "not_finite", "effort of joint 'ankle' is nan"),
+    (assisted, state(1.0, 0.0, 0.0, **POSE | {"hip": math.inf}), "not_finite", "position of joint 'hip' is inf"),
+    (assisted, state(1.0, 0.0, 0.0, **POSE | {"ankle": math.nan}), "not_finite", "position of joint 'ankle' is nan"),
+    (assisted, state(1e6, 0.0, 0.0, **POSE), "out_of_range", r"'knee' is 1e\+06 N m, beyond 100000"),
+    (assisted, state(1.0, 0.0, 0.0, **POSE | {"hip": -1e300}), "out_of_range", r"joint 'hip' is -1e\+300 rad, beyond"),
+    (assisted, state(1.0, 0.0, 0.0, **POSE)._replace(stamp=-1), "bad_stamp", "stamp -1 ns"),
+    (vertical, force(math.nan), "not_finite", r"^ground_reaction_force: force\.y: nan$"),
+    (whole, WRENCH._replace(force=(0.0, math.inf, 0.0)), "not_finite", "force and torque: 0, inf, 0, 3, 4, 50"),
+    (whole, WRENCH._replace(torque=(0.0, 0.0, math.nan)), "not_finite", "force and torque: .*, nan"),
+    (vertical, force(-1e6), "out_of_range", r"-1e\+06 N or N m, beyond 100000"),
+    (whole, WRENCH._replace(torque=(0.0, -1e6, 0.0)), "out_of_range", r"-1e\+06 N or N m, beyond 100000"),
+    (vertical, force(1.0, stamp=2**31 * 10**9), "bad_stamp", "ground_reaction_force: stamp 2147483648"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("take", "message", "reason", "words"), REFUSED)
+def test_what_cannot_be_used_is_refused(take: Callable[[Any], Any], message: Any, reason: str, words: str) -> None:
     with pytest.raises(RefusedSampleError, match=words) as caught:
-        angle_sample(joint_state(**positions), Knee(), height_prescribed=True)
+        take(message)
     assert caught.value.reason == reason
 
 
-@pytest.mark.parametrize("stamp", [-1, 2**31 * 1_000_000_000])
-def test_a_stamp_that_no_recording_can_hold_is_refused(stamp: int) -> None:
-    with pytest.raises(RefusedSampleError, match="stamp") as caught:
-        load_sample(force(-1.0, stamp))
-    assert caught.value.reason == "bad_stamp"
-    with pytest.raises(RefusedSampleError, match="stamp"):
-        angle_sample(joint_state(knee=1.0)._replace(stamp=stamp), Knee())
-
-
 def test_an_angle_that_lags_holds_earlier_and_is_recorded_as_it_came() -> None:
-    message = joint_state(knee=0.25)._replace(stamp=20_000_000)
-    sample = angle_sample(message, Knee(), delay=25_000_000)
+    sample = angle_sample(state(knee=0.25)._replace(stamp=20_000_000), Knee(), delay=25_000_000)
     assert (sample.stamp, sample.came_at) == (-5_000_000, 20_000_000)
     with pytest.raises(RefusedSampleError, match="stamp -1 ns"):
-        angle_sample(message._replace(stamp=-1), Knee(), delay=-25_000_000)
+        angle_sample(state(knee=0.25)._replace(stamp=-1), Knee(), delay=-25_000_000)
+    of_leg = leg_sample(state(knee=0.25), load_parameters({}, LoadParameters), b"as it came", 25_000_000)
+    assert (of_leg.stamp, of_leg.came_at, of_leg.data) == (STAMP - 25_000_000, STAMP, b"as it came")
+
+
+def test_of_an_insole_the_vertical_force_counts_alone() -> None:
+    wrench = WRENCH._replace(force=(math.nan, 700.0, math.inf), torque=(math.nan,) * 3)
+    sample = ground_sample(wrench, GroundForce(), b"as it came", 3.5)
+    assert (sample.stamp, sample.frame_id, sample.data, sample.arrived) == (STAMP, "plate", b"as it came", 3.5)
+    found, torque = ground_of(wrench, GroundForce(), UPRIGHT, 0.3)
+    assert found == (0.0, 700.0, 0.0)
+    assert all(map(math.isnan, torque))
+    at_most = WRENCH._replace(force=(LARGEST_TORQUE,) * 3, torque=(-LARGEST_TORQUE,) * 3)
+    assert whole(at_most).wrench == at_most
+
+
+@pytest.mark.parametrize(
+    ("update", "at", "inclination", "expected"),
+    [
+        ({}, UPRIGHT, 0.0, [10.0, 700.0, -20.0, 3.0, 4.0, 50.0]),
+        ({"ankle_x": 0.1}, UPRIGHT, 0.0, [10.0, 700.0, -20.0, 3.0, 2.0, -20.0]),  # behind the ankle it lifts the heel
+        ({"ankle_y": 0.08}, UPRIGHT, 0.0, [10.0, 700.0, -20.0, 4.6, 4.0, 50.8]),
+        ({"axes": "foot"}, Joints(0.0, 0.0, 0.5), 0.5 * math.pi - 0.5, [-700.0, 10.0, -20.0, -4.0, 3.0, 50.0]),  # toes
+        ({"axes": "foot"}, Joints(0.0, 0.3, math.nan), 0.3, [10.0, 700.0, -20.0, 3.0, 4.0, 50.0]),  # not known: upright
+    ],
+)  # fmt: skip
+def test_lever_and_axes_of_the_sensor(
+    update: dict[str, Any], at: Joints, inclination: float, expected: list[float]
+) -> None:
+    found, torque = ground_of(WRENCH, FULL.model_copy(update=update), at, inclination)
+    assert [*found, *torque] == pytest.approx(expected, abs=1e-12)  # rounding of a few hundred N m
+
+
+numbers, levers = st.floats(-1e3, 1e3), st.floats(-1.0, 1.0)
+vectors = st.tuples(numbers, numbers, numbers)
+
+
+@given(vectors, vectors, levers, levers)
+def test_the_moment_about_the_ankle_is_that_of_the_wrench(acts: Any, turns: Any, x: float, y: float) -> None:
+    """As NumPy's cross product has it."""
+    ground = FULL.model_copy(update={"ankle_x": x, "ankle_y": y})
+    found = ground_of(WrenchStamped(0, "", acts, turns), ground, UPRIGHT, 0.0)
+    expected = np.array(turns) - np.cross([x, y, 0.0], acts)
+    assert found.torque == pytest.approx(expected.tolist(), abs=1e-12)  # rounding of 3e3 N m

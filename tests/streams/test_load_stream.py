@@ -1,0 +1,420 @@
+"""From the bytes of a leg's sensors to the joint reaction: answers, levels, motion, faults, an estimate's bytes."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Iterable
+from typing import Any, get_type_hints
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from knee_contact_ros.msg import LoadEstimate
+from rclpy.serialization import deserialize_message
+
+from knee_contact_ros.bags.reader import RawMessage
+from knee_contact_ros.joint_reaction.estimator import LEVELS, Deviation, Estimate
+from knee_contact_ros.model.types import UNUSABLE, Status
+from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.schema import LoadParameters
+from knee_contact_ros.streams.frames import FROM_REP_103, Transform
+from knee_contact_ros.streams.load_stream import LoadStream, encode_estimate
+from knee_contact_ros.streams.messages import (
+    WRENCH,
+    JointState,
+    WrenchStamped,
+    encode_joint_state,
+    encode_wrench_stamped,
+)
+from knee_contact_ros.streams.topics import LOAD_ESTIMATE, LOAD_RECORDED, MESSAGE_TYPES, Answer, deserialize, typestore
+from tests.helpers.messages import PlainMessages, header
+from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, ground, joint_state, walk
+
+POSE = {"hip": 0.3, "knee": 0.5, "ankle": 0.1}
+
+
+def pipeline(values: Any = None) -> LoadStream:
+    return LoadStream(load_parameters(WHOLE_LEG if values is None else values, LoadParameters))
+
+
+def take(pipe: LoadStream, messages: Iterable[RawMessage]) -> list[tuple[Answer, Estimate]]:
+    """What they make possible."""
+    found = []
+    for message in messages:
+        for answer in (pipe.joint_state if message.topic == ANGLES else pipe.force)(message.data):
+            assert pipe.estimate
+            found.append((answer, pipe.estimate))
+    return found
+
+
+def by_stamp(found: Iterable[tuple[Answer, Estimate]]) -> dict[int, Estimate]:
+    return {answer.records[-1][1]: estimate for answer, estimate in found}
+
+
+def estimates(pipe: LoadStream, messages: Iterable[RawMessage]) -> list[Estimate]:
+    found = [estimate for _, estimate in take(pipe, messages)]
+    for _ in pipe.finish():
+        assert pipe.estimate
+        found.append(pipe.estimate)
+    return found
+
+
+def state(stamp: int, efforts: tuple[float, ...] = (), **positions: float) -> RawMessage:
+    told = JointState(stamp, "", tuple(positions), tuple(positions.values()), (), efforts)
+    return RawMessage(ANGLES, stamp, encode_joint_state(told))
+
+
+def force(stamp: int, wrench: WrenchStamped | None = None, **parts: Any) -> RawMessage:
+    told = (wrench or ground(275 * MS))._replace(stamp=stamp, **parts)
+    return RawMessage(FORCE, stamp, encode_wrench_stamped(told))
+
+
+def once(values: Any, efforts: tuple[float, ...] = (), **parts: Any) -> Estimate:
+    """The estimate for one pose and one force."""
+    (found,) = estimates(pipeline(values), [state(0, efforts, **POSE), force(0, **parts)])
+    return found
+
+
+def same(one: Estimate, other: Estimate, within: float = 0.0) -> bool:
+    """Whether two estimates are alike; what is not a number is like itself."""
+    return all(a == pytest.approx(b, abs=within, rel=0.0, nan_ok=True) for a, b in zip(one, other, strict=True))
+
+
+ROUNDING = 1e-8
+"""[N] or [N m]: moments of 1e3 N m are rounded by 1e-13 in each of some ten steps, muscles divide them by 0.01 m"""
+
+
+def test_an_answer_holds_what_led_to_it_and_both_messages() -> None:
+    messages = walk(2)
+    (first, estimate), _ = take(pipeline(WHOLE_LEG | {"frame.tibia": "shank_isb"}), messages)
+    topics, stamps, data = zip(*first.records, strict=True)
+    assert topics == LOAD_RECORDED
+    assert (stamps, data[:2]) == ((0,) * 4, (messages[0].data, messages[1].data))
+    assert (first.row, first.size) == (b"", sum(map(len, data)))
+    reaction = WRENCH.decode(data[2])
+    assert reaction
+    told, _ = reaction
+    assert told == (0, "shank_isb", (0.0, -estimate.axial_force, 0.0), (estimate.frontal_moment, 0.0, 0.0))
+
+
+@pytest.mark.parametrize(("level", "known"), [("ground_force", 0), ("knee_moment", 1), ("ankle_moment", 2)])
+def test_a_level_tells_what_it_knows(level: str, known: int) -> None:
+    found = once(WHOLE_LEG | {"level": level})
+    assert found.level == known
+    assert math.isfinite(found.frontal_moment) == (known > 0)
+    assert math.isfinite(found.ankle_moment) == (known > 1)
+    assert (found.gastrocnemius_force > 0.0) == (known > 1)
+    parts = found.resultant_force + found.quadriceps_force + found.hamstrings_force + found.gastrocnemius_force
+    assert found.axial_force == pytest.approx(parts, abs=ROUNDING)
+
+
+def test_the_vertical_force_alone_gives_the_lowest_level_of_the_whole_one() -> None:
+    assert once({}) == pytest.approx(once(WHOLE_LEG | {"level": "ground_force"}), abs=0.0, nan_ok=True)
+
+
+def test_an_actuator_takes_its_part_of_the_moments() -> None:
+    """Efforts in the sense of the positions: 20 N m towards extension, 10 N m towards plantarflexion."""
+    alone = once(WHOLE_LEG)
+    values = WHOLE_LEG | {"knee.assisted": True, "ankle.assisted": True}
+    helped = once(values, efforts=(0.0, -20.0, -10.0))
+    assert helped.assistance == 20.0
+    assert helped.knee_moment == pytest.approx(alone.knee_moment - 20.0, abs=ROUNDING)
+    assert helped.ankle_moment == pytest.approx(alone.ankle_moment - 10.0, abs=ROUNDING)
+    assert helped.axial_force < alone.axial_force
+    assert same(once(values, efforts=(0.0, 0.0, 0.0)), alone)
+
+
+@given(st.integers(0, 10**9))
+@settings(max_examples=20)
+def test_the_order_of_arrival_does_not_matter(seed: int) -> None:
+    messages = walk(30)
+    expected = [answer for answer, _ in take(pipeline(), messages)]
+    queues = [[m for m in messages if m.topic == topic] for topic in (ANGLES, FORCE)]
+    rng, mixed = random.Random(seed), list[RawMessage]()
+    while any(queues):
+        mixed.append(rng.choice([queue for queue in queues if queue]).pop(0))
+    assert [answer for answer, _ in take(pipeline(), mixed)] == expected
+
+
+def test_between_two_angles_all_that_is_known_of_the_leg_is_on_a_line() -> None:
+    values = WHOLE_LEG | {"knee.assisted": True, "motion_window": 0.0}
+    ends = [
+        state(0, (0.0, -4.0), hip=0.1, knee=0.2, ankle=0.0),
+        state(4 * MS, (0.0, -8.0), hip=0.5, knee=0.4, ankle=0.2),
+    ]
+    (between,) = estimates(pipeline(values), [ends[0], force(MS), ends[1]])
+    on_it = state(MS, (0.0, -5.0), hip=0.2, knee=0.25, ankle=0.05)
+    (there,) = estimates(pipeline(values), [on_it, force(MS)])
+    assert between.assistance == 5.0
+    assert same(between, there, within=ROUNDING)
+
+
+def test_forces_in_the_plates_own_frame_are_turned() -> None:
+    """A treadmill whose z is up and whose x is forward, and the same by its name alone."""
+    messages = walk(20)
+
+    def rep_103(message: RawMessage) -> RawMessage:
+        decoded = WRENCH.decode(message.data)
+        assert decoded
+        told = decoded[0]
+        vectors = (told.force, told.torque)
+        turned, about = ((x, -z, y) for x, y, z in vectors)
+        told = told._replace(frame_id="treadmill", force=turned, torque=about)
+        return message._replace(data=encode_wrench_stamped(told))
+
+    theirs = [rep_103(message) if message.topic == FORCE else message for message in messages]
+    expected = estimates(pipeline(), messages)
+    pipe = pipeline(WHOLE_LEG | {"frame.ground": "treadmill_isb"})
+    found = estimates(pipe, theirs)
+    assert len(found) == 20
+    assert all(same(one, other, within=ROUNDING) for one, other in zip(found, expected, strict=True))
+    named = pipeline(WHOLE_LEG | {"frame.ground": "ground"})
+    assert named.frame.learn([Transform("treadmill", "ground", (0.0, 0.0, 0.0), FROM_REP_103)]) == []
+    assert estimates(named, theirs) == found
+    unknown = pipeline(WHOLE_LEG | {"frame.ground": "ground"})
+    assert estimates(unknown, theirs) == []
+    assert unknown.synchroniser.refused == {"frame_unknown": 20}
+    assert "ground_reaction_force is in frame 'treadmill'" in unknown.last_refusal
+
+
+def test_what_is_recorded_is_turned_and_gives_the_same_again() -> None:
+    turning = WHOLE_LEG | {"frame.ground": "treadmill_isb"}
+    records = [
+        record for answer, _ in take(pipeline(turning), walk(20, frame="treadmill")) for record in answer.records
+    ]
+    recorded = [
+        RawMessage(f"/{topic}", stamp, data) for topic, stamp, data in records if f"/{topic}" in (ANGLES, FORCE)
+    ]
+    again = [record for answer, _ in take(pipeline(turning), recorded) for record in answer.records]
+    assert again == records
+
+
+@pytest.mark.parametrize(
+    ("values", "deviation"),
+    [
+        ({}, LEVELS["ground_force"].error.uncalibrated),
+        ({"calibrated": True}, LEVELS["ground_force"].error.calibrated),
+        ({"standard_deviation": 0.1}, Deviation(0.1, 0.0)),
+    ],
+)
+def test_how_sure_an_estimate_is(values: dict[str, Any], deviation: Deviation) -> None:
+    found = once(values | {"person.mass": 50.0})
+    assert found.standard_deviation == pytest.approx(deviation.at(found.axial_force, 50.0 * 9.80665), rel=1e-15)
+    assert found.calibrated == ("calibrated" in values)
+
+
+def test_a_stamp_that_jumps_back_has_the_motion_seen_anew_and_so_has_a_reset() -> None:
+    pipe, still = pipeline(), pipeline(WHOLE_LEG | {"motion_window": 0.0})
+    first = estimates(pipe, walk(60))
+    assert not same(first[-1], estimates(still, walk(60))[-1], within=1.0)  # it was moving
+    again = estimates(pipe, walk(60))
+    assert [estimate.status for estimate in again] == [Status.TIME_RESET] + [0] * 59
+    assert [estimate._replace(status=0) for estimate in again] == first
+    pipe, messages = pipeline(), walk(90)
+    take(pipe, messages[:120])
+    pipe.reset()
+    found = estimates(pipe, messages[120:])
+    assert found[0].status == Status.TIME_RESET
+    expected = estimates(pipeline(), messages[120:])
+    assert [estimate._replace(status=0) for estimate in found] == expected
+
+
+@pytest.mark.parametrize(("pause", "given_up"), [(90, True), (90, False), (300, True), (300, False)])
+def test_a_pause_of_the_angles_is_no_motion(pause: int, given_up: bool) -> None:
+    """Where they go on they are elsewhere, and nothing has jumped there; forces are given up meanwhile, or wait."""
+    messages, silence = walk(200), range(300 * MS, (300 + pause) * MS)
+    pipe, found = pipeline(), dict[int, Estimate]()
+    for message in messages:
+        if message.topic == ANGLES and message.log_time in silence:
+            continue
+        found |= by_stamp(take(pipe, [message]))
+        if given_up and message.log_time in silence:  # as the node does when a force has waited for long enough
+            for pair in pipe.synchroniser.give_up():
+                pipe.compute(pair)
+                assert pipe.estimate
+                found[pair.load.stamp] = pipe.estimate
+    kind = Status.INPUT_HELD if given_up else Status.STALE_INPUT
+    flagged = [stamp for stamp, estimate in found.items() if estimate.status & kind]
+    expected = range(300 * MS, silence.stop, 5 * MS) if given_up or pause > 100 else range(0)
+    assert flagged == list(expected)
+    whole = by_stamp(take(pipeline(), messages))
+    still = by_stamp(take(pipeline(WHOLE_LEG | {"motion_window": 0.0}), messages))
+    inertia = max(abs(whole[stamp].axial_force - still[stamp].axial_force) for stamp in whole)
+    # From then on at most as far off as one that sees no motion; 15 times as far if the pause is taken for one.
+    after = [stamp for stamp in found if stamp >= silence.stop]
+    assert {found[stamp].status for stamp in after} == {0}
+    assert max(abs(found[stamp].axial_force - whole[stamp].axial_force) for stamp in after) <= inertia
+
+
+@pytest.mark.parametrize("apart", [20, 50, 70, 90])
+def test_the_kinks_between_slow_angles_are_no_motion(apart: int) -> None:
+    """Angles so many ms apart are interpolated for the forces between: no estimate is off by more than by no motion.
+
+    And by what interpolation itself does to the angles, which the one without motion has too.
+    """
+    messages = [one for one in walk(300) if one.topic == FORCE or one.log_time % (apart * MS) == 0]
+    slow, whole = by_stamp(take(pipeline(), messages)), by_stamp(take(pipeline(), walk(300)))
+    still = by_stamp(take(pipeline(WHOLE_LEG | {"motion_window": 0.0}), messages))
+    without = max(abs(still[stamp].axial_force - whole[stamp].axial_force) for stamp in still)
+    assert max(abs(slow[stamp].axial_force - whole[stamp].axial_force) for stamp in slow) <= without
+
+
+def test_another_offset_is_no_motion() -> None:
+    pipe, messages = pipeline(), walk(200)
+    take(pipe, messages[:200])
+    pipe.retune(load_parameters(WHOLE_LEG | {"hip.offset": 0.2, "knee.offset": 0.2}, LoadParameters))
+    found = [estimate for _, estimate in take(pipe, messages[200:])]
+    expected = [e for _, e in take(pipeline(WHOLE_LEG | {"hip.offset": 0.2, "knee.offset": 0.2}), messages[200:])]
+    assert found == expected
+
+
+def test_another_constant_counts_from_the_next_estimate_on_and_the_motion_goes_on() -> None:
+    changed, messages = WHOLE_LEG | {"person.tone": 0.6}, walk(100)
+    pipe = pipeline()
+    before = take(pipe, messages[:100])
+    pipe.retune(load_parameters(changed, LoadParameters))
+    after = take(pipe, messages[100:])
+    whole, other = take(pipeline(), messages), take(pipeline(changed), messages)
+    assert [*before, *after] == [*whole[:50], *other[50:]]
+    assert whole[60] != other[60]
+
+
+def test_a_stream_at_10_khz_is_answered_as_one_at_1_khz() -> None:
+    quick, slow = by_stamp(take(pipeline(), walk(5000, MS // 10))), by_stamp(take(pipeline(), walk(500, MS)))
+    assert len(quick) == 5000
+    # Once the window is full it sees the same through other samples; 0.2 N apart, of some 3 kN.
+    full = [stamp for stamp in slow if stamp >= 50 * MS]
+    assert max(abs(quick[stamp].axial_force - slow[stamp].axial_force) for stamp in full) < 1.0
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"positions": {"knee": 25.0 / 6.0}}, {"force": (0.0, -400.0, 0.0)}, {"force": (0.0, 9000.0, 0.0)}],
+    ids=["degrees", "upside down", "another person"],
+)
+def test_what_no_leg_does_is_flagged(wrong: dict[str, Any]) -> None:
+    pose = POSE | wrong.pop("positions", {})
+    pipe = pipeline()
+    found = estimates(pipe, [state(0, **pose), force(0, **wrong), state(5 * MS, **POSE), force(5 * MS)])
+    assert [estimate.status for estimate in found] == [Status.IMPLAUSIBLE, 0]
+
+
+def test_status_bits_are_those_of_the_contact() -> None:
+    pipe = pipeline({"pairing.max_gap": 0.02})
+    bad = RawMessage(ANGLES, 0, b"\0\1\0\0 this is none")
+    stream = [state(0, knee=0.1), force(0), bad, state(5 * MS, knee=0.1), force(5 * MS)]
+    stream += [state(50 * MS, knee=0.1), force(50 * MS), force(52 * MS)]
+    found = estimates(pipe, stream)
+    assert [each.status for each in found] == [0, Status.INPUT_REJECTED, Status.STALE_INPUT, Status.INPUT_HELD]
+    assert pipe.synchroniser.refused == {"undecodable": 1}
+
+
+def test_efforts_that_come_and_go_are_refused_and_said() -> None:
+    """An actuator of which nothing is known is not one that does nothing."""
+    values, efforts = WHOLE_LEG | {"knee.assisted": True}, (0.0, -20.0, 0.0)
+    stream = []
+    for number in range(6):
+        stamp = number * 5 * MS
+        stream += [state(stamp, efforts if number % 2 == 0 else (), **POSE), force(stamp)]
+    pipe = pipeline(values)
+    found = estimates(pipe, stream)
+    assert pipe.synchroniser.refused == {"joint_missing": 3}
+    assert {estimate.assistance for estimate in found} == {20.0}
+    assert len(found) == 6
+    assert [bool(each.status & Status.INPUT_REJECTED) for each in found] == [False, True, False, True, False, True]
+
+
+small: Any = st.sampled_from([0.0, -0.0, 5e-324, -5e-324, 1e-310, 2.2e-308, 1e-30])
+extreme, wide = st.floats(-1e5, 1e5) | small, st.floats(-100.0, 100.0) | small
+
+
+@given(st.tuples(extreme, extreme, extreme), st.tuples(extreme, extreme, extreme), wide, wide, wide)
+def test_whatever_is_taken_gives_a_finite_estimate(
+    acts: Any, turns: Any, hip: float, knee: float, ankle: float
+) -> None:
+    stream = []
+    for number in range(8):
+        stamp, sign = number * MS, -1.0 if number % 2 else 1.0
+        stream += [state(stamp, hip=sign * hip, knee=sign * knee, ankle=ankle)]
+        stream += [force(stamp, WrenchStamped(0, "p", acts, turns))]
+    for estimate in estimates(pipeline(WHOLE_LEG | {"motion_window": 0.01}), stream):
+        assert all(map(math.isfinite, estimate))
+        assert min(estimate.quadriceps_force, estimate.hamstrings_force, estimate.gastrocnemius_force) >= 0.0
+
+
+def restarting(seed: int, topic: str) -> list[tuple[float, RawMessage]]:
+    """A sensor's messages, each with when it comes: it pauses now and then, and its clock goes back, or far ahead."""
+    rng, stamp, clock, messages = random.Random(f"{seed} {topic}"), 0, 0, list[tuple[float, RawMessage]]()
+    step = rng.choice([1, 5, 10]) * MS
+    for _ in range(150):
+        walking = encode_joint_state(joint_state(stamp)) if topic == ANGLES else encode_wrench_stamped(ground(stamp))
+        messages.append((clock, RawMessage(topic, stamp, walking)))
+        stamp, clock = stamp + step, clock + step
+        if rng.random() < 0.02:
+            stamp = rng.choice([0, stamp + 500 * MS, max(0, stamp - 300 * MS), 10**15])
+        if rng.random() < 0.01:
+            clock += rng.choice([50, 200, 900]) * MS
+    return messages
+
+
+@given(st.integers(0, 10**9))
+@settings(max_examples=25)
+def test_whatever_sensors_do_an_estimate_that_is_usable_has_the_angle_of_its_stamp(seed: int) -> None:
+    """The leg walks by its stamps, so each of them has one angle, whichever start of a sensor it comes from."""
+    pipe, found, before = pipeline({}), list[tuple[int, Estimate]](), 0.0
+    for clock, message in sorted(restarting(seed, ANGLES) + restarting(seed, FORCE), key=lambda one: one[0]):
+        found += by_stamp(take(pipe, [message])).items()
+        for pair in pipe.synchroniser.give_up() if clock - before > 100 * MS else ():  # as the node does
+            pipe.compute(pair)
+            assert pipe.estimate
+            found.append((pair.load.stamp, pipe.estimate))
+        before = clock
+    assert found
+    for stamp, estimate in found:
+        if not estimate.status & UNUSABLE:
+            # A straight line over 0.1 s is off by at most (0.1 s)^2 / 8 times 0.3 (2 pi / 1.1 s)^2: 0.0122 rad
+            assert estimate.flexion_angle == pytest.approx(joint_state(stamp).position[1], abs=0.0125)
+
+
+TYPE = MESSAGE_TYPES[LOAD_ESTIMATE]
+KINDS = {"float": st.floats(), "int": st.integers(0, 255), "bool": st.booleans()}
+any_estimates = st.builds(
+    Estimate, **{name: KINDS[kind.__name__] for name, kind in get_type_hints(Estimate).items()}
+)  # fmt: skip
+frames = st.text(max_size=17).filter(lambda text: "\x00" not in text)
+"""Of any length; a text of ROS's ends with a zero"""
+stamps = st.integers(-(2**31) * 10**9, 2**31 * 10**9 - 1)
+
+
+def fields_of(message: Any) -> list[str]:
+    """What a message says behind its header; what is not a number is like itself."""
+    return [repr(getattr(message, name)) for name in Estimate._fields]
+
+
+@given(stamps, frames, any_estimates)
+def test_the_bytes_are_those_of_rosbags_and_ros_reads_what_was_meant(
+    stamp: int, frame: str, estimate: Estimate
+) -> None:
+    plain = typestore().types[TYPE](header=header(PlainMessages(), stamp, frame), **estimate._asdict())
+    data = encode_estimate(stamp, frame, estimate)
+    assert data == bytes(typestore().serialize_cdr(plain, TYPE))
+    for read in (deserialize(data, LOAD_ESTIMATE), deserialize_message(data, LoadEstimate)):
+        assert fields_of(read) == fields_of(estimate)
+        assert (read.header.frame_id, read.header.stamp.sec * 10**9 + read.header.stamp.nanosec) == (frame, stamp)
+
+
+@pytest.mark.parametrize("stamp", [2**31 * 10**9, -(2**31) * 10**9 - 1])
+def test_a_stamp_beyond_what_ros_can_hold_is_refused(stamp: int) -> None:
+    with pytest.raises(ValueError, match="stamp"):
+        encode_estimate(stamp, "", Estimate(*[0.0] * 11, 0, False, 0))
+
+
+def test_constants_are_those_of_the_package() -> None:
+    for name, way in LEVELS.items():
+        assert getattr(LoadEstimate, name.upper()) == way.level
+    known = [bit for bit in Status if hasattr(LoadEstimate, bit.name or "")]
+    assert [getattr(LoadEstimate, bit.name or "") for bit in known] == known
+    assert sum(known) & UNUSABLE == LoadEstimate.UNUSABLE
+    fields = [name for name in LoadEstimate.get_fields_and_field_types() if name != "header"]
+    assert fields == list(Estimate._fields)

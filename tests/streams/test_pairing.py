@@ -1,0 +1,342 @@
+"""Pairing by stamp: which samples of a stream are believed, and what becomes of them; rates, gaps, jumps, orders."""
+
+from __future__ import annotations
+
+import random
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from knee_contact_ros.model.types import Status
+from knee_contact_ros.parameters.schema import Pairing
+from knee_contact_ros.streams.pairing import STEPS, AngleSample, LoadSample, PairedSample, Synchroniser, Timeline
+
+MS = 1_000_000
+HELD, STALE, RESET, REJECTED = Status.INPUT_HELD, Status.STALE_INPUT, Status.TIME_RESET, Status.INPUT_REJECTED
+
+
+class Sample(NamedTuple):
+    stamp: int
+
+
+class Stream:
+    """A timeline with what it refuses; stamps in ms."""
+
+    def __init__(self, stamps: Iterable[float] = (), max_gap: float = 100) -> None:
+        self.refused: Counter[str] = Counter()
+        self.time: Timeline[Sample] = Timeline(round(max_gap * MS), 100, self._count, "angle")
+        for stamp in stamps:
+            self.take(stamp)
+
+    def _count(self, reason: str) -> None:
+        self.refused[reason] += 1
+
+    def take(self, stamp: float, other: Stream | None = None) -> list[float]:
+        """What is believed with this stamp."""
+        believed = self.time.take(Sample(round(stamp * MS)), (other or SILENT).time)
+        return [sample.stamp / MS for sample in believed]
+
+    def look_again(self, other: Stream, jumped: bool = False) -> list[float]:
+        return [sample.stamp / MS for sample in self.time.look_again(other.time, jumped)]
+
+
+SILENT = Stream()
+"""Another stream of which nothing is known"""
+TEN, SLOW = range(0, 100, 10), range(0, 10_000, 1000)
+BEHIND, ALONE, LATE = {"angle_off_time": 1}, {"angle_off_time": 3}, {"angle_not_in_order": 3}
+BELIEVED: list[tuple[str, Sequence[int], Sequence[int], list[Any], dict[str, int]]] = [
+    ("two samples make a stream", (), (), [5, [9, 5, 9], [13, 13]], {}),
+    ("one does where the other stream is", (), (0, 1, 2), [[3, 3]], {}),
+    ("and none elsewhere", (), (0, 1, 2), [40], {}),
+    ("one far ahead, and it goes on as before", TEN, (), [300, [100, 100], [110, 110]], BEHIND),
+    ("three ahead, and the next are far too", TEN, (), [170, 180, 190, 130, 140], ALONE),
+    ("far behind", TEN, (), [-60, [100, 100]], BEHIND),
+    ("very far behind", TEN, (), [-4910, [100, 100]], BEHIND),
+    ("a little late", TEN, (), [90, 85, -10], LATE),
+    ("a pause, the other one has gone on", TEN, range(0, 600, 10), [[590, 590]], {}),
+    *(
+        (f"a jump to {to}: after four steps", TEN, (),
+         [to, to + 10, to + 20, to + 30, [to + 40, *range(to, to + 50, 10)], [to + 50, to + 50]], {})
+        for to in (-800, 700)
+    ),
+    *(
+        (f"three of a slower publisher, {step} ms", range(100), (),
+         [5000, 5000 + step, 5000 + 2 * step, [100, 100]], ALONE)
+        for step in (10, 15, 20)
+    ),
+    ("the largest gap bounds the wait", SLOW, (), [-500, -450, [-400, -500, -450, -400]], {}),
+    ("one long step makes no others long", [*TEN, 110, 120], (), [155, [130, 130]], BEHIND),
+    ("a slower stream does not say how far", range(900, 960), range(0, 1000, 50), [1040, [960, 960]], BEHIND),
+    ("a slower rate", TEN, (), [1000, [2000, 1000, 2000], [3000, 3000]], {}),
+    ("out of order, both reached", TEN, range(200, 290, 10), [310, [285, 285]], BEHIND),
+    ("back to the other one's time from a wrong publisher", range(10_000, 10_200, 10), range(0, 200, 5),
+     [191, [10_200, 10_200], [201, 191, 201], 10_210, [211, 211]], BEHIND),
+    ("a hole of glitches looks like a pause", TEN, (), [5000, 5010, 5020, 125], ALONE),
+    ("wrong ones within a pause do not undo its end", TEN, (),
+     [190, 195, 200, 205, 140, 145, 150, 215, 225, [230, 190, 195, 200, 205, 215, 225, 230]], LATE),
+]  # fmt: skip
+"""Name, stamps before, stamps of the other stream; then each stamp with those that are believed; what is refused"""
+
+
+@pytest.mark.parametrize(("before", "others", "script", "refused"), [case[1:] for case in BELIEVED],
+                         ids=[case[0] for case in BELIEVED])  # fmt: skip
+def test_which_samples_are_believed(
+    before: Sequence[int], others: Sequence[int], script: list[Any], refused: dict[str, int]
+) -> None:
+    stream, other = Stream(before), Stream(others)
+    for step in script:
+        stamp, *believed = step if isinstance(step, list) else [step]
+        assert stream.take(stamp, other) == believed
+    assert stream.refused == refused
+
+
+@pytest.mark.parametrize(("script", "until"), [((170, 180, 190, 130, 140), 160), ((5000, 5010, 5020, 125), 130)])
+def test_those_passed_by_are_believed_once_the_other_one_is_there(script: tuple[int, ...], until: int) -> None:
+    stream = Stream(TEN)
+    assert [stream.take(stamp) for stamp in script] == [[]] * len(script)
+    at = script[-1] + 10
+    assert stream.take(at, Stream(range(100, until, 2)))[-2:] == [script[-1], at]
+
+
+@pytest.mark.parametrize(
+    "steps", [(30, 10), (20_000, 10, 10), (30, 10, 10, 300, 10), (10, 10, 10, 10, 10, 10, 10, 10, 40)]
+)
+def test_how_far_is_far_depends_on_the_last_steps_alone(steps: tuple[int, ...]) -> None:
+    stream, at = Stream([0], max_gap=10**6), 0
+    for step in steps:
+        at += step
+        stream.take(at, Stream([at]))
+    again = Stream()
+    again.time.go_on(stream.time.last, stream.time.steps)
+    assert (again.time.last, again.time.steps, again.time.far) == (stream.time.last, stream.time.steps, stream.time.far)
+    assert len(again.time.steps) <= STEPS
+
+
+def test_two_pauses_do_not_make_a_second_publisher_a_part_of_the_stream() -> None:
+    stream, other = Stream(TEN), Stream(TEN)
+    for at in range(100, 700, 10):
+        other.take(at, stream)
+        stream.look_again(other)
+        if at == 390:
+            stream.take(at, other)
+    jumps = stream.time.jumps
+    for at in range(700, 2700, 10):
+        other.take(at, stream)
+        stream.take(at + 1, other)
+        stream.take(at + 156, other)
+    assert stream.time.jumps <= jumps + 4
+
+
+def test_little_that_may_be_kept_aside_does_not_hide_a_clock_that_is_set() -> None:
+    stream = Stream([*TEN, 150, 160, 220, 230])  # steps of 10 with two pauses: four of 60 are more than ten samples
+    stream.time._most = 5
+    assert [stream.take(5000 + 10 * number) for number in range(5)][-1]
+    assert stream.refused == {}
+    slow = Stream(SLOW, max_gap=10_000)
+    for number in range(250):
+        slow.take(-9000 + number)
+    assert len(slow.time.pending) <= 100
+
+
+def test_a_pause_or_jump_of_both_is_believed_when_one_goes_on_and_one_wrong_stamp_of_both_is_not() -> None:
+    stream, other = Stream(TEN), Stream(TEN)
+    assert stream.take(590, other) == other.take(595, stream) == []  # a driver may have got one stamp wrong for both
+    assert stream.take(600, other) == [590, 600]
+    assert other.look_again(stream) == [595]
+    stream, other = Stream(TEN), Stream(TEN)
+    assert stream.take(-800, other) == other.take(-799, stream) == []
+    assert stream.take(-790, other) == [-800, -790]
+    assert other.look_again(stream, jumped=True) == [-799]
+    stream, other = Stream(TEN), Stream(TEN)
+    assert stream.take(-800, other) == other.take(-800, stream) == []
+    for one, another in ((stream, other), (other, stream)):
+        assert one.take(100, another) == [100]
+        assert one.refused == BEHIND
+
+
+def test_clear_forgets() -> None:
+    stream = Stream(TEN)
+    stream.take(500)
+    stream.time.clear()
+    assert stream.refused == BEHIND
+    assert stream.take(-9000) == []
+    assert stream.take(-8990) == [-9000, -8990]
+
+
+def angle(stamp: float, value: float | None = None) -> AngleSample:
+    return AngleSample(round(stamp * MS), stamp if value is None else value)
+
+
+def load(stamp: float) -> LoadSample:
+    return LoadSample(round(stamp * MS), stamp, 0.0, "tibia")
+
+
+def sample_of(word: str) -> AngleSample | LoadSample:
+    """`a10=7` is an angle of 7 at 10 ms, `a10` one of 10, `l10` a load."""
+    stamp, _, value = word[1:].partition("=")
+    return angle(float(stamp), float(value or stamp)) if word[0] == "a" else load(float(stamp))
+
+
+def feed(synchroniser: Synchroniser, samples: Iterable[AngleSample | LoadSample] | str) -> list[PairedSample]:
+    """Push samples in this order, which may be given as words; `.` is the end of the streams."""
+    pairs = []
+    for one in samples.split() if isinstance(samples, str) else samples:
+        sample = sample_of(one) if isinstance(one, str) and one != "." else one
+        if isinstance(sample, str):
+            pairs += synchroniser.finish()
+        elif isinstance(sample, AngleSample):
+            pairs += synchroniser.push_angle(sample)
+        else:
+            pairs += synchroniser.push_load(sample)
+    return pairs
+
+
+FLAGS = {HELD: "H", STALE: "S", RESET: "R", REJECTED: "J"}
+
+
+def told(pairs: Iterable[PairedSample]) -> str:
+    """Stamp of the load [ms], angle unless it is equal, and flags of each pair."""
+    words = []
+    for pair in pairs:
+        stamp, flags = pair.load.stamp / MS, "".join(letter for bit, letter in FLAGS.items() if pair.status & bit)
+        words.append(f"{stamp:g}" + (f"={pair.angle:.9g}" if pair.angle != stamp else "") + flags)
+    return " ".join(words)
+
+
+BEFORE = "a1990 l1990 a2000 l2000 "
+PAIRS = {
+    "equal stamps": ("a5 l5", "5", {}),
+    "the load first": ("l5 a5", "5", {}),
+    "between two angles": ("a10=1 l12 a20=2", "12=1.2", {}),
+    "before every angle": ("l1 l5 a5", "5J", {"no_angle_before": 1}),
+    "at the end": ("a5 l6 l7 .", "6=5H 7=5H", {}),
+    "a gap at the end": ("a0 l0 a50 l50 l200 a300 .", "0 50 200=50HS", {}),
+    "doubled and late": ("a0 l0 l0 a0 a10 a5 l10 l8", "0 10J", {"load_not_in_order": 2, "angle_not_in_order": 2}),
+    "a loop, angle first": (BEFORE + "a0=7 l0 a10=8 l10", "1990 2000 0=7R 10=8", {}),
+    "a loop, load first": (BEFORE + "l0 a0=7 a10=8 l10", "1990 2000 0=7R 10=8", {}),
+    "loads jump back alone": (BEFORE + "l500 a2010=7 l501 l600", "1990 2000 500=7HSR 501=7HS 600=7HS", {}),
+    "angles jump first": ("a1990 a2000=3 a0 l2005 l0 a10", "2005=3H 0R", {}),
+    "and follow": (BEFORE + "l500 l600 l610 a620 a630=7 l630", "1990 2000 500=2000HSR 600=2000HS 610=2000HS 630=7", {}),
+}
+"""Samples; pairs and refusals that come of them"""
+
+
+@pytest.mark.parametrize("name", PAIRS)
+def test_what_is_paired(name: str) -> None:
+    samples, pairs, refused = PAIRS[name]
+    synchroniser = Synchroniser(Pairing(max_gap=0.1))
+    assert told(feed(synchroniser, samples)) == pairs
+    assert synchroniser.refused == refused
+
+
+def test_heights_are_interpolated_as_the_angles_are() -> None:
+    low, high = (angle(stamp, 1.0)._replace(height=height) for stamp, height in ((10, 0.03), (20, 0.04)))
+    (between,) = feed(Synchroniser(Pairing()), [low, load(13), high])
+    assert between.height == pytest.approx(0.033, abs=1e-17)
+    (without,) = feed(Synchroniser(Pairing()), "a10 l10")
+    assert without.height is None
+
+
+@given(st.integers(0, 10**9))
+def test_the_order_of_arrival_does_not_matter(seed: int) -> None:
+    angles, loads = [angle(i * 10) for i in range(8)], [load(i) for i in range(70)]
+    expected = feed(Synchroniser(Pairing()), [*angles, *loads])
+    mixed, a, b, rng = list[AngleSample | LoadSample](), list(angles), list(loads), random.Random(seed)
+    while a or b:
+        mixed.append((a if a and (not b or rng.random() < 0.2) else b).pop(0))
+    pairs = feed(Synchroniser(Pairing()), mixed)
+    assert told(pairs) == told(expected)
+    assert len(pairs) == 70
+    recorded = [a for pair in pairs for a in pair.angles]
+    assert recorded == angles[: len(recorded)]
+
+
+steps = st.lists(st.integers(0, 50), min_size=2, max_size=30)
+
+
+@given(steps, steps)
+def test_every_load_is_answered_or_counted(angle_steps: list[int], load_steps: list[int]) -> None:
+    synchroniser, samples = Synchroniser(Pairing()), list[AngleSample | LoadSample]()
+    for kind, of in ((angle, angle_steps), (load, load_steps)):
+        stamp = 0
+        for step in of:
+            stamp += step
+            samples.append(kind(stamp))
+    random.Random(1).shuffle(samples)
+    pairs = feed(synchroniser, samples) + synchroniser.finish()
+    assert len(pairs) + synchroniser.refused.total() >= len(load_steps)
+    resets = [i for i, pair in enumerate(pairs) if pair.status & RESET]
+    for i, (before, after) in enumerate(pairwise(pairs), start=1):
+        assert after.load.stamp > before.load.stamp or i in resets
+
+
+def test_what_waits_is_answered_by_the_clock_of_the_caller_and_not_with_an_angle_that_may_be_wrong() -> None:
+    synchroniser = Synchroniser(Pairing())
+    assert told(feed(synchroniser, "a5=0.3 l6 l7") + synchroniser.give_up()) == "6=0.3H 7=0.3H"
+    synchroniser = Synchroniser(Pairing())
+    feed(synchroniser, "a0 l0 a10 l10")
+    assert feed(synchroniser, [load(5000)._replace(arrived=3.0), angle(5000, 0.7)]) == []
+    assert synchroniser.give_up(2.9) == []
+    assert told(synchroniser.give_up(3.0)) == "5000=0.7S"
+    regular = " ".join(f"a{at}=0.3 l{at}" for at in range(0, 100, 10))
+    pairs = feed(Synchroniser(Pairing()), f"{regular} l95 a150=1 .")
+    assert told(pairs[9:]) == "90=0.3 95=0.3H"
+
+
+def test_a_second_publisher_from_the_first_sample_on_is_refused() -> None:
+    """Jumps to the other one and back are no steps of a stream."""
+    synchroniser, pairs = Synchroniser(Pairing()), list[PairedSample]()
+    for at in range(20_000, 25_000, 5):
+        pairs += feed(synchroniser, [load(at), load(at + 5000), angle(at)])
+    assert synchroniser.load_time.jumps <= 2
+    assert synchroniser.refused["load_off_time"] > 990
+    assert sum(bool(pair.status & RESET) for pair in pairs) <= 2
+
+
+def test_nothing_grows_while_the_other_stream_is_silent() -> None:
+    """What waits for a force that does not come is given up, oldest first, and counted; so it is with an angle."""
+    synchroniser = Synchroniser(Pairing(queue=100))
+    feed(synchroniser, [angle(i) for i in range(1000)])
+    assert (synchroniser.unrecorded, synchroniser.fill) == (900, 1.0)
+    (pair,) = feed(synchroniser, [load(999)])
+    assert [a.stamp // MS for a in pair.angles] == list(range(900, 1000))
+    held = feed(synchroniser, [load(i) for i in range(1000, 1300)])
+    assert [pair.load.stamp // MS for pair in held] == list(range(1000, 1200))
+    assert {pair.angle for pair in held} == {999.0}
+    assert synchroniser.waiting == 100
+
+
+def test_after_forget_nothing_of_before_is_known_and_no_force_between_two_angles_is_lost() -> None:
+    synchroniser = Synchroniser(Pairing())
+    feed(synchroniser, "a9000 l9000 a9010 l9005")
+    synchroniser.forget()
+    assert [a.stamp // MS for a in synchroniser.rest()] == [9010]  # is still to be recorded
+    assert told(feed(synchroniser, "a0 l0 a10 l10")) == "0 10"
+    synchroniser = Synchroniser(Pairing())
+    feed(synchroniser, "a0=0 l0 a10=1 l9 .")
+    synchroniser.forget()
+    pairs = feed(synchroniser, "l12 l13 a20=2 a30=3 l14")
+    assert told(pairs) == "12=1.2 13=1.3 14=1.4"
+    assert not synchroniser.refused
+
+
+def test_all_angles_are_recorded_those_of_before_a_jump_with_the_next_pair() -> None:
+    synchroniser = Synchroniser(Pairing())
+    feed(synchroniser, "a1990 l1990 a2000")
+    assert synchroniser.steady()
+    pairs = feed(synchroniser, "a0 l0 a10 l10 a20")
+    assert [[a.stamp // MS for a in pair.angles] for pair in pairs] == [[2000, 0], [10]]
+
+
+@pytest.mark.parametrize("ahead", [3_600_000, 500])
+def test_an_angle_ahead_from_the_start_is_held_and_flagged(ahead: int) -> None:
+    """One clock is wrong: the answer goes with the newest angle, as if it had been set so later."""
+    pairs = feed(Synchroniser(Pairing()), [s for i in range(0, 200, 5) for s in (angle(i + ahead), load(i))])
+    assert len(pairs) >= 38
+    assert {pair.status for pair in pairs[2:]} == {HELD | STALE}
+    assert pairs[-1].angle == 195 + ahead
