@@ -19,9 +19,7 @@ from collections.abc import Callable
 from decimal import Decimal
 from pathlib import Path
 
-from mcap.writer import CompressionType
-
-from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.streams.topics import INPUTS, LOAD_INPUTS, MESSAGE_TYPES
 
@@ -87,7 +85,7 @@ def make_bag(table: Path, folder: Path, topics: tuple[str, str], wrench_at: Wren
     side = table.stem.rsplit("_", 1)[-1]
     shutil.rmtree(folder, ignore_errors=True)
     # Not compressed: the bytes then do not depend on the version of a compressor.
-    with BagWriter(folder / f"{folder.name}_0.mcap", CompressionType.NONE) as bag:
+    with BagWriter(folder / f"{folder.name}_0.mcap", compressed=False) as bag:
         for topic in topics:
             bag.add_topic(f"/{topic}", MESSAGE_TYPES[topic])
         bag.add_metadata("origin", origin)

@@ -22,10 +22,8 @@ import numpy as np
 import rclpy
 
 from benchmarks.report import Section, machine, save
-from knee_contact_ros.bags.mcap_metadata import metadata_records
-from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader, RawMessage
-from knee_contact_ros.bags.recorded_answers import answer_blocks
-from knee_contact_ros.bags.writer import REFUSED_SAMPLES, BagWriter
+from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader, RawMessage, answer_blocks, metadata_records
+from knee_contact_ros.bags.recorder import REFUSED_SAMPLES, BagWriter
 from knee_contact_ros.commands.main import main as knee_contact
 from knee_contact_ros.model.types import Rows, Status
 from knee_contact_ros.offline.notebooks import solve

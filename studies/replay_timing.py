@@ -23,7 +23,7 @@ from rclpy.node import Node
 from benchmarks.latency.driver import read
 from benchmarks.report import Section, machine, save
 from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader, RawMessage
-from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.commands.player import LATE, Keyboard, Lateness, Player
 from knee_contact_ros.commands.replay import ReadAhead, Replayer, undisturbed
 from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped

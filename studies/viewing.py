@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from benchmarks.latency.driver import Snapshot, samples, snapshot
 from benchmarks.report import Section, machine, save
-from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES
+from knee_contact_ros.bags.recorder import ABSOLUTE_NAMES
 from knee_contact_ros.model.types import ROW
 from knee_contact_ros.node.outputs import Listeners, Outputs
 from knee_contact_ros.parameters.files import load_parameters

@@ -10,11 +10,10 @@ from typing import Any, NamedTuple
 
 import knee_contact_ros.model
 from knee_contact_ros import __version__
-from knee_contact_ros.bags.bag_files import files_of, is_there
-from knee_contact_ros.bags.mcap_metadata import metadata_records
-from knee_contact_ros.bags.writer import CONTINUED
+from knee_contact_ros.bags.reader import files_of, is_there, metadata_records
+from knee_contact_ros.bags.recorder import CONTINUED
 from knee_contact_ros.parameters.files import curve_files, flat_parameters, load_parameters, read_curve, stored_texts
-from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.parameters.schema import LoadParameters, Parameters
 from knee_contact_ros.streams.output import LOAD_PROVENANCE, PROVENANCE
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import open_regular, sha256_of
@@ -84,17 +83,27 @@ def provenance_record(
         source: Bag that the inputs come from, if any.
         ticks_before: Number of ticks that the node had computed before the recording began.
     """
-    values = {
-        name: value for name, value in flat_parameters(parameters).items() if not name.startswith(NOT_OF_THE_RESULT)
-    }
-    record = {
-        "package": f"knee_contact_ros {__version__}",
-        "model_sha256": model_digest(),
-        "parameters": json.dumps(values, indent=0),
-        "ticks_before": str(ticks_before),
-    }
-    record |= {CURVE + name: text for name, text in curves.items()}
-    return record | ({"source": source.name, "source_sha256": bag_digest(source)} if source else {})
+    files = {CURVE + name: text for name, text in curves.items()}
+    first = {"model_sha256": model_digest()}
+    return _described(first, flat_parameters(parameters), ticks_before) | files | _origin(source)
+
+
+def load_provenance_record(
+    parameters: LoadParameters, source: Path | None = None, ticks_before: int = 0
+) -> dict[str, str]:
+    """Likewise for a recording of estimated joint reactions."""
+    first = {"level": parameters.chosen_level}
+    return _described(first, flat_parameters(parameters), ticks_before) | _origin(source)
+
+
+def _described(first: dict[str, str], values: Mapping[str, Any], ticks_before: int) -> dict[str, str]:
+    kept = {name: value for name, value in values.items() if not name.startswith(NOT_OF_THE_RESULT)}
+    last = {"parameters": json.dumps(kept, indent=0), "ticks_before": str(ticks_before)}
+    return {"package": f"knee_contact_ros {__version__}"} | first | last
+
+
+def _origin(source: Path | None) -> dict[str, str]:
+    return {"source": source.name, "source_sha256": bag_digest(source)} if source else {}
 
 
 def change_record(tick: int, values: Mapping[str, Any]) -> dict[str, str]:

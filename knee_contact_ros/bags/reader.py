@@ -1,33 +1,96 @@
-"""Reading of a bag: an `.mcap` file, or a rosbag2 folder with MCAP or sqlite3 files, from any ROS 2 recorder."""
+"""Reading of a bag: an `.mcap` file, or a rosbag2 folder with MCAP or sqlite3 files, from any ROS 2 recorder.
+
+Topics may have other names in a bag than in the node. What is damaged or missing is said (`BagReader.damage`), and the
+rest is read. Files of a folder are found even where its `metadata.yaml` is missing or wrong.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+import os
+import re
+import sqlite3
+import tempfile
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, closing
 from dataclasses import replace
-from itertools import groupby
+from itertools import groupby, islice
 from operator import itemgetter
 from pathlib import Path
-from types import TracebackType
+from resource import RLIMIT_NOFILE, getrlimit, setrlimit
+from types import MappingProxyType
 from typing import Any, NamedTuple
+from urllib.parse import quote
 
 import numpy as np
 import zstandard
+from mcap.opcode import Opcode
+from mcap.records import Metadata
 from rosbags.interfaces import MessageDefinition
 
-from knee_contact_ros.bags.bag_files import in_a_line
-from knee_contact_ros.bags.batch import Batch, blocks
-from knee_contact_ros.bags.stored_bag import Connection, StoredBag
-from knee_contact_ros.bags.topic_names import OWN_NAMES, Names, absolute
-from knee_contact_ros.bags.topics_in_bag import find_topic
-from knee_contact_ros.streams.topics import INPUTS, MESSAGE_TYPES, deserialize
-from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.bags.columns import Batch, blocks
+from knee_contact_ros.bags.mcap_file import (
+    ALLOWED_SIZE,
+    BLOCK,
+    MOST_GROWTH,
+    NO_DEFINITION,
+    Connection,
+    McapFile,
+    Records,
+    definition_of,
+)  # fmt: skip
+from knee_contact_ros.bags.recorder import CONTINUED, MAGIC, METADATA
+from knee_contact_ros.model.types import Rows
+from knee_contact_ros.streams.columns import Column, decode_answers
+from knee_contact_ros.streams.topics import (
+    DYNAMIC_JOINT_STATES,
+    GROUND_REACTION_FORCE,
+    INPUTS,
+    JOINT_REACTION_FORCE,
+    KNEE_CONTACT,
+    LOAD_INPUTS,
+    MESSAGE_TYPES,
+    deserialize,
+)  # fmt: skip
+from knee_contact_ros.system.errors import UsageError, in_a_line, listed
+from knee_contact_ros.system.files import LARGEST_METADATA, BadYamlError, open_regular, read_yaml, split
+from knee_contact_ros.system.output_files import FIRST
 
+Names = Mapping[str, str]
+"""Absolute names of topics in a bag, by their absolute names in the node"""
+OWN_NAMES: Names = MappingProxyType({})
+"""Names for a bag in which each topic has its name in the node"""
 INPUT_TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in INPUTS}
 """Types of the topics that drive the model, by their absolute names"""
-LARGEST_MESSAGE = 2**24
-"""Largest size [B] of a message that was compressed by itself"""
-ZSTD = b"\x28\xb5\x2f\xfd"
-"""Magic at the beginning of compressed bytes; no CDR message begins like this"""
+OTHER_FORCE = {
+    JOINT_REACTION_FORCE: (GROUND_REACTION_FORCE, "knee-contact estimate-load makes joint reaction forces of its"),
+    GROUND_REACTION_FORCE: (JOINT_REACTION_FORCE, "knee-contact solve takes, and replay without --sensors, its"),
+}
+"""Other input of the same type, by the name of a force that it must not be taken for, and the advice for it"""
+BAG_FILES = (".mcap", ".db3")
+"""Suffixes of the files of a bag"""
+NUMBERED = re.compile(r"(.+)_(\d+)(\.mcap|\.db3)")
+"""Name of a numbered file in a rosbag2 folder: stem, number and suffix"""
+SQLITE_MAGIC, ZSTD = b"SQLite format 3\x00", b"\x28\xb5\x2f\xfd"
+"""First bytes of a sqlite3 file, and of what is compressed; no CDR message begins like the latter"""
+MOST_AT_ONCE, LARGEST_MESSAGE, LARGEST_RECORD = 2**28, 2**24, 2**24
+"""Largest sizes [B]: of the chunks that are unpacked at one time, of a message that was compressed by itself, of a
+metadata record that is read by itself (those of this package hold some curves)"""
+MOST_NAMED = 8
+"""Largest number of file names in a message"""
+FIRST_RECORDS = 4
+"""Number of records at the beginning of a file among which the record `continued` is searched for"""
+DECODED = 8192
+"""Largest number of answers that are decoded at once"""
+TABLES = ("topics", "messages", "message_definitions")
+"""Names of the tables of a sqlite3 file that are read"""
+ROWS = "FROM messages WHERE typeof(topic_id) = 'integer' AND typeof(timestamp) = 'integer' AND typeof(data) = 'blob'"
+"""Rows that are messages"""
+DEFINITIONS = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+ROWS_AT_ONCE = 256
+"""Number of rows that are fetched at once"""
+SQLITE_FIELDS = ((16, 2), (24, 4), (28, 4), (92, 4))
+"""Offset and length [B] in the header of page size, change counter, number of pages, and the counter valid for that"""
 
 
 class BagMessage(NamedTuple):
@@ -67,32 +130,54 @@ class BagReader:
             UsageError: There is no such bag, it cannot be read, or a topic is missing, empty or of another type.
         """
         self.path = path
+        self._topics = {names.get(topic, topic): topic for topic in types}
         if not path.exists():
             raise UsageError(f"no bag at {path}: give an .mcap file or a rosbag2 folder")
-        self._bag = StoredBag(path)
-        self.damage = self._bag.damage
-        """Faults of the bag, as sentences; the readable part is read nevertheless"""
-        try:
-            self._connections = {
-                topic: find_topic(path, self._bag.connections, topic, type_name, names.get(topic, topic))
-                for topic, type_name in types.items()
-            }
-        except UsageError as error:
-            self.close()
-            damage = f"; the bag is damaged: {in_a_line(self.damage)}" if self.damage else ""
-            raise UsageError(f"{error}{damage}") from None
-        self._topics = {names.get(topic, topic): topic for topic in types}
-        self._refuse_compressed_messages()
+        with ExitStack() as opened:
+            try:
+                self._files, self.damage, self._packed, stated = _opened_files(path, opened)
+            except OSError as error:
+                raise UsageError(f"cannot read bag {path}: {error.strerror}") from None
+            for file in self._files:
+                if isinstance(file, McapFile) and file.at_once > MOST_AT_ONCE:
+                    raise UsageError(
+                        f"bag {file.path}: its chunks lie over each other in time, so that {file.at_once} bytes would "
+                        f"be unpacked at once; at most {MOST_AT_ONCE} are"
+                    )
+            self._files.sort(key=lambda file: file.times or (0, 0))
+            self._in_file = [file.connections for file in self._files]
+            merged: dict[tuple[object, ...], Connection] = {}
+            for connection in (each for topics in self._in_file for each in topics.values()):
+                before = merged.setdefault(connection[:3], connection._replace(messages=0))
+                merged[connection[:3]] = before._replace(messages=before.messages + connection.messages)
+            self.connections = list(merged.values())
+            """Connections of all files, with one for each topic, type and encoding"""
+            self.damage += _contradictions(self.connections, stated)
+            """Faults of the bag, as sentences; the readable part is read nevertheless"""
+            if self.damage and not any(connection.messages for connection in self.connections):
+                raise UsageError(f"cannot read bag {path}: no message can be read of it; {in_a_line(self.damage)}")
+            try:
+                self._requested = {
+                    topic: _found(path, self.connections, topic, type_name, names.get(topic, topic))
+                    for topic, type_name in types.items()
+                }
+            except UsageError as error:
+                damage = f"; the bag is damaged: {in_a_line(self.damage)}" if self.damage else ""
+                raise UsageError(f"{error}{damage}") from None
+            first = next(self.raw_messages(), None) if path.is_file() else None
+            if first and first.data.startswith(ZSTD):  # only `metadata.yaml` in its folder says so
+                raise UsageError(f"bag {path} has compressed messages: give its folder, whose metadata.yaml says so")
+            self.close = opened.pop_all().close
 
     @property
     def count(self) -> int:
         """Number of messages on the requested topics."""
-        return sum(connection.messages for topic in self._connections.values() for connection in topic)
+        return sum(connection.messages for topic in self._requested.values() for connection in topic)
 
     @property
     def end(self) -> int:
-        """Log time [ns] after the last message of the bag, on any topic."""
-        return self._bag.end_time
+        """Log time [ns] after the last message of the bag, on any topic; 0 without messages."""
+        return 1 + max((file.times[1] for file in self._files if file.times), default=-1)
 
     def raw_messages(
         self, topics: Collection[str] = (), start: int | None = None, stop: int | None = None
@@ -107,18 +192,18 @@ class BagReader:
         Raises:
             UsageError: The bag is damaged.
         """
-        for message, _ in self.described_messages(topics, start, stop):
-            yield message
+        for message, _ in self.described_messages(topics):
+            if (start is None or message.log_time >= start) and (stop is None or message.log_time < stop):
+                yield message
 
-    def described_messages(
-        self, topics: Collection[str] = (), start: int | None = None, stop: int | None = None
-    ) -> Iterator[tuple[RawMessage, MessageDefinition]]:
+    def described_messages(self, topics: Collection[str] = ()) -> Iterator[tuple[RawMessage, MessageDefinition]]:
         """Messages as `raw_messages` gives them, each with the definition of its type in the bag."""
-        for batch, connections in self._batches(topics, start, stop):
+        for connections, batches in self._by_file(topics):
             described = [(self._topic_of(connection), connection.definition) for connection in connections]
-            for number, log_time, data in batch:
-                topic, definition = described[number]
-                yield RawMessage(topic, log_time, data), definition
+            for batch in batches:
+                for number, log_time, data in batch:
+                    topic, definition = described[number]
+                    yield RawMessage(topic, log_time, data), definition
 
     def blocks(self, topics: Collection[str] = (), *, most: int) -> Iterator[Batch]:
         """Messages in the order of log time, in blocks of at most `most` messages.
@@ -132,27 +217,10 @@ class BagReader:
         Raises:
             UsageError: The bag is damaged.
         """
-        indices = {topic: index for index, topic in enumerate(self._connections)}
-        for connections, pairs in groupby(self._batches(topics), key=itemgetter(1)):
+        indices = {topic: index for index, topic in enumerate(self._requested)}
+        for connections, batches in self._by_file(topics):
             index_of = np.array([indices[self._topic_of(connection)] for connection in connections], np.intp)
-            batches = (replace(batch, numbers=index_of[batch.numbers]) for batch, _ in pairs)
-            yield from blocks(batches, most)
-
-    def _batches(
-        self, topics: Collection[str], start: int | None = None, stop: int | None = None
-    ) -> Iterator[tuple[Batch, list[Connection]]]:
-        """Decompressed messages in batches, whose numbers are indices of the connections."""
-        requested = [connection for topic in topics or self._connections for connection in self._connections[topic]]
-        try:
-            for batch, connections in self._bag.batches(requested, start, stop):
-                all_of_them = np.ones(len(batch), dtype=bool)
-                yield batch.changed(unpacked, all_of_them) if self._bag.packed else batch, connections
-        except Exception as error:  # whatever a broken file provokes in the reader
-            raise self._damaged(error) from None
-
-    def _topic_of(self, connection: Connection) -> str:
-        """Absolute name in the node of the topic of a connection."""
-        return self._topics[absolute(connection.topic)]
+            yield from blocks((replace(batch, numbers=index_of[batch.numbers]) for batch in batches), most)
 
     def messages(self) -> Iterator[BagMessage]:
         """Messages in the order of log time, decoded by the definitions in this package.
@@ -167,34 +235,239 @@ class BagReader:
                 raise self._damaged(error) from None
             yield BagMessage(topic, log_time, message)
 
+    def _by_file(self, topics: Collection[str]) -> Iterator[tuple[list[Connection], Iterator[Batch]]]:
+        """For each file its requested connections, and its messages, whose numbers are indices of these."""
+        wanted = {connection[:3] for topic in topics or self._requested for connection in self._requested[topic]}
+        for file, declared in zip(self._files, self._in_file, strict=True):
+            chosen = {channel: connection for channel, connection in declared.items() if connection[:3] in wanted}
+            yield list(chosen.values()), self._batches(file, {channel: n for n, channel in enumerate(chosen)})
+
+    def _batches(self, file: File, numbers: Mapping[int, int]) -> Iterator[Batch]:
+        try:
+            for batch in file.by_time(numbers):
+                yield batch.changed(_unpacked, np.ones(len(batch), dtype=bool)) if self._packed else batch
+        except Exception as error:  # whatever a broken file provokes in the reader
+            raise self._damaged(error) from None
+
+    def _topic_of(self, connection: Connection) -> str:
+        """Absolute name in the node of the topic of a connection."""
+        return self._topics[absolute(connection.topic)]
+
     def _damaged(self, error: Exception) -> UsageError:
         return UsageError(f"bag {self.path} is damaged: {' '.join(str(error).split())}")
-
-    def close(self) -> None:
-        """Close the bag."""
-        self._bag.close()
 
     def __enter__(self) -> BagReader:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _refuse_compressed_messages(self) -> None:
-        """Refuse a file whose messages are compressed one by one: only `metadata.yaml` in its folder says so.
 
-        Raises:
-            UsageError: The first message is compressed.
-        """
-        first = next(self.raw_messages(), None) if self.path.is_file() else None
-        if first and first.data.startswith(ZSTD):
-            self.close()
-            raise UsageError(f"bag {self.path} has compressed messages: give its folder, whose metadata.yaml says so")
+def read_bag(path: Path, types: Mapping[str, str]) -> list[BagMessage]:
+    """All messages of the topics with these types, as a list; for short bags."""
+    with BagReader(path, types) as bag:
+        return list(bag.messages())
 
 
-def unpacked(data: bytes) -> bytes:
+def answer_topics(path: Path) -> list[str]:
+    """Absolute names of the topics with answers in a bag, in alphabetical order.
+
+    Raises:
+        UsageError: There is no such bag, or nothing of it can be read.
+    """
+    if not path.exists():
+        raise UsageError(f"no recording at {path}: give an .mcap file or a rosbag2 folder")
+    with BagReader(path, {}) as bag:
+        answers = [topic for topic in bag.connections if topic.type == MESSAGE_TYPES[KNEE_CONTACT] and topic.messages]
+    return sorted({absolute(connection.topic) for connection in answers})
+
+
+def answer_blocks(
+    path: Path, topic: str = f"/{KNEE_CONTACT}", advance: Callable[[int, int], None] | None = None
+) -> Iterator[Rows]:
+    """Answers of a recording in blocks, in the order of log time.
+
+    Args:
+        path: Recording.
+        topic: Absolute name of the topic.
+        advance: Function that is called after each block with the numbers of answers read so far and in all.
+
+    Raises:
+        UsageError: There is no such recording or topic, it is damaged, or a message cannot be decoded.
+    """
+    with BagReader(path, {topic: MESSAGE_TYPES[KNEE_CONTACT]}) as reader:
+        if reader.damage:
+            raise UsageError(f"{path} is damaged ({in_a_line(reader.damage)}): make it whole with knee-contact recover")
+        done = 0
+        for definition, group in groupby(reader.described_messages(), key=itemgetter(1)):
+            while block := [message.data for message, _ in islice(group, DECODED)]:
+                try:
+                    answers = decode_answers(block, definition)
+                except Exception as error:  # whatever broken bytes and definitions provoke
+                    raise UsageError(f"{path}: an answer cannot be decoded: {' '.join(str(error).split())}") from None
+                yield answers
+                done += len(block)
+                if advance:
+                    advance(done, reader.count)
+
+
+def read_answers(path: Path, topic: str = f"/{KNEE_CONTACT}") -> Rows:
+    """All answers of a recording in one array; see `answer_blocks`."""
+    return np.concatenate(list(answer_blocks(path, topic)))
+
+
+def metadata_records(path: Path) -> list[Metadata]:
+    """Metadata records of a file in their order: the readable ones of a damaged file, none of a file that is no MCAP.
+
+    Raises:
+        OSError: The file cannot be read.
+    """
+    with open_regular(path) as file:
+        records = Records(file, path.stat().st_size)
+        heads = list(records.heads())
+        found = [_metadata_at(records, begin, end) for opcode, begin, end in heads if opcode == Opcode.METADATA]
+        whole = not records.magic_at(0) or (heads and heads[-1][0] == Opcode.FOOTER)
+    if whole and None not in found:
+        return [record for record in found if record]
+    with closing(McapFile(path)) as damaged:
+        return damaged.metadata()
+
+
+def goes_on_with(path: Path) -> str:
+    """Name of the first file of the recording that a file continues; empty if the file does not name one."""
+    try:
+        with open_regular(path) as file:
+            records = Records(file, path.stat().st_size)
+            for opcode, begin, end in islice(records.heads(), FIRST_RECORDS):
+                record = _metadata_at(records, begin, end) if opcode == Opcode.METADATA else None
+                if record and record.name == CONTINUED:
+                    return record.metadata.get("first", "")
+    except OSError:
+        pass
+    return ""
+
+
+def _metadata_at(records: Records, begin: int, end: int) -> Metadata | None:
+    """Metadata record between two offsets; None if it is damaged or too large."""
+    record = records.record_at(begin) if end - begin <= LARGEST_RECORD else None
+    return record.parsed if record else None
+
+
+def absolute(name: str, namespace: str = "") -> str:
+    """Absolute name of a topic in a namespace; some recorders omit the first slash of an absolute name."""
+    return name if name.startswith("/") else f"/{namespace.strip('/')}/{name}".replace("//", "/")
+
+
+def names_in_bag(remaps: Iterable[str] = (), namespace: str = "", inputs: Sequence[str] = INPUTS) -> Names:
+    """Names in a bag according to the options `--remap FROM:=TO` and `--namespace`.
+
+    Args:
+        remaps: Rules `FROM:=TO`; FROM is the name of an input in the node, TO its name in the bag.
+        namespace: Namespace of relative names in the bag.
+        inputs: Relative names of the inputs in the node.
+
+    Raises:
+        UsageError: A rule is malformed, its FROM is no input or is repeated, or two inputs get the same name.
+    """
+    if namespace and not namespace.strip("/"):
+        raise UsageError(f"--namespace {namespace!r}: it must be a name, as left")
+    names = {f"/{topic}": absolute(topic, namespace) for topic in (*inputs, DYNAMIC_JOINT_STATES)}
+    remapped = set()
+    for rule in remaps:
+        source, target = split(rule, "--remap")
+        topic, other = absolute(source), target.removeprefix("/")
+        if topic not in names and other in inputs:
+            raise UsageError(f"--remap {rule!r}: the node's name comes first; say {other}:={source}")
+        if topic not in names:
+            allowed = " or ".join(inputs)
+            raise UsageError(f"--remap {rule!r}: {source} is no input; FROM must be {allowed}, TO is the bag's topic")
+        if topic in remapped:
+            raise UsageError(f"--remap {rule!r}: {source} is remapped twice")
+        remapped.add(topic)
+        names[topic] = absolute(target, namespace)
+    if len(set(names.values())) < len(names):
+        raise UsageError(f"--remap: two inputs cannot both be {names[topic]}")
+    return names
+
+
+def _found(bag: Path, connections: Sequence[Connection], topic: str, type_name: str, name: str) -> list[Connection]:
+    """Connections of a topic in a bag; recorders with several publishers, and merged files, may have several.
+
+    Args:
+        bag: Path of the bag, for messages.
+        connections: Connections of the bag.
+        topic: Absolute name of the topic in the node.
+        type_name: Type that the topic must have.
+        name: Absolute name of the topic in the bag.
+
+    Raises:
+        UsageError: The topic is missing or empty, has another type or several, or is not encoded as CDR.
+    """
+    of_name = [connection for connection in connections if absolute(connection.topic) == name]
+    if not of_name:
+        raise UsageError(f"bag {bag} has no topic {name} ({type_name}); {_advice(connections, topic)}")
+    filled = [connection for connection in of_name if connection.messages]
+    types = sorted({connection.type for connection in filled or of_name})
+    if types != [type_name]:
+        fault = f"is a {types[0]}" if len(types) == 1 else f"has {len(types)} types, {' and '.join(types)}"
+        raise UsageError(f"bag {bag}: topic {name} {fault}; it must be a {type_name}")
+    if not filled:
+        raise UsageError(f"bag {bag}: topic {name} has no messages")
+    for encoding in (connection.encoding for connection in filled if connection.encoding != "cdr"):
+        raise UsageError(f"bag {bag}: topic {name} is encoded as {encoding or 'nothing'}; it must be cdr")
+    return filled
+
+
+def _advice(connections: Sequence[Connection], topic: str) -> str:
+    """Advice for a topic that is missing under its name: an option to give, or the topics of the bag."""
+    types = {absolute(connection.topic): connection.type for connection in connections}
+    own = topic.removeprefix("/")
+    for inputs in (INPUTS, LOAD_INPUTS):
+        if own in inputs and (spaces := namespaces(types, inputs)):
+            return f"it has inputs in the namespaces {listed(spaces)}: say --namespace {spaces[0]}"
+    same_type = sorted(name for name, type_name in types.items() if type_name == MESSAGE_TYPES.get(own))
+    if own in (*INPUTS, *LOAD_INPUTS) and topic not in same_type:
+        other_topics = tuple(f"/{known}" for known in MESSAGE_TYPES if known != own)
+        candidates = [name for name in same_type if not name.endswith(other_topics)]
+        if candidates:
+            return f"of this type it has {listed(candidates)}: say --remap {own}:={candidates[0]}"
+        other, advice = OTHER_FORCE.get(own, ("", ""))
+        if others := [name for name in same_type if name.endswith(f"/{other}")]:
+            return f"{advice} {others[0]}"
+    return f"its topics: {listed(sorted(types)) or 'none'}"
+
+
+def namespaces(types: Mapping[str, str], inputs: Sequence[str]) -> list[str]:
+    """Namespaces, without slashes at the ends, in which all inputs have the right types.
+
+    Args:
+        types: Type of each topic of a bag, by its absolute name.
+        inputs: Relative names of the inputs.
+    """
+    first = f"/{inputs[0]}"
+    candidates = sorted(name.removesuffix(first).strip("/") for name in types if name.endswith(first))
+    return [
+        space
+        for space in candidates
+        if space and all(types.get(absolute(topic, space)) == MESSAGE_TYPES[topic] for topic in inputs)
+    ]
+
+
+def _contradictions(connections: Sequence[Connection], stated: Mapping[str, int]) -> list[str]:
+    """Sentences on topics whose number of messages in `metadata.yaml` is not that of the files."""
+    present, faults = Counter[str](), []
+    for connection in connections:
+        present[connection.topic] += connection.messages
+    for topic in sorted(stated.keys() | (+present).keys()) if stated else ():
+        expected, count = stated.get(topic, 0), present[topic]
+        if count < expected:
+            faults.append(f"{expected - count} of {expected} messages are missing on {topic}")
+        elif count > expected:
+            faults.append(f"{METADATA} knows of {expected} messages on {topic} and not of {count}")
+    return faults
+
+
+def _unpacked(data: bytes) -> bytes:
     """Message that was compressed by itself, decompressed.
 
     Raises:
@@ -207,7 +480,276 @@ def unpacked(data: bytes) -> bytes:
     return zstandard.ZstdDecompressor().decompress(data, max_output_size=LARGEST_MESSAGE)
 
 
-def read_bag(path: Path, types: Mapping[str, str]) -> list[BagMessage]:
-    """All messages of the topics with these types, as a list; for short bags."""
-    with BagReader(path, types) as bag:
-        return list(bag.messages())
+class FolderMetadata(NamedTuple):
+    """Content of a `metadata.yaml` as far as it is used."""
+
+    files: list[str] = []  # noqa: RUF012  (never changed)
+    """Names of the bag's files"""
+    compressed: str = ""
+    """Compression mode: `file`, `message` or empty"""
+    counts: Mapping[str, int] = MappingProxyType({})
+    """Number of messages of each topic"""
+
+
+def read_metadata(folder: Path) -> tuple[FolderMetadata, list[str]]:
+    """Content of `metadata.yaml`, nothing if it is missing or unusable, and its faults as sentences."""
+    try:
+        content = read_yaml(folder / METADATA, LARGEST_METADATA)["rosbag2_bagfile_information"]
+        topics = content["topics_with_message_count"]
+        counts = {str(entry["topic_metadata"]["name"]): int(entry["message_count"]) for entry in topics}
+        mode = str(content.get("compression_mode") or "").lower()
+        files = list(dict.fromkeys(Path(name).name for name in content["relative_file_paths"]))
+        return FolderMetadata(files, "" if mode == "none" else mode, counts), []
+    except FileNotFoundError:
+        return FolderMetadata(), [f"{METADATA} is missing"]
+    except (OSError, BadYamlError, LookupError, TypeError, ValueError, AttributeError, OverflowError):
+        return FolderMetadata(), [f"{METADATA} cannot be read"]
+
+
+def _opened_files(path: Path, opened: ExitStack) -> tuple[list[File], list[str], bool, Mapping[str, int]]:
+    """Open all files of a bag; `opened` closes them.
+
+    Returns:
+        The files, the faults of the bag, whether its messages are compressed one by one, and their numbers by topic
+        according to `metadata.yaml`.
+
+    Raises:
+        UsageError: It is not clear which files belong to the bag, or one of them cannot be used.
+        OSError: A file cannot be read.
+    """
+    if not path.is_dir():
+        file = _opened_file(path, opened)
+        return [file], list(file.faults), False, {}
+    soft, hard = getrlimit(RLIMIT_NOFILE)  # the usual one is 1024
+    if 2 * sum(1 for _ in path.iterdir()) > soft // 2 and soft != hard:
+        setrlimit(RLIMIT_NOFILE, (hard, hard))
+    (listed_names, compressed, counts), faults = read_metadata(path)
+    folder = path
+    if compressed == "file":
+        folder = Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="knee_contact_bag_")))
+        names = _decompressed([path / name for name in listed_names], folder)
+    else:
+        names, more = _names(path, listed_names)
+        faults += more
+    files: list[File] = []
+    for name in names:
+        if not is_there(folder / name):
+            faults.append(f"{name} is {'no file of a bag' if os.path.lexists(folder / name) else 'missing'}")
+            continue
+        try:
+            files.append(_opened_file(folder / name, opened))
+        except UsageError as error:
+            faults.append(f"{name}: {error}")
+            continue
+        faults += [f"{name}: {fault}" for fault in files[-1].faults]
+    return files, faults, compressed == "message", counts
+
+
+def _opened_file(path: Path, opened: ExitStack) -> File:
+    """Open a file, whose kind its first bytes tell, or else its name.
+
+    Raises:
+        UsageError: It is neither an MCAP nor a sqlite3 file, or a damaged sqlite3 file.
+        OSError: It cannot be read.
+    """
+    with open_regular(path) as file:
+        magic = file.read(len(SQLITE_MAGIC))
+    is_mcap = magic.startswith(MAGIC) or (magic != SQLITE_MAGIC and ".db3" not in path.suffixes)
+    if is_mcap and not magic.startswith(MAGIC) and ".mcap" not in path.suffixes:
+        raise UsageError(f"cannot read bag {path}: it is neither an MCAP nor a sqlite3 file")
+    bag_file: File = McapFile(path) if is_mcap else SqliteFile(path)
+    opened.callback(bag_file.close)
+    return bag_file
+
+
+def _decompressed(paths: Sequence[Path], folder: Path) -> list[str]:
+    """Unpack files that rosbag2 has compressed as a whole into `folder`, and return their names.
+
+    The names of unpacked files come first, those of missing ones last.
+
+    Raises:
+        UsageError: A file grows too much, or cannot be unpacked.
+    """
+    present = [path for path in paths if is_there(path)]
+    left = max(MOST_GROWTH * sum(path.stat().st_size for path in present), ALLOWED_SIZE)  # [B]
+    for path in present:
+        try:
+            with open_regular(path) as file, (folder / path.name.removesuffix(".zstd")).open("wb") as unpacked:
+                reader = zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True)
+                while left >= 0 and (data := reader.read(BLOCK)):
+                    left -= len(data)
+                    unpacked.write(data)
+        except (OSError, zstandard.ZstdError) as error:
+            raise UsageError(f"cannot read bag file {path}: {error}") from None
+        if left < 0:
+            raise UsageError(f"{path} holds more than {MOST_GROWTH} times its size: no recording is compressed so well")
+    missing = [path.name for path in paths if path not in present]
+    return [*(path.name.removesuffix(".zstd") for path in present), *missing]
+
+
+def files_of(bag: Path) -> list[Path]:
+    """Paths of the files of a bag: the bag itself if it is a file, or those in its folder that belong to it.
+
+    Raises:
+        UsageError: It is not clear which files belong to the bag.
+    """
+    return [bag / name for name in _names(bag, read_metadata(bag)[0].files)[0]] if bag.is_dir() else [bag]
+
+
+def _names(folder: Path, listed_names: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Names of the files of a bag in a folder, and the faults of the names that `metadata.yaml` lists.
+
+    Without a usable `metadata.yaml` these are the only file, the numbered ones of one name, or those of one recording.
+
+    Raises:
+        UsageError: It is not clear which files belong to the bag, or there are none.
+    """
+    if any(is_there(folder / name) for name in listed_names):
+        unlisted = _later_files(folder, listed_names[0], listed_names)
+        words = f"{METADATA} does not name all files that go on with {listed_names[0]}: {len(unlisted)} more are read"
+        return [*listed_names, *unlisted], [words] if unlisted else []
+    faults = [f"{name} is missing" for name in listed_names]
+    names = sorted(path.name for path in folder.iterdir() if path.suffix in BAG_FILES)
+    if not names:
+        raise UsageError(f"{folder} is no rosbag2 folder: it has no {METADATA} of use, and no files")
+    numbered = [match for match in map(NUMBERED.fullmatch, names) if match]
+    if len(names) == 1:
+        return names, faults
+    if len(numbered) == len(names) and len({(match[1], match[3]) for match in numbered}) == 1:
+        return _in_order(names), faults
+    first = [name for name in names if not goes_on_with(folder / name)]
+    recording = [*first, *_later_files(folder, first[0])] if len(first) == 1 else []
+    if set(recording) == set(names):
+        return recording, faults
+    raise UsageError(
+        f"{folder} has more than one recording, and no {METADATA} of use that names one; "
+        f"give one of these files: {_first_of(names)}"
+    )
+
+
+def _later_files(folder: Path, first: str, known: Collection[str] = ()) -> list[str]:
+    """Names of the files in a folder that continue the recording of `first`, in their order, without those `known`."""
+    stem, suffix = Path(first).stem.removesuffix(FIRST), Path(first).suffix
+    matches = [match for path in folder.iterdir() if (match := NUMBERED.fullmatch(path.name))]
+    names = _in_order(match[0] for match in matches if match.group(1, 3) == (stem, suffix))
+    return [name for name in names if name not in known and goes_on_with(folder / name) == first]
+
+
+def _in_order(names: Iterable[str]) -> list[str]:
+    """Numbered names in the order of their numbers."""
+    return sorted(names, key=lambda name: int(Path(name).stem.rpartition("_")[2]))
+
+
+def others_beside(bag: Path) -> list[str]:
+    """Sentence about other recordings in the folder of a bag, which are not read; an empty list if there are none."""
+    if not bag.is_dir():
+        return []
+    read = {path.name.removesuffix(".zstd") for path in files_of(bag)}
+    others = sorted(path.name for path in bag.iterdir() if path.suffix in BAG_FILES and path.name not in read)
+    if not others:
+        return []
+    return [f"of {bag}, {_first_of(sorted(read))} is read; what else is there, give as a file: {_first_of(others)}"]
+
+
+def _first_of(names: Sequence[str]) -> str:
+    """First names of a list, separated by commas."""
+    return ", ".join(names[:MOST_NAMED]) + " ..." * (len(names) > MOST_NAMED)
+
+
+def refuse_input(bag: Path, output: Path) -> None:
+    """Refuse an output that would replace the bag it is computed from, or one of its files.
+
+    Raises:
+        UsageError: It would.
+    """
+    if is_there(output) and any(is_there(path) and output.samefile(path) for path in files_of(bag)):
+        raise UsageError(f"{output} is the input: it is never touched; choose another name")
+
+
+def is_there(path: Path) -> bool:
+    """Whether a path is a regular file; False for a name that is too long."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
+
+
+class SqliteFile:
+    """Messages of a sqlite3 file of a rosbag2 recording, and its faults; the format has no checksums."""
+
+    def __init__(self, path: Path) -> None:
+        """Open the file and check all of it.
+
+        Raises:
+            UsageError: The file is damaged, or no bag.
+        """
+        self.faults: list[str] = []
+        """Faults of the file, as sentences"""
+        self.connections: dict[int, Connection] = {}
+        """Topics by their numbers"""
+        log = path.with_name(f"{path.name}-wal")
+        if log.exists() and log.stat().st_size:
+            self.faults.append(f"{log.name} holds messages that were never merged: open the bag once with sqlite3")
+        address = f"file:{quote(os.fsencode(path.absolute()))}?mode=ro&immutable=1"
+        # a replay reads ahead in another thread
+        self._database = sqlite3.connect(address, uri=True, check_same_thread=False)
+        self.close = self._database.close
+        try:
+            self._read(path)
+        except (sqlite3.Error, ValueError, TypeError, OverflowError) as error:
+            self.close()
+            reason = " ".join(str(error).split())[:120]
+            advice = "try to get its messages into another one with sqlite3's own `.recover`"
+            raise UsageError(f"{path} is no sqlite3 bag, or a damaged one ({reason}): {advice}") from None
+
+    @property
+    def times(self) -> tuple[int, int] | None:
+        """Smallest and largest log time [ns]; None without messages."""
+        first, last = self._database.execute(f"SELECT min(timestamp), max(timestamp) {ROWS}").fetchone()
+        return None if first is None else (first, last)
+
+    def by_time(self, numbers: Mapping[int, int]) -> Iterator[Batch]:
+        """Messages in the order of log time, at equal times in that of the rows.
+
+        Args:
+            numbers: Number in the batches of each topic that is read, by its number in the file.
+        """
+        cursor = self._database.execute(f"SELECT topic_id, timestamp, data {ROWS} ORDER BY timestamp, id")
+        while rows := cursor.fetchmany(ROWS_AT_ONCE):
+            selected = [(numbers[topic], time, data) for topic, time, data in rows if topic in numbers]
+            if selected:
+                topics, times, messages = zip(*selected, strict=True)
+                yield Batch(np.array(topics, np.intp), np.array(times, np.int64), Column.of(messages))
+
+    def _read(self, path: Path) -> None:
+        """Check the file, and read its topics, definitions and numbers of messages."""
+        database = self._database
+        integrity = database.execute("PRAGMA integrity_check(1)").fetchone()[0]
+        with path.open("rb") as file:
+            head = file.read(100)
+        page, changes, pages, valid_for = (int.from_bytes(head[at : at + n], "big") for at, n in SQLITE_FIELDS)
+        if changes == valid_for and pages * (page if page > 1 else 65536) > path.stat().st_size:
+            raise ValueError("it is cut off")  # sqlite takes missing pages for zeros
+        if integrity != "ok":
+            raise ValueError(integrity)
+        kinds = dict(database.execute("SELECT name, type FROM sqlite_master").fetchall())
+        if any(kinds.get(name, "table") != "table" for name in TABLES):  # a view may take forever to read
+            raise ValueError("its messages or topics are no table")
+        definitions: dict[str, MessageDefinition] = {}
+        if "message_definitions" in kinds:
+            for type_name, encoding, text in database.execute(DEFINITIONS):
+                definitions[str(type_name)] = definition_of(str(encoding), str(text))
+        counts = dict(database.execute(f"SELECT topic_id, count(*) {ROWS} GROUP BY topic_id").fetchall())
+        for number, *texts in database.execute("SELECT id, name, type, serialization_format FROM topics"):
+            topic, type_name, encoding = map(str, texts)
+            definition = definitions.get(type_name, NO_DEFINITION)
+            self.connections[int(number)] = Connection(topic, type_name, encoding, definition, counts.pop(number, 0))
+        every = database.execute("SELECT count(*) FROM messages").fetchone()[0]
+        if others := every - database.execute(f"SELECT count(*) {ROWS}").fetchone()[0]:
+            self.faults.append(f"{others} rows are no messages")
+        for number, count in counts.items():
+            self.faults.append(f"{count} messages are of topic {number}, which nothing declares")
+
+
+File = McapFile | SqliteFile
+"""Open file of a bag"""

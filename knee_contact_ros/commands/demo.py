@@ -22,9 +22,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.reader import BagReader, RawMessage
-from knee_contact_ros.bags.recorded_answers import answer_blocks
-from knee_contact_ros.bags.topic_names import OWN_NAMES
+from knee_contact_ros.bags.reader import OWN_NAMES, BagReader, RawMessage, answer_blocks
 from knee_contact_ros.commands import stage
 from knee_contact_ros.commands.tables import counts, show_summary
 from knee_contact_ros.model.types import Rows

@@ -203,8 +203,7 @@ def replay(bag: Path, remaps: tuple[str, ...], namespace: str, sensors: bool, **
     On a terminal, space pauses and goes on, s or the right arrow steps while paused, the up and down arrows change the
     rate.
     """
-    from knee_contact_ros.bags.bag_files import others_beside
-    from knee_contact_ros.bags.topic_names import names_in_bag
+    from knee_contact_ros.bags.reader import names_in_bag, others_beside
     from knee_contact_ros.commands.replay import Timing, run_replay
     from knee_contact_ros.streams.topics import INPUTS, LOAD_INPUTS
     from knee_contact_ros.system.terminal import warn

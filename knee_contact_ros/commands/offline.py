@@ -50,12 +50,12 @@ def solve(
     again with the parameters stored in it, unless --params is given. Of a damaged bag, what can be read is computed;
     the command then says what is missing, and ends with code 1.
     """
-    from knee_contact_ros.bags.bag_files import in_a_line, others_beside
     from knee_contact_ros.bags.provenance import Provenance
-    from knee_contact_ros.bags.topic_names import names_in_bag
+    from knee_contact_ros.bags.reader import names_in_bag, others_beside
     from knee_contact_ros.commands.tables import show_summary
     from knee_contact_ros.offline.solve import Subject, basis_of
     from knee_contact_ros.offline.solve import solve as solve_bag
+    from knee_contact_ros.system.errors import in_a_line
     from knee_contact_ros.system.files import parameters_of
     from knee_contact_ros.system.terminal import progress, warn
 
@@ -100,12 +100,12 @@ def estimate_load(
     /joint_reaction_force and /load_estimate, with the same numbers as the node's: `knee-contact solve OUT.mcap` goes on
     from there. Research only: muscles are not measured.
     """
-    from knee_contact_ros.bags.bag_files import in_a_line, others_beside
-    from knee_contact_ros.bags.topic_names import names_in_bag
+    from knee_contact_ros.bags.reader import names_in_bag, others_beside
     from knee_contact_ros.commands.tables import show_load
     from knee_contact_ros.offline.estimate_load import estimate_load as estimate
     from knee_contact_ros.parameters.schema import LoadParameters
     from knee_contact_ros.streams.topics import LOAD_INPUTS
+    from knee_contact_ros.system.errors import in_a_line
     from knee_contact_ros.system.files import parameters_of
     from knee_contact_ros.system.terminal import progress, warn
 
@@ -170,7 +170,7 @@ def view(
     from knee_contact_ros.view.viewer import executable
 
     executable()  # before what imports its library
-    from knee_contact_ros.bags.bag_files import others_beside
+    from knee_contact_ros.bags.reader import others_beside
     from knee_contact_ros.commands.view import ViewOptions, run_view
     from knee_contact_ros.parameters.files import load_parameters
     from knee_contact_ros.system.files import parameters_of

@@ -23,14 +23,12 @@ from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
-from knee_contact_ros.bags.bag_files import in_a_line
-from knee_contact_ros.bags.reader import BagReader, RawMessage
-from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
+from knee_contact_ros.bags.reader import OWN_NAMES, BagReader, Names, RawMessage
 from knee_contact_ros.commands.player import HELP, Keyboard, Lateness, Player, has_terminal, unwinding_on_signals
 from knee_contact_ros.offline.bag_inputs import transform_messages
 from knee_contact_ros.streams.frames import TF_STATIC
 from knee_contact_ros.streams.topics import INPUTS, JOINT_STATES, MESSAGE_TYPES, NANOSECONDS
-from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.errors import UsageError, in_a_line
 from knee_contact_ros.system.ros import joining
 from knee_contact_ros.system.terminal import Bar, progress, say
 

@@ -164,8 +164,7 @@ def report(
     bags with the inputs, which are computed with --params; several are shown side by side, as both knees. Needs
     the extra report.
     """
-    from knee_contact_ros.bags.bag_files import others_beside
-    from knee_contact_ros.bags.topic_names import names_in_bag
+    from knee_contact_ros.bags.reader import names_in_bag, others_beside
     from knee_contact_ros.lab.report.page import run_report
     from knee_contact_ros.lab.report.runs import ReportOptions
     from knee_contact_ros.system.files import parameters_of

@@ -12,9 +12,8 @@ from urllib.parse import quote
 
 import click
 
-from knee_contact_ros.bags.bag_files import refuse_input
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, Change, read_provenance
-from knee_contact_ros.bags.recorded_answers import answer_blocks, answer_topics
+from knee_contact_ros.bags.reader import answer_blocks, answer_topics, refuse_input
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import Rows
 from knee_contact_ros.offline.solve import solve

@@ -16,7 +16,7 @@ from rich.console import Console
 from rich.table import Table
 
 from knee_contact_ros import __version__
-from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.lab.tables import Floats, Stamps
 from knee_contact_ros.streams import topics
 from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from knee_contact_ros.bags.provenance import Provenance
-from knee_contact_ros.bags.topic_names import OWN_NAMES, Names, names_in_bag
+from knee_contact_ros.bags.reader import OWN_NAMES, Names, names_in_bag
 from knee_contact_ros.joint_reaction.compartments import LoadRule
 from knee_contact_ros.model.compiler import worth_compiling
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD, KneeModel

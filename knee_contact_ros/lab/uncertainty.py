@@ -21,7 +21,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from knee_contact_ros.bags.provenance import Provenance
-from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
+from knee_contact_ros.bags.reader import OWN_NAMES, Names
 from knee_contact_ros.lab.sweep import Floats, Knees, compute, read_recording
 from knee_contact_ros.model.compiler import worth_compiling
 from knee_contact_ros.model.types import Rows

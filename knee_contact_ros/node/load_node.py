@@ -17,7 +17,7 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.lifecycle import LifecycleNode
 from sensor_msgs.msg import JointState
 
-from knee_contact_ros.bags.load_provenance import LOAD_PROVENANCE, load_provenance_record
+from knee_contact_ros.bags.provenance import load_provenance_record
 from knee_contact_ros.joint_reaction.estimator import Level
 from knee_contact_ros.msg import LoadEstimate
 from knee_contact_ros.node.diagnostics import Health, TickMeter
@@ -26,7 +26,7 @@ from knee_contact_ros.node.parameters import NodeKind, Topics
 from knee_contact_ros.node.session import DIAGNOSTICS, OUTPUT_DEPTH, Session
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.load_stream import LoadStream
-from knee_contact_ros.streams.output import Knee
+from knee_contact_ros.streams.output import LOAD_PROVENANCE, Knee
 from knee_contact_ros.streams.pairing import PairedSample
 from knee_contact_ros.streams.topics import (
     JOINT_REACTION_FORCE,

@@ -24,7 +24,7 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from knee_contact_ros.bags.answer_recorder import refuse
+from knee_contact_ros.bags.recorder import refuse
 from knee_contact_ros.parameters.schema import Section
 from knee_contact_ros.streams.output import DONE, ENDED, OPEN, REFUSED, Discard, Knee, Note, Report, Sink
 from knee_contact_ros.streams.topics import Answer, Ending

@@ -6,9 +6,8 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import suppress
 from pathlib import Path
 
-from knee_contact_ros.bags.batch import Batch
-from knee_contact_ros.bags.reader import BagReader, RawMessage
-from knee_contact_ros.bags.topic_names import Names
+from knee_contact_ros.bags.columns import Batch
+from knee_contact_ros.bags.reader import BagReader, Names, RawMessage
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.frames import TF_MESSAGE, TF_STATIC, ForceFrame, decode_transforms
 from knee_contact_ros.streams.messages import JOINT_STATE, RefusedSampleError, as_joint_state

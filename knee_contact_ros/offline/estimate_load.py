@@ -13,11 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.answer_recorder import AnswerWriter
-from knee_contact_ros.bags.bag_files import in_a_line, refuse_input
-from knee_contact_ros.bags.load_provenance import LOAD_PROVENANCE, load_provenance_record
-from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
-from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.bags.provenance import load_provenance_record
+from knee_contact_ros.bags.reader import OWN_NAMES, Names, refuse_input
+from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
 from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.joint_reaction.leg import Ground, Joints, Motion
 from knee_contact_ros.model.types import Status
@@ -26,9 +24,10 @@ from knee_contact_ros.offline.solve import SOURCE_DAMAGE
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.load_stream import LoadStream
+from knee_contact_ros.streams.output import LOAD_PROVENANCE
 from knee_contact_ros.streams.pairing import PairedSample
 from knee_contact_ros.streams.topics import GROUND_REACTION_FORCE, JOINT_STATES, LOAD_RECORDED, NANOSECONDS, Answer
-from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.errors import UsageError, in_a_line
 
 MESSAGES_PER_ADVANCE = 1000
 """Number of messages from one call of `advance` to the next"""

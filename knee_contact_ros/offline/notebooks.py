@@ -13,9 +13,8 @@ from typing import Any, get_type_hints
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.bag_files import in_a_line, others_beside
 from knee_contact_ros.bags.provenance import Provenance
-from knee_contact_ros.bags.topic_names import Names, names_in_bag
+from knee_contact_ros.bags.reader import Names, names_in_bag, others_beside
 from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import ROW, Rows
@@ -27,7 +26,7 @@ from knee_contact_ros.parameters.schema import LoadParameters, Parameters
 from knee_contact_ros.results import Results
 from knee_contact_ros.streams.contact_stream import compartments_of
 from knee_contact_ros.streams.topics import LOAD_INPUTS
-from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.errors import UsageError, in_a_line
 from knee_contact_ros.system.files import expanded
 from knee_contact_ros.system.output_files import checked_output
 from knee_contact_ros.system.terminal import progress

@@ -14,10 +14,7 @@ from typing import Any
 import numpy as np
 from pydantic import Field, ValidationError
 
-from knee_contact_ros.bags.answer_recorder import AnswerWriter
-from knee_contact_ros.bags.bag_files import in_a_line, refuse_input
-from knee_contact_ros.bags.batch import Batch
-from knee_contact_ros.bags.block_recorder import write_messages
+from knee_contact_ros.bags.columns import Batch, write_messages
 from knee_contact_ros.bags.provenance import (
     PARAMETERS_CHANGED,
     RESET,
@@ -28,9 +25,9 @@ from knee_contact_ros.bags.provenance import (
     provenance_record,
     read_provenance,
     with_values,
-)  # fmt: skip
-from knee_contact_ros.bags.topic_names import OWN_NAMES, Names
-from knee_contact_ros.bags.writer import BagWriter
+)
+from knee_contact_ros.bags.reader import OWN_NAMES, Names, refuse_input
+from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
 from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.model.compiler import worth_compiling
 from knee_contact_ros.model.types import ROW, Rows
@@ -42,7 +39,7 @@ from knee_contact_ros.parameters.schema import Parameters, Section, has_both, pa
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.topics import JOINT_STATES, Answer, recorded_topics
-from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.errors import UsageError, in_a_line
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded, find_file, read_mapping
 
 BLOCK = 8192

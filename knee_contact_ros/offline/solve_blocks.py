@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.block_recorder import Messages
+from knee_contact_ros.bags.columns import Messages
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD
 from knee_contact_ros.model.types import Rows
 from knee_contact_ros.streams.columns import (

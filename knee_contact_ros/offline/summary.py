@@ -11,9 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.mcap_metadata import metadata_records
-from knee_contact_ros.bags.recorded_answers import answer_blocks, answer_topics
-from knee_contact_ros.bags.writer import REFUSED_SAMPLES
+from knee_contact_ros.bags.reader import answer_blocks, answer_topics, metadata_records
+from knee_contact_ros.bags.recorder import REFUSED_SAMPLES
 from knee_contact_ros.model.types import Fidelity, Rows, Status
 from knee_contact_ros.streams.gait_events import LOAD_PEAK, GaitEvent, GaitEvents
 from knee_contact_ros.streams.topics import KNEE_CONTACT, KNEE_CONTACT_LATERAL, NANOSECONDS

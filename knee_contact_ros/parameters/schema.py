@@ -171,7 +171,7 @@ def queue_size(size: float) -> Any:
 class Record(Section):
     """Recording to MCAP."""
 
-    output: ClassVar[str] = "knee_contact_ros.bags.answer_recorder"
+    output: ClassVar[str] = "knee_contact_ros.bags.recorder"
 
     path: str = parameter("", "MCAP file to write, {stamp} in it: when; empty: none")
     flush_period: float = parameter(0.03, "[s] what a crash of the programs may lose", ge=0.001, le=60.0)

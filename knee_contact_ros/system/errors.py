@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 SHOWN = 20
 """Largest number of names that an error lists"""
+MOST_FAULTS = 3
+"""Largest number of faults in a message"""
 LONGEST = 100
 """Largest number of characters of a name in a list"""
 
@@ -26,6 +28,12 @@ def listed(names: Sequence[str]) -> str:
     return (
         printable(", ".join(name if len(name) <= LONGEST else f"{name[:LONGEST]}..." for name in names[:SHOWN])) + more
     )
+
+
+def in_a_line(faults: Collection[str]) -> str:
+    """First faults, and the number of the others, in one line of printable characters."""
+    more = len(faults) - MOST_FAULTS
+    return printable("; ".join(list(faults)[:MOST_FAULTS])) + (f"; and {more} more" if more > 0 else "")
 
 
 class ToldError(Exception):

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from knee_contact_ros.bags.provenance import read_provenance
-from knee_contact_ros.bags.recorded_answers import answer_blocks, answer_topics
+from knee_contact_ros.bags.reader import answer_blocks, answer_topics
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.schema import has_both

@@ -14,7 +14,7 @@ from rosbags.rosbag2 import Writer as FolderWriter
 from ruamel.yaml import YAML
 
 from knee_contact_ros.bags.reader import INPUT_TYPES
-from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.streams.topics import typestore
 

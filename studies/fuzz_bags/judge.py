@@ -112,7 +112,7 @@ def recovery_fault(bag: Path, folder: Path) -> str:
 def everything(file: McapFile) -> list[tuple[str, int, int, int, bytes]]:
     """All messages of a file, in its order."""
     return [
-        (file.streams[entry.channel].channel.topic, entry.sequence, entry.log_time, entry.publish_time, entry.data)
+        (file.streams[entry.channel][0].topic, entry.sequence, entry.log_time, entry.publish_time, entry.data)
         for _, entry in file.in_file_order()
         if isinstance(entry, mcap_file.Message)
     ]

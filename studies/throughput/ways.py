@@ -17,10 +17,9 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as Rosbag2Writer
 
 from benchmarks.latency.driver import samples
-from knee_contact_ros.bags.batch import Batch
-from knee_contact_ros.bags.chunked_mcap import CHUNK_SIZE
+from knee_contact_ros.bags.columns import Batch
 from knee_contact_ros.bags.reader import INPUT_TYPES
-from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.bags.recorder import CHUNK_SIZE, BagWriter
 from knee_contact_ros.model.types import blank
 from knee_contact_ros.offline.solve import Run, solve
 from knee_contact_ros.parameters.files import load_parameters

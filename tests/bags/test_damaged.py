@@ -8,14 +8,13 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import CompressionType
 
-from knee_contact_ros.bags.bag_files import MOST_SHOWN, in_a_line
 from knee_contact_ros.bags.reader import BagReader, read_bag
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import SOURCE_DAMAGE, solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES, stamp_to_ns
-from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.errors import MOST_FAULTS, UsageError, in_a_line
 from studies.fuzz_bags.bags import PERIOD, TICKS, mcap, messages, split, sqlite
 from tests.bags.test_mcap_file import chunks
 from tests.helpers.messages import raw_inputs
@@ -152,5 +151,5 @@ def test_of_several_sqlite3_files_one_may_be_broken(tmp_path: Path) -> None:
 
 def test_only_the_first_faults_are_told_in_a_line() -> None:
     assert in_a_line(["a", "b"]) == "a; b"
-    assert in_a_line([str(n) for n in range(MOST_SHOWN + 2)]) == "0; 1; 2; and 2 more"
+    assert in_a_line([str(n) for n in range(MOST_FAULTS + 2)]) == "0; 1; 2; and 2 more"
     assert PERIOD * TICKS == 500_000_000  # [ns] of the bags here: several times what may be between two stamps

@@ -11,8 +11,8 @@ from typing import NamedTuple
 
 import pytest
 
+from knee_contact_ros.bags.recorder import Limits, Settings
 from knee_contact_ros.bags.recover import recover
-from knee_contact_ros.bags.writer import Limits, Settings
 from knee_contact_ros.node.outputs import SinkProcess
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import PARTIAL

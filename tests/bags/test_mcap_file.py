@@ -2,20 +2,36 @@
 
 from __future__ import annotations
 
+import struct
 from contextlib import closing
+from io import BytesIO
 from pathlib import Path
 
 import numpy as np
 import pytest
+import zstandard
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
 
-from knee_contact_ros.bags.mcap_file import McapFile
-from knee_contact_ros.bags.mcap_layout import CHUNK_HEAD, HEAD, MAGIC
+from knee_contact_ros.bags.mcap_file import (
+    BLOCK,
+    CHUNK_HEAD,
+    LARGEST_CHUNK,
+    MOST_RECORDS,
+    DamagedError,
+    McapFile,
+    Records,
+    Segment,
+    parsed,
+    unpack,
+)  # fmt: skip
+from knee_contact_ros.bags.reader import MOST_AT_ONCE, BagReader
+from knee_contact_ros.bags.recorder import HEAD, MAGIC
 from knee_contact_ros.streams.topics import typestore
+from knee_contact_ros.system.errors import UsageError
 from studies.fuzz_bags.bags import TICKS, Message, mcap, messages
-from tests.hostile.bags import channel, chunk, message, record, schema, whole
+from tests.hostile.bags import channel, chunk, message, pairs, record, schema, text, whole, zstd_of_zeros
 
 FORMS = {
     "plain": lambda path: mcap(path, CompressionType.NONE),
@@ -37,7 +53,7 @@ def read(path: Path) -> tuple[list[Message], list[str]]:
     """Messages by time, and faults."""
     with closing(McapFile(path)) as file:
         found = [row for batch in file.by_time({number: number for number in file.streams}) for row in batch]
-        topics = {number: stream.channel.topic for number, stream in file.streams.items()}
+        topics = {number: channel.topic for number, (channel, _) in file.streams.items()}
         assert file.counts.total() == len(found)
         return [(topics[number], time, data) for number, time, data in found], file.faults
 
@@ -130,14 +146,15 @@ def test_a_chunk_that_does_not_fit_its_checksum_is_left_out_and_nothing_else(tmp
 
 
 def test_reading_goes_on_behind_records_whose_length_is_damaged(tmp_path: Path) -> None:
+    """The index would tell where the chunk ends, but it is cut off."""
     path = made(tmp_path, "plain")
-    (offset, length), following = chunks(path)[1], chunks(path)[2][0]
+    (offset, length), (last, last_length) = chunks(path)[1], chunks(path)[-1]
     change(path, offset + 1, (length + 7).to_bytes(8, "little"))
+    path.write_bytes(path.read_bytes()[: last + last_length])
     found, faults = read(path)
     assert set(found) < set(WRITTEN)
     assert len(found) > 0.7 * len(WRITTEN)
     assert any(f"bytes from byte {offset} on are no records" in fault for fault in faults)
-    assert following > offset
 
 
 def test_messages_of_broken_chunks_are_left_out(tmp_path: Path) -> None:
@@ -147,7 +164,7 @@ def test_messages_of_broken_chunks_are_left_out(tmp_path: Path) -> None:
     payload = path.read_bytes().index(WRITTEN[70][2])
     assert offset < payload
     change(path, offset, b"\x00")
-    change(path, payload + 60, b"\xff")
+    change(path, payload + 20, b"\xff")
     found, faults = read(path)
     assert set(found) < set(WRITTEN)
     assert any(f"from byte {offset} on are no records" in fault for fault in faults)
@@ -257,3 +274,100 @@ def test_no_file_is_read_as_one(tmp_path: Path) -> None:
         found, faults = read(path)
         assert found == []
         assert faults
+
+
+class Counting(BytesIO):
+    """Counts the bytes that are read of it."""
+
+    total = 0
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        data = super().read(size)
+        self.total += len(data)
+        return data
+
+
+@pytest.mark.parametrize("opcode", [5, 6, 7, 9, 12, 15])
+def test_what_only_looks_like_records_is_not_read(opcode: int) -> None:
+    """Each of them claims all that follows."""
+    count = 60_000
+    heads = b"".join(struct.pack("<BQ", opcode, HEAD.size * (left - 1)) for left in range(count, 0, -1))
+    content = MAGIC + b"\xff" + heads + b"\xff" * 9
+    file = Counting(content)
+    assert sum(1 for _ in Records(file, len(content)).pieces()) < 10
+    assert file.total < 10 * len(content) + 2 * BLOCK
+
+
+HEADER, END = whole()[len(MAGIC) :].partition(record(15, bytes(4)))[0], whole()[-2 * len(MAGIC) - 42 :]
+NOTE = record(12, text("note") + pairs([("a", "b")]))
+THING = schema(1, "Thing", b"float64 a")
+EMPTY = chunk(b"", 0, "")
+PIECES = {
+    "a whole file": (MAGIC + HEADER + THING + NOTE, [1, 3, 12]),
+    "a record that is cut off": (MAGIC + HEADER + NOTE[:-1], [1, (len(NOTE) - 1, False)]),
+    "a record longer than its content": (
+        MAGIC + HEADER + THING[:-13] + b"\x08" + THING[-12:] + NOTE, [1, (len(THING), True), 12],
+    ),
+    "a record shorter than its content": (
+        MAGIC + HEADER + THING[:-13] + b"\x0a" + THING[-12:] + NOTE, [1, (len(THING), True), 12],
+    ),
+    "a hole before the end of the data": (b"\xff" * 8 + whole()[-50:], [(8, False), 15, 2]),
+    "chunks, of which one is followed by no record": (
+        MAGIC + b"\xff" * 8 + EMPTY + b"\xff" * 9 + EMPTY + whole()[-50:], [(8 + len(EMPTY) + 9, False), 6, 15, 2],
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", PIECES)
+def test_records_and_holes(name: str) -> None:
+    """A hole is one record of an unknown form, whose length leads to the next one, or ends at the next chunk."""
+    content, expected = PIECES[name]
+    pieces = Records(BytesIO(content), len(content)).pieces()
+    assert [piece.opcode or (piece.end - piece.offset, piece.parsed) for piece in pieces] == expected
+
+
+@pytest.mark.parametrize("length", [10, 2**40, 2**64 - 1])
+def test_a_length_beyond_all_memory_is_no_record(length: int) -> None:
+    attachment = struct.pack("<QQ", 1, 1) + text("page.txt") + text("text/plain") + struct.pack("<Q", length)
+    assert parsed(9, attachment + b"some text" + bytes(4)) is None
+
+
+def test_a_chunk_holds_so_much_at_most(tmp_path: Path) -> None:
+    with pytest.raises(DamagedError, match="claims to hold"):
+        unpack(Segment(0, 0, 0, LARGEST_CHUNK + 1, compression="zstd"), b"")
+    path = tmp_path / "bag.mcap"
+    for content, words in (
+        (whole(chunk(zstd_of_zeros(1024), 2**28)), "more than 200 times the file"),
+        (whole(chunk(record(0x80, b"") * (MOST_RECORDS + 1), 9 * (MOST_RECORDS + 1), "")), f"{MOST_RECORDS} records"),
+    ):
+        path.write_bytes(content)
+        with closing(McapFile(path)) as file:
+            assert any(words in fault for fault in file.faults)
+
+
+def test_nothing_is_hidden_behind_the_end_of_a_chunk() -> None:
+    """Others would unpack it."""
+    data, segment = zstandard.compress(b"good"), Segment(0, 0, 0, 4, compression="zstd")
+    assert unpack(segment, data) == b"good"
+    with pytest.raises(DamagedError, match="does not decompress"):
+        unpack(segment, data + zstd_of_zeros(1))
+
+
+def test_chunks_over_each_other_are_not_unpacked_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With a sixteenth of what is allowed, and in chunks of a sixteenth of the size that is usual."""
+    most = MOST_AT_ONCE // 16
+    monkeypatch.setattr("knee_contact_ros.bags.reader.MOST_AT_ONCE", most)
+    padding = record(0x80, bytes(2**16))
+    path, topics = tmp_path / "bag.mcap", schema(1, "sensor_msgs/msg/JointState", b"") + channel(1, "/joint_states")
+    at_once = {}
+    for last in (0, 300):
+        parts = []
+        for number in range(300):
+            data = message(1, b"", number) + padding + message(1, b"", number + last)
+            parts.append(chunk(data, len(data), "", number, number + last))
+        path.write_bytes(whole(topics, *parts))
+        with closing(McapFile(path)) as file:
+            at_once[last] = file.at_once
+    assert at_once[0] < 2**17 < most < at_once[300]
+    with pytest.raises(UsageError, match="its chunks lie over each other in time"):
+        BagReader(path, {})

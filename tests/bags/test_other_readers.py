@@ -13,7 +13,7 @@ from mcap.reader import NonSeekingReader, make_reader
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 
-from knee_contact_ros.bags.writer import Limits
+from knee_contact_ros.bags.recorder import Limits
 from tests import ROOT
 from tests.bags.test_split import MS, TICK, record
 from tests.helpers.needs import needs_viewer

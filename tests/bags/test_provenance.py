@@ -13,8 +13,6 @@ import pytest
 from click.testing import CliRunner
 from mcap.reader import make_reader
 
-from knee_contact_ros.bags.answer_recorder import PROVENANCE, AnswerWriter
-from knee_contact_ros.bags.bag_files import others_beside
 from knee_contact_ros.bags.provenance import (
     MOST_CHANGES,
     Change,
@@ -23,13 +21,15 @@ from knee_contact_ros.bags.provenance import (
     provenance_record,
     read_provenance,
 )
-from knee_contact_ros.bags.writer import BagWriter, Limits
+from knee_contact_ros.bags.reader import others_beside
+from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter, Limits
 from knee_contact_ros.commands.main import knee_contact, main
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.streams.output import PROVENANCE
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.answers import rows_of
 from tests.helpers.recordings_of import recording_with

@@ -10,8 +10,7 @@ from mcap.writer import CompressionType
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
-from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader, RawMessage
-from knee_contact_ros.bags.topic_names import OWN_NAMES, names_in_bag
+from knee_contact_ros.bags.reader import INPUT_TYPES, OWN_NAMES, BagReader, RawMessage, names_in_bag
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, wanted_joints
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.topics import JOINT_STATES

@@ -11,9 +11,8 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 from rosbags import rosbag2
 
-from knee_contact_ros.bags.reader import read_bag
-from knee_contact_ros.bags.recorded_answers import answer_blocks, answer_topics, read_answers
-from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.bags.reader import answer_blocks, answer_topics, read_answers, read_bag
+from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.model.types import FLAT, TOLD, blank
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters

@@ -18,14 +18,14 @@ import pytest
 from mcap.records import Message, Metadata
 from mcap.stream_reader import StreamReader
 
-from knee_contact_ros.bags.answer_recorder import INTERRUPTED, PROVENANCE
 from knee_contact_ros.bags.reader import BagReader, read_bag
-from knee_contact_ros.bags.writer import Limits, Settings
+from knee_contact_ros.bags.recorder import INTERRUPTED, Limits, Settings
 from knee_contact_ros.node.outputs import MB, Listeners, Queue, SinkProcess
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import read_refused
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.output import PROVENANCE
 from tests.helpers.needs import needs_viewer
 from tests.helpers.processes import has_ended
 from tests.helpers.sinks import (

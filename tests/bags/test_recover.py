@@ -6,19 +6,20 @@ import errno
 import os
 import subprocess
 import sys
-from contextlib import closing
+from collections.abc import Callable, Iterator
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
-from mcap.reader import make_reader
+from mcap.reader import McapReader, NonSeekingReader, make_reader
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
 from ruamel.yaml import YAML
 
 from knee_contact_ros.bags.mcap_file import McapFile
-from knee_contact_ros.bags.recorded_answers import read_answers
+from knee_contact_ros.bags.reader import read_answers
 from knee_contact_ros.bags.recover import RECOVERED, recover
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.system.errors import UsageError
@@ -26,6 +27,9 @@ from studies.fuzz_bags.bags import TICKS, mcap, messages
 from tests.bags.test_mcap_file import chunks
 from tests.helpers.answers import same
 from tests.helpers.messages import raw_inputs
+
+Row = tuple[str, int, bytes]
+"""Topic, log time [ns] and bytes of a message"""
 
 
 @pytest.fixture
@@ -227,3 +231,112 @@ def test_a_recording_from_before_later_fields_keeps_its_definition(old_recording
     whole, part = read_answers(old_recording), read_answers(output)
     assert 200 < len(part) < 387
     assert same(whole[: len(part)], part)
+
+
+def put(index: int, offset: int, data: bytes) -> Damage:
+    """Write over something in a chunk, whose data begin behind byte 48."""
+
+    def damage(content: bytearray, chunks: list[int], _summary: int) -> None:
+        begin = chunks[index] + offset
+        content[begin : begin + len(data)] = data
+
+    return damage
+
+
+def put_end(offset: int, data: bytes) -> Damage:
+    """Write over something at the end of the file, or, for an offset from 0 on, in its summary."""
+
+    def damage(content: bytearray, _chunks: list[int], summary: int) -> None:
+        begin = (summary if offset >= 0 else len(content)) + offset
+        content[begin : begin + len(data)] = data
+
+    return damage
+
+
+def over(index: int) -> Damage:
+    """Have a chunk claim to be as long as the next two together."""
+    return lambda content, chunks, _: put(index, 1, (chunks[index + 2] - chunks[index] - 9).to_bytes(8, "little"))(
+        content, chunks, 0
+    )
+
+
+def wrong_index(content: bytearray, chunks: list[int], summary: int) -> None:
+    """Have the index of the chunks lie about the place of one."""
+    begin = content.index(chunks[2].to_bytes(8, "little"), summary)
+    content[begin : begin + 8] = b"\x55" * 8
+
+
+Damage = Callable[[bytearray, list[int], int], object]
+"""Change of a file with chunks and a summary at these offsets"""
+DAMAGES: dict[str, tuple[Damage, bool]] = {
+    "opcode of the first chunk": (put(0, 0, b"\x21"), True),
+    "opcode of a message": (put(2, 0, b"\x05"), True),
+    "opcode of a message index": (put(2, 0, b"\x07"), True),
+    "private opcode": (put(2, 0, b"\x86"), True),
+    "length": (put(2, 1, b"\x77\x77"), True),
+    "length beyond all memory": (put(2, 1, b"\xff" * 8), True),
+    "length over other chunks": (over(1), True),
+    "times of a chunk": (put(2, 9, b"\x55" * 16), True),
+    "size of a chunk": (put(2, 25, b"\x55\x55"), True),
+    "name of the compression": (put(2, 41, b"U"), True),
+    "length of that name": (put(2, 37, b"\x55\x55"), True),
+    "checksum": (put(2, 33, b"\x55" * 4), False),
+    "data": (put(2, 200, b"\x55" * 4), False),
+    "message index": (lambda content, chunks, _: put(3, -60, b"\x55" * 40)(content, chunks, 0), True),
+    "zeros over two chunks' border": (put(2, -300, bytes(400)), False),
+    "place in the index": (wrong_index, True),
+    "summary": (put_end(0, b"\x55" * 60), True),
+    "footer": (put_end(-30, b"\x55" * 10), True),
+    "magic at the end": (put_end(-8, b"\x55" * 8), True),
+    "magic at the beginning": (lambda content, _, __: content.__setitem__(slice(8), b"\x55" * 8), True),
+    "header": (lambda content, _, __: content.__setitem__(slice(8, 17), b"\x55" * 9), True),
+    "cut in a chunk": (lambda content, chunks, _: content.__delitem__(slice(chunks[3] + 300, None)), False),
+    "cut in the summary": (lambda content, _, summary: content.__delitem__(slice(summary + 30, None)), True),
+    "zeros at the end": (lambda content, chunks, _: put(3, 300, bytes(len(content)))(content, chunks, 0), False),
+    "bytes deleted": (lambda content, chunks, _: content.__delitem__(slice(chunks[1] - 30, chunks[1] + 50)), False),
+    "bytes inserted": (lambda content, chunks, _: content.__setitem__(slice(chunks[2], chunks[2]), b"\x11" * 77), True),
+    "a chunk twice": (
+        lambda content, chunks, _: content.__setitem__(slice(chunks[2], chunks[2]), content[chunks[2] : chunks[3]]),
+        True,
+    ),
+}
+"""For each damage, whether all messages can be got back"""
+
+
+def read_by_mcap(path: Path, kind: Callable[[Any], McapReader]) -> Iterator[Row]:
+    with path.open("rb") as file:
+        for _, channel, message in kind(file, validate_crcs=True).iter_messages(log_time_order=False):
+            yield channel.topic, message.log_time, message.data
+
+
+def read_by_rosbags(path: Path) -> Iterator[Row]:
+    with AnyReader([path]) as reader:
+        for connection, time, data in reader.messages():
+            yield connection.topic, time, bytes(data)
+
+
+def as_far_as_it_goes(found: Iterator[Row]) -> set[Row]:
+    rows = set()
+    with suppress(Exception):  # whatever the damage provokes
+        for row in found:
+            rows.add(row)
+    return rows
+
+
+@pytest.mark.parametrize("compression", CompressionType)
+@pytest.mark.parametrize("name", DAMAGES)
+def test_whatever_is_damaged_as_much_comes_back_as_by_any_other_reader(
+    tmp_path: Path, name: str, compression: CompressionType
+) -> None:
+    """And nothing that was not written: checksums cover all messages here."""
+    path, written = tmp_path / "in.mcap", set(messages())
+    mcap(path, compression)
+    content, (damage, whole) = bytearray(path.read_bytes()), DAMAGES[name]
+    damage(content, [offset for offset, _ in chunks(path)], int.from_bytes(content[-28:-20], "little"))
+    path.write_bytes(content)
+    recover(path, tmp_path / "o" / "out.mcap")
+    found = {tuple(message) for message in raw_inputs(tmp_path / "o" / "out.mcap")}
+    ways = (read_by_mcap(path, NonSeekingReader), read_by_mcap(path, make_reader), read_by_rosbags(path))
+    for theirs in map(as_far_as_it_goes, ways):
+        assert found >= theirs & written
+    assert found == written if whole else found < written

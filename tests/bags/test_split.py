@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import struct
 import threading
 from itertools import pairwise
 from pathlib import Path
@@ -10,30 +11,42 @@ from typing import Any
 
 import pytest
 from mcap.reader import make_reader
-from mcap.writer import CompressionType
 from rosbags.highlevel import AnyReader
 from ruamel.yaml import YAML
 
-from knee_contact_ros.bags.answer_recorder import PROVENANCE, AnswerWriter
-from knee_contact_ros.bags.bag_files import files_of
-from knee_contact_ros.bags.mcap_writer import BagFile
-from knee_contact_ros.bags.metadata import prepare_metadata
-from knee_contact_ros.bags.reader import BagReader
-from knee_contact_ros.bags.writer import CONTINUED, REFUSED_SAMPLES, BagWriter, Limits
+from knee_contact_ros.bags.reader import LARGEST_RECORD, BagReader, files_of, goes_on_with
+from knee_contact_ros.bags.recorder import (
+    CONTINUED,
+    REFUSED_SAMPLES,
+    AnswerWriter,
+    BagFile,
+    BagWriter,
+    Limits,
+    prepare_metadata,
+)
 from knee_contact_ros.offline.summary import read_summary
-from knee_contact_ros.streams.topics import MESSAGE_TYPES, RECORDED, Ending
+from knee_contact_ros.streams.output import PROVENANCE
+from knee_contact_ros.streams.topics import Ending
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.sinks import answer, recorded_ticks, wait_until
+from tests.hostile import bags as hostile
+from tests.hostile.bags import HEADER, MAGIC, METADATA, pairs, text
 
+HEAD = hostile.record(HEADER, text("ros2") * 2)
 MS = 1_000_000
 """[ns] between two answers"""
 TICK = 4
 """Messages of an answer"""
 
 
-def record(path: Path, numbers: range, limits: Limits, compression: CompressionType = CompressionType.ZSTD) -> None:
+def continued(first: str, name: str = CONTINUED) -> bytes:
+    """A metadata record that names the first file of a recording."""
+    return hostile.record(METADATA, text(name) + pairs([("first", first)]))
+
+
+def record(path: Path, numbers: range, limits: Limits, compressed: bool = True) -> None:
     """Record some answers."""
-    with BagWriter(path, compression, limits=limits) as bag:
+    with BagWriter(path, limits=limits, compressed=compressed) as bag:
         writer = AnswerWriter(bag, {})
         for number in numbers:
             writer.write(answer(number).records)
@@ -81,18 +94,13 @@ def test_a_recording_is_split_by_duration(tmp_path: Path, first: str) -> None:
 
 
 def test_a_recording_is_split_by_size(tmp_path: Path) -> None:
-    record(tmp_path / "knee_0.mcap", range(3000), Limits(size=200_000), CompressionType.NONE)
+    record(tmp_path / "knee_0.mcap", range(3000), Limits(size=200_000), compressed=False)
     files = information(tmp_path)["relative_file_paths"]
     assert len(files) > 3
     assert [n for name in files for n in stamps_of(tmp_path / name)[::TICK]] == list(range(3000))
     for name in files[:-1]:
         assert 200_000 <= (tmp_path / name).stat().st_size < 350_000  # a chunk and what ends a file come on top
         assert len(stamps_of(tmp_path / name)) % TICK == 0
-
-
-def test_without_limits_it_is_one_file(tmp_path: Path) -> None:
-    record(tmp_path / "knee.mcap", range(3000), Limits())
-    assert names(tmp_path) == ["knee.mcap", "metadata.yaml"]
 
 
 def test_stamps_that_jump_back_split_no_more_than_those_that_do_not(tmp_path: Path) -> None:
@@ -111,25 +119,18 @@ def test_the_same_answers_give_the_same_files(tmp_path: Path) -> None:
         assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
 
 
-def test_metadata_that_we_wrote_are_not_read_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """It takes as long as to write them; and longer ones than may be read are ours all the same."""
-    monkeypatch.setattr("knee_contact_ros.bags.metadata.read_yaml", lambda *_: pytest.fail("they were read"))
-    record(tmp_path / "knee.mcap", range(400), Limits(duration=100 * MS))
-    assert len(information(tmp_path)["files"]) == 4
-
-
 def test_of_many_files_metadata_are_written_more_seldom(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each time takes 0.25 s of a processor, so 12.5 s pass before the next one; at the end all are named."""
     now, spent, listed = 0.0, 0.0, []
 
-    def prepare(folder: Path, content: Any, ours: Any) -> Any:
+    def prepare(folder: Path, content: Any) -> Any:
         nonlocal spent
         spent += 0.25
         listed.append(len(content["files"]))
-        return prepare_metadata(folder, content, ours)
+        return prepare_metadata(folder, content)
 
-    monkeypatch.setattr("knee_contact_ros.bags.writer.prepare_metadata", prepare)
-    monkeypatch.setattr("knee_contact_ros.bags.writer.MANY_FILES", 1)
+    monkeypatch.setattr("knee_contact_ros.bags.recorder.prepare_metadata", prepare)
+    monkeypatch.setattr("knee_contact_ros.bags.recorder.MANY_FILES", 1)
     monkeypatch.setattr("time.monotonic", lambda: now)
     monkeypatch.setattr("time.thread_time", lambda: spent)
     with BagWriter(tmp_path / "knee.mcap", limits=Limits(duration=MS)) as bag:
@@ -146,8 +147,8 @@ def test_of_many_files_metadata_are_written_more_seldom(tmp_path: Path, monkeypa
 def test_files_that_metadata_does_not_name_yet_are_read_and_that_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("knee_contact_ros.bags.writer.MANY_FILES", 1)
-    monkeypatch.setattr("knee_contact_ros.bags.writer.LISTING_SHARE", 1e-9)
+    monkeypatch.setattr("knee_contact_ros.bags.recorder.MANY_FILES", 1)
+    monkeypatch.setattr("knee_contact_ros.bags.recorder.LISTING_SHARE", 1e-9)
     bag = BagWriter(tmp_path / "knee.mcap", limits=Limits(duration=100 * MS))
     writer = AnswerWriter(bag, {})
     for number in range(301):
@@ -289,11 +290,22 @@ def test_a_summary_is_that_of_all_files(tmp_path: Path) -> None:
     assert summary.refused == {"not_finite": 3}
 
 
-def test_topics_are_those_of_the_messages(tmp_path: Path) -> None:
-    record(tmp_path / "knee.mcap", range(150), Limits(duration=100 * MS))
-    for name in ("knee.mcap", "knee_1.mcap"):
-        with (tmp_path / name).open("rb") as file:
-            summary = make_reader(file).get_summary()
-        assert summary is not None
-        schemas = {channel.topic: summary.schemas[channel.schema_id].name for channel in summary.channels.values()}
-        assert schemas == {f"/{topic}": MESSAGE_TYPES[topic] for topic in RECORDED}
+@pytest.mark.parametrize(
+    ("content", "first"),
+    [
+        (MAGIC + HEAD + continued("knee.mcap"), "knee.mcap"),
+        (MAGIC + HEAD + continued("knee.mcap", "note"), ""),
+        (MAGIC + continued("x" * LARGEST_RECORD), ""),
+        (MAGIC + continued("knee.mcap")[:-1], ""),
+        (MAGIC + struct.pack("<BQ", HEADER, 2**64 - 1), ""),
+        (MAGIC, ""),
+        (b"", ""),
+    ],
+)
+def test_a_file_goes_on_with_what_a_whole_record_at_its_beginning_says(
+    tmp_path: Path, content: bytes, first: str
+) -> None:
+    path = tmp_path / "knee_1.mcap"
+    path.write_bytes(content)
+    assert goes_on_with(path) == first
+    assert not goes_on_with(tmp_path)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from knee_contact_ros.bags.sqlite_file import SqliteFile
+from knee_contact_ros.bags.reader import SqliteFile
 from knee_contact_ros.system.errors import UsageError
 from studies.fuzz_bags.bags import Message, messages, sqlite
 
@@ -24,13 +24,13 @@ def database(tmp_path: Path) -> Path:
 
 
 def rows(file: SqliteFile) -> list[tuple[int, int, bytes]]:
-    return [row for batch in file.by_time({number: number for number in file.topics}) for row in batch]
+    return [row for batch in file.by_time({number: number for number in file.connections}) for row in batch]
 
 
 def read(path: Path) -> tuple[list[Message], list[str]]:
     with closing(SqliteFile(path)) as file:
-        found = [(file.topics[topic].name, time, data) for topic, time, data in rows(file)]
-        assert file.counts.total() == len(found)
+        found = [(file.connections[topic].topic, time, data) for topic, time, data in rows(file)]
+        assert sum(topic.messages for topic in file.connections.values()) == len(found)
         return found, file.faults
 
 

@@ -14,25 +14,24 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
-from mcap.writer import Writer
+from mcap.writer import CompressionType, Writer
 from rosbags.highlevel import AnyReader
 from ruamel.yaml import YAML
 
-from knee_contact_ros.bags.chunked_mcap import CHUNK_SIZE
-from knee_contact_ros.bags.mcap_writer import LIBRARY, offered_qos
-from knee_contact_ros.bags.metadata import FileFacts, information, prepare_metadata
 from knee_contact_ros.bags.reader import read_bag
-from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.bags.recorder import (
+    CHUNK_SIZE,
+    LIBRARY,
+    MESSAGE_HEAD,
+    BagWriter,
+    FileFacts,
+    information,
+    offered_qos,
+    prepare_metadata,
+)
 from knee_contact_ros.model.types import Contact
 from knee_contact_ros.streams.messages import decode_wrench_stamped, encode_answer, encode_answer_wrench
-from knee_contact_ros.streams.topics import (
-    KNEE_CONTACT,
-    KNEE_CONTACT_WRENCH,
-    MESSAGE_TYPES,
-    Record,
-    definition,
-    typestore,
-)
+from knee_contact_ros.streams.topics import KNEE_CONTACT, KNEE_CONTACT_WRENCH, MESSAGE_TYPES, definition, typestore
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.answers import FIELDS, contact, contacts_of
 
@@ -50,53 +49,71 @@ def write(path: Path, rows: list[tuple[int, Contact]], frame_id: str = "tibia_r"
             bag.write(f"/{KNEE_CONTACT_WRENCH}", stamp, wrench)
 
 
-def write_by_library(path: Path, like: Path, names: dict[str, str], parts: list[list[Record]], flushed: bool) -> None:
-    """The same messages by the `mcap` library's writer; metadata are those of our file."""
+NAMES = {topic: f"/{topic}" for topic in (KNEE_CONTACT, KNEE_CONTACT_WRENCH)}
+FULL = CHUNK_SIZE - MESSAGE_HEAD.size
+"""[B] of a message's data that fill a chunk to the limit, which is not beyond it"""
+Said = list[tuple[str, int, int]] | str
+"""Topic, log time [ns] and length of the data [B] of some messages, or `flush` or `note`"""
+said = st.lists(
+    st.tuples(
+        st.sampled_from(list(NAMES)), st.integers(0, 2**64 - 1), st.sampled_from([0, 1, 40, 30_000, FULL, FULL + 1])
+    ),
+    max_size=12,
+)
+
+
+def write_by_library(path: Path, like: Path, parts: list[Said], compressed: bool) -> None:
+    """The same by the `mcap` library's writer; the last metadata are those of our file."""
     with path.open("wb") as file, like.open("rb") as ours:
-        writer = Writer(file, chunk_size=CHUNK_SIZE, enable_data_crcs=True)
+        compression = CompressionType.ZSTD if compressed else CompressionType.NONE
+        writer = Writer(file, chunk_size=CHUNK_SIZE, compression=compression, enable_data_crcs=True)
         writer.start("ros2", LIBRARY)
         channels, numbers = {}, Counter[str]()
-        for topic, name in names.items():
+        for topic, name in NAMES.items():
             kind = MESSAGE_TYPES[topic]
             metadata = {"offered_qos_profiles": offered_qos(), "topic_type_hash": typestore().hash_rihs01(kind)}
             schema = writer.register_schema(kind, "ros2msg", definition(kind))
             channels[topic] = writer.register_channel(name, "cdr", schema, metadata)
-        for records in parts:
-            for topic, stamp, data in records:
-                writer.add_message(channels[topic], stamp, data, stamp, numbers[topic])
-                numbers[topic] += 1
-            if flushed:
+        for part in parts:
+            if part == "flush":
                 writer.flush()
-        for metadata in make_reader(ours).iter_metadata():
-            writer.add_metadata(metadata.name, metadata.metadata)
+            elif isinstance(part, str):
+                writer.add_metadata(part, {"reason": "ü", "": ""})
+            else:
+                for topic, stamp, length in part:
+                    writer.add_message(channels[topic], stamp, bytes(length), stamp, numbers[topic])
+                    numbers[topic] += 1
+        *_, last = make_reader(ours).iter_metadata()
+        writer.add_metadata(last.name, last.metadata)
         writer.finish()
 
 
-@pytest.mark.parametrize("flushed", [False, True])
+@settings(max_examples=60, deadline=None)
+@given(parts=st.lists(said | st.sampled_from(["flush", "note"]), max_size=6), compressed=st.booleans())
 def test_many_messages_at_once_are_the_same_bytes_as_one_by_one_and_as_by_the_library(
-    tmp_path: Path, flushed: bool
+    tmp_path_factory: pytest.TempPathFactory, parts: list[Said], compressed: bool
 ) -> None:
-    """Over the ends of chunks, with stamps that go back, and mixed with single ones."""
-    names = {topic: f"/{topic}" for topic in (KNEE_CONTACT, KNEE_CONTACT_WRENCH)}
-    stamps = [1_700_000_000_000_000_000 + 1_000 * ((7 * number) % 100) for number in range(1000)]
-    records = [(topic, stamp, bytes(stamp % 400)) for stamp in stamps for topic in names if stamp % 3000]
-    parts = [records[begin : begin + 300] for begin in range(0, len(records), 300)]
-    for one_by_one in (True, False):
-        with BagWriter(tmp_path / f"{one_by_one}" / "out.mcap") as bag:
-            for topic, name in names.items():
+    """Over the ends of chunks, with stamps that go back; also files without messages."""
+    folder = tmp_path_factory.mktemp("bags")
+    for way in ("one", "many"):
+        with BagWriter(folder / way / "out.mcap", compressed=compressed) as bag:
+            for topic, name in NAMES.items():
                 bag.add_topic(name, MESSAGE_TYPES[topic])
-            for some in parts:
-                for topic, stamp, data in some if one_by_one else some[:1]:
-                    bag.write(names[topic], stamp, data)
-                bag.write_all([] if one_by_one else some[1:], names)
-                if flushed:
+            for part in parts:
+                if part == "flush":
                     bag.flush()
-    first, second = (tmp_path / f"{one_by_one}" for one_by_one in (True, False))
+                elif isinstance(part, str):
+                    bag.add_metadata(part, {"reason": "ü", "": ""})
+                elif way == "many":
+                    bag.file.write_all([(topic, stamp, bytes(length)) for topic, stamp, length in part], NAMES)
+                else:
+                    for topic, stamp, length in part:
+                        bag.write(NAMES[topic], stamp, bytes(length))
+    first, second = folder / "one", folder / "many"
     for name in ("out.mcap", "metadata.yaml"):
         assert (first / name).read_bytes() == (second / name).read_bytes()
-    write_by_library(tmp_path / "library.mcap", first / "out.mcap", names, parts, flushed)
-    assert (tmp_path / "library.mcap").read_bytes() == (first / "out.mcap").read_bytes()
-    assert (first / "out.mcap").stat().st_size > 10_000
+    write_by_library(folder / "library.mcap", first / "out.mcap", parts, compressed)
+    assert (folder / "library.mcap").read_bytes() == (first / "out.mcap").read_bytes()
 
 
 def fields_of(message: Any) -> list[Any]:
@@ -211,7 +228,7 @@ def test_a_recording_that_is_being_written_is_left_alone(tmp_path: Path, overwri
 @pytest.mark.parametrize("name", ["metadata.yaml", "metadata.yaml.partial"])
 def test_what_lies_where_metadata_is_to_be_holds_nothing_up(tmp_path: Path, plant: Any, name: str) -> None:
     plant(tmp_path / name)
-    code = "import sys; from pathlib import Path; from knee_contact_ros.bags.writer import BagWriter"
+    code = "import sys; from pathlib import Path; from knee_contact_ros.bags.recorder import BagWriter"
     command = [sys.executable, "-c", f"{code}; BagWriter(Path(sys.argv[1])).close()", tmp_path / "out.mcap"]
     done = subprocess.run(command, check=False, timeout=180)
     assert (tmp_path / "out.mcap").exists()

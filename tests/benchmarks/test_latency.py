@@ -36,7 +36,7 @@ from benchmarks.latency.driver import (
     samples,
     snapshot,
 )
-from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.node.inputs import DEPTH
 from knee_contact_ros.node.session import OUTPUT_DEPTH
 from knee_contact_ros.streams.messages import decode_joint_state, decode_wrench_stamped

@@ -12,10 +12,9 @@ from typing import Any
 from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader
 
-from knee_contact_ros.bags import answer_recorder
-from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES
+from knee_contact_ros.bags import recorder
 from knee_contact_ros.bags.reader import read_bag
-from knee_contact_ros.bags.writer import Settings
+from knee_contact_ros.bags.recorder import ABSOLUTE_NAMES, Settings
 from knee_contact_ros.node.outputs import Listeners, Queue, SinkProcess
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
@@ -141,7 +140,7 @@ class Started:
 
 def recording(path: Path, settings: Settings = SETTINGS) -> Sink:
     """A recorder, as it describes itself, but for the settings."""
-    job = Job(answer_recorder.__name__, (path, {}, ABSOLUTE_NAMES, settings))
+    job = Job(recorder.__name__, (path, {}, ABSOLUTE_NAMES, settings))
     return Sink("recorder", "recording", str(path), job, "records", gaps_allowed=False)
 
 

@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from knee_contact_ros.bags.reader import RawMessage
-from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from knee_contact_ros.streams.topics import LOAD_INPUTS, MESSAGE_TYPES
 

@@ -13,7 +13,7 @@ from typing import Any
 import psutil
 import pytest
 
-from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES
+from knee_contact_ros.bags.recorder import ABSOLUTE_NAMES
 from knee_contact_ros.node.outputs import SinkProcess, size_of
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
@@ -102,7 +102,7 @@ def test_an_output_that_exists_is_left_alone_and_names_go_on(started: Started, t
 
 def test_an_output_that_nobody_waits_for_is_told_if_it_cannot_be_opened(started: Started, tmp_path: Path) -> None:
     arguments = (tmp_path, {}, ABSOLUTE_NAMES, SETTINGS)
-    sink = started.unawaited(Job("knee_contact_ros.bags.answer_recorder", arguments))
+    sink = started.unawaited(Job("knee_contact_ros.bags.recorder", arguments))
     wait_until(sink.is_over)
     assert started.told == [f"cannot write {tmp_path}: Is a directory"]
 

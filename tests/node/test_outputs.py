@@ -8,8 +8,7 @@ from typing import Any
 
 import pytest
 
-from knee_contact_ros.bags.answer_recorder import ABSOLUTE_NAMES
-from knee_contact_ros.bags.writer import Limits, Settings
+from knee_contact_ros.bags.recorder import ABSOLUTE_NAMES, Limits, Settings
 from knee_contact_ros.node.outputs import Queue, queue_of, sections_of_outputs, sink_of
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import Parameters

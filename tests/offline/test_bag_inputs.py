@@ -8,10 +8,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from knee_contact_ros.bags.mcap_metadata import metadata_records
 from knee_contact_ros.bags.provenance import read_provenance
-from knee_contact_ros.bags.reader import BagReader, RawMessage
-from knee_contact_ros.bags.topic_names import names_in_bag
+from knee_contact_ros.bags.reader import BagReader, RawMessage, metadata_records, names_in_bag
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.frames import (

@@ -10,14 +10,10 @@ from typing import Any
 import pytest
 from rosbags.rosbag2 import StoragePlugin
 
-from knee_contact_ros.bags.answer_recorder import AnswerWriter
-from knee_contact_ros.bags.load_provenance import LOAD_PROVENANCE, load_provenance_record
-from knee_contact_ros.bags.mcap_metadata import metadata_records
-from knee_contact_ros.bags.provenance import read_provenance
-from knee_contact_ros.bags.reader import BagReader, RawMessage, read_bag
+from knee_contact_ros.bags.provenance import load_provenance_record, read_provenance
+from knee_contact_ros.bags.reader import BagReader, RawMessage, metadata_records, names_in_bag, read_bag
+from knee_contact_ros.bags.recorder import REFUSED_SAMPLES, AnswerWriter, BagWriter, Limits
 from knee_contact_ros.bags.recover import recover
-from knee_contact_ros.bags.topic_names import names_in_bag
-from knee_contact_ros.bags.writer import REFUSED_SAMPLES, BagWriter, Limits
 from knee_contact_ros.commands.main import INTERRUPTED, main
 from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.model.types import Status
@@ -35,6 +31,7 @@ from knee_contact_ros.streams.frames import (
 )
 from knee_contact_ros.streams.load_stream import LoadStream
 from knee_contact_ros.streams.messages import JointState, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.streams.output import LOAD_PROVENANCE
 from knee_contact_ros.streams.topics import LOAD_INPUTS, LOAD_RECORDED, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.bags import write_rosbag2

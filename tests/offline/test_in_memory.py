@@ -11,7 +11,7 @@ import pytest
 
 import knee_contact_ros
 from knee_contact_ros import Results, UsageError
-from knee_contact_ros.bags.recorded_answers import read_answers
+from knee_contact_ros.bags.reader import read_answers
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.model.types import FLAT, TOLD
 from tests.offline.test_solve import make_bag

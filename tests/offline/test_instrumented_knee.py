@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from knee_contact_ros.bags.recorded_answers import read_answers
+from knee_contact_ros.bags.reader import read_answers
 from knee_contact_ros.commands.main import main
 
 pytest.importorskip("tabulate", reason="the studies' tables")

@@ -11,7 +11,7 @@ import pytest
 
 import knee_contact_ros
 from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
-from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import read_summary

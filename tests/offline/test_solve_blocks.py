@@ -11,7 +11,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader
-from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.model.types import Rows
 from knee_contact_ros.offline import solve as solve_module
 from knee_contact_ros.offline.solve import Run, solve

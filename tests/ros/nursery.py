@@ -27,7 +27,7 @@ from knee_contact_ros.system.processes import Process, connected, reap
 
 COMMAND = "knee_contact_ros.commands.main"
 IMPORTED = (
-    "knee_contact_ros.bags.answer_recorder",
+    "knee_contact_ros.bags.recorder",
     "knee_contact_ros.commands.live",
     "knee_contact_ros.model.compiler",
     "knee_contact_ros.streams.load_stream",

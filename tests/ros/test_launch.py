@@ -17,11 +17,9 @@ from typing import NamedTuple
 import psutil
 import pytest
 
-from knee_contact_ros.bags.mcap_metadata import metadata_records
-from knee_contact_ros.bags.provenance import PROVENANCE
-from knee_contact_ros.bags.reader import BagReader
+from knee_contact_ros.bags.reader import BagReader, absolute, metadata_records
 from knee_contact_ros.bags.recover import recover
-from knee_contact_ros.bags.topic_names import absolute
+from knee_contact_ros.streams.output import PROVENANCE
 from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.system.files import PACKAGE, share_folder
 from knee_contact_ros.system.output_files import partial_name

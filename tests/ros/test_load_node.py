@@ -20,11 +20,9 @@ from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
-from knee_contact_ros.bags.load_provenance import LOAD_PROVENANCE
-from knee_contact_ros.bags.mcap_metadata import metadata_records
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED
-from knee_contact_ros.bags.reader import BagReader, RawMessage
-from knee_contact_ros.bags.writer import REFUSED_SAMPLES
+from knee_contact_ros.bags.reader import BagReader, RawMessage, metadata_records
+from knee_contact_ros.bags.recorder import REFUSED_SAMPLES
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.node.outputs import PATIENCE
@@ -33,6 +31,7 @@ from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.messages import encode_wrench_stamped
+from knee_contact_ros.streams.output import LOAD_PROVENANCE
 from knee_contact_ros.streams.topics import KNEE_CONTACT, LOAD_RECORDED, MESSAGE_TYPES
 from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, ground, walk, walking_bag
 from tests.ros.conftest import NodeProcess, Peer, call, change_state, state_of

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from knee_contact_ros.bags.metadata import read_metadata
+from knee_contact_ros.bags.reader import read_metadata
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.system.files import LARGEST, LARGEST_METADATA, MOST_NODES, BadYamlError, parse_yaml, read_yaml
 

@@ -20,9 +20,8 @@ import pytest
 pytest.importorskip("rerun", reason="needs the extra viewer")
 from rerun.experimental import ViewerClient
 
-from knee_contact_ros.bags.answer_recorder import AnswerWriter
 from knee_contact_ros.bags.reader import BagReader
-from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_stream import ContactStream

@@ -16,8 +16,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from knee_contact_ros import __version__
-from knee_contact_ros.bags.bag_files import BAG_FILES
-from knee_contact_ros.bags.topic_names import names_in_bag
+from knee_contact_ros.bags.reader import BAG_FILES, names_in_bag
 from knee_contact_ros.lab.calibrate import contact, load
 from knee_contact_ros.lab.calibrate.fit import (
     LINEAR,

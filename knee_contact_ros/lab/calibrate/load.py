@@ -11,10 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.bag_files import in_a_line, others_beside
 from knee_contact_ros.bags.provenance import bag_digest
-from knee_contact_ros.bags.reader import BagReader
-from knee_contact_ros.bags.topic_names import Names
+from knee_contact_ros.bags.reader import BagReader, Names, others_beside
 from knee_contact_ros.joint_reaction.estimator import LEVELS, EstimationLevel
 from knee_contact_ros.joint_reaction.leg import NetMoments, leg_of
 from knee_contact_ros.joint_reaction.muscles import Person, reaction_of
@@ -26,7 +24,7 @@ from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.contact_stream import load_sample
 from knee_contact_ros.streams.messages import WRENCH, RefusedSampleError
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, LOAD_ESTIMATE, MESSAGE_TYPES, NANOSECONDS
-from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.errors import UsageError, in_a_line
 
 Stamps = NDArray[np.int64]
 AXIAL_FORCE = "axial_force"

@@ -13,7 +13,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from knee_contact_ros import __version__
-from knee_contact_ros.bags.bag_files import in_a_line
 from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT
 from knee_contact_ros.lab.report import figures, runs
 from knee_contact_ros.lab.report.runs import CURVES, FIRST, LARGEST, MEGA, MM, NONE, PERCENT, SECOND, Moment, Run
@@ -22,7 +21,7 @@ from knee_contact_ros.parameters.files import flat_parameters, known_parameters
 from knee_contact_ros.parameters.schema import constants_of
 from knee_contact_ros.streams.gait_events import HEEL_STRIKE, LOAD_PEAK, TOE_OFF
 from knee_contact_ros.streams.topics import NANOSECONDS, is_lateral
-from knee_contact_ros.system.errors import IncompleteError, UsageError
+from knee_contact_ros.system.errors import IncompleteError, UsageError, in_a_line
 from knee_contact_ros.system.files import how_to_get, require
 from knee_contact_ros.system.output_files import replace, work_folder
 from knee_contact_ros.system.terminal import progress, warn

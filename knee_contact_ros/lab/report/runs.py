@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros import __version__
 from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT, Provenance, read_provenance, with_values
-from knee_contact_ros.bags.recorded_answers import answer_blocks, answer_topics
-from knee_contact_ros.bags.topic_names import OWN_NAMES, Names, names_in_bag
+from knee_contact_ros.bags.reader import OWN_NAMES, Names, answer_blocks, answer_topics, names_in_bag
 from knee_contact_ros.lab.uncertainty import Propagated, deviations_of, given_in, propagated, read_deviations
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.readouts import SPREAD

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros import estimate_load
-from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.streams.messages import JOINT_STATE, JointState, WrenchStamped, encode_wrench_stamped
 from knee_contact_ros.streams.topics import GROUND_REACTION_FORCE, JOINT_REACTION_FORCE, JOINT_STATES, MESSAGE_TYPES
 

@@ -14,9 +14,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from knee_contact_ros.bags.reader import BagReader
-from knee_contact_ros.bags.recorded_answers import read_answers
-from knee_contact_ros.bags.writer import BagWriter
+from knee_contact_ros.bags.reader import BagReader, read_answers
+from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.report.figures import DEPTH, MEDIAL, TOTAL
 from knee_contact_ros.lab.report.page import CURVE_COLUMNS, EVENT_COLUMNS, PEAK_COLUMNS, STRIDE_COLUMNS

@@ -1,0 +1,775 @@
+"""Writing of recordings as a ROS 2 recorder does: MCAP files with CDR messages, and the `metadata.yaml` beside them.
+
+`BagFile` writes one MCAP file, `BagWriter` the files of a recording, `AnswerWriter` answers with their inputs, and
+`Recorder` does so in a process of its own beside a node. This module is all that the process loads: it needs no NumPy.
+
+For each tick a recording holds the inputs that led to it, then its outputs. That order depends on stamps only, so a
+live recording and an offline one hold the same messages in the same order. Equal messages give equal files, because
+padding bytes are zero (the serialiser of ROS leaves them uninitialised).
+"""
+
+from __future__ import annotations
+
+import errno
+import io
+import math
+import os
+import time
+import zlib
+from array import array
+from collections import Counter
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from functools import cache
+from pathlib import Path
+from shutil import disk_usage
+from struct import Struct
+from threading import Event, Lock, Thread
+from types import TracebackType
+from typing import Any, NamedTuple
+
+import zstandard
+from mcap import records
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from ruamel.yaml import YAML
+
+from knee_contact_ros.streams.output import PROVENANCE, Job, Knee, Sink
+from knee_contact_ros.streams.topics import MESSAGE_TYPES, NANOSECONDS, RECORDED, Ending, Record, definition, typestore
+from knee_contact_ros.system import output_files
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.files import LARGEST_METADATA, open_regular
+from knee_contact_ros.system.output_files import partial_name, sync_folder
+
+MAGIC = b"\x89MCAP0\r\n"
+"""Magic bytes at the beginning and at the end of an MCAP file"""
+HEAD = Struct("<BQ")
+"""Head of a record: opcode, and length [B] of the content, which follows"""
+MESSAGE = Struct("<HIQQ")
+"""Beginning of a message record's content, before the data: channel, sequence number, log time and publish time [ns]"""
+MESSAGE_HEAD = Struct("<BQHIQQ")
+"""`HEAD` and `MESSAGE` together"""
+INDEX = Struct("<HI")
+"""Beginning of a message index record's content: channel, and length [B] of the entries, which follow"""
+ENTRY = Struct("<QQ")
+"""Entry of a message index: log time [ns] of a message, and offset [B] of its record in the uncompressed chunk"""
+CHUNK_SIZE = 64 * 1024
+"""Size [B] of the records beyond which a chunk ends: a small chunk ends in 2-4 ms, and a crash loses little"""
+SUMMARY = (
+    Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS,
+    Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX,
+)  # fmt: skip
+"""Opcodes of the records of the summary section, in their order"""
+MESSAGE_OPCODE = int(Opcode.MESSAGE)
+LIBRARY = "knee_contact_ros"
+"""Name of the writing library in the header of a file"""
+ROSBAG2, REFUSED_SAMPLES, CONTINUED, INTERRUPTED = "rosbag2", "refused_samples", "continued", "interrupted"
+"""Names of metadata records: the `metadata.yaml` of the file, the number of refused samples by reason, the first file
+of the recording that a file continues, the reason why the node did not complete the recording"""
+METADATA = "metadata.yaml"
+"""Name of the file that makes a folder a bag"""
+MANY_FILES, LISTING_SHARE = 100, 0.02
+"""Number of files from which only that share of the time is spent on `metadata.yaml`, which grows with each file"""
+NODE_GONE = "the node was gone, or had given the recording up, before it was closed"
+GATHER = 0.03
+"""Longest time [s] for which answers are gathered in the node: a kill of the node loses them"""
+ABSOLUTE_NAMES = {topic: f"/{topic}" for topic in RECORDED}
+"""Absolute name under which each topic is recorded if nothing else is given"""
+MB = 10**6
+"""Bytes in a megabyte"""
+FOREVER = {"sec": 9223372036, "nsec": 854775807}
+"""Infinite duration of a QoS profile"""
+OFFERED_QOS = [
+    {
+        "history": "keep_last", "depth": 100, "reliability": "reliable", "durability": "volatile",
+        "deadline": FOREVER, "lifespan": FOREVER, "liveliness": "automatic", "liveliness_lease_duration": FOREVER,
+        "avoid_ros_namespace_conventions": False,
+    }
+]  # fmt: skip
+"""QoS profiles that the node and `replay` offer"""
+
+
+class Limits(NamedTuple):
+    """Limits of a file, beyond which a recording continues in a new one."""
+
+    size: float = math.inf
+    """Size [B] at which a file is full"""
+    duration: float = math.inf
+    """Duration [ns] that the stamps in a file must not reach"""
+
+
+NO_LIMITS = Limits()
+
+
+class Settings(NamedTuple):
+    """Settings of a recorder beside a node."""
+
+    flush_period: float
+    """Time [s] between two flushes: a crash loses as much"""
+    limits: Limits = NO_LIMITS
+    """Limits of each file"""
+    min_free: float = 0.0
+    """Space [B] that must stay free on the disk"""
+    sync_period: float = 0.0
+    """Time [s] between two syncs to the disk: a power failure loses as much; 0 means no syncs"""
+
+
+class BagFile:
+    """MCAP file that takes one message or thousands at a time; its bytes are those that `mcap.writer.Writer` writes.
+
+    It gets its final name when it is complete; until then it is a locked `.partial` file.
+    """
+
+    def __init__(
+        self, path: Path, partial: Path, compressed: bool, overwrite: bool, earlier: Mapping[str, int]
+    ) -> None:
+        """Open a file for writing.
+
+        Args:
+            path: Final name.
+            partial: Name until the file is complete, already claimed.
+            compressed: Whether chunks are compressed (zstd).
+            overwrite: Whether the complete file replaces one that has the final name.
+            earlier: Number of messages of each topic in earlier files of the recording: sequence numbers continue.
+
+        Raises:
+            UsageError: The file cannot be opened; see `open_claimed`.
+        """
+        self.path, self.partial, self._overwrite, self._earlier = path, partial, overwrite, earlier
+        self.channels: dict[str, int] = {}
+        """Channel number of each topic"""
+        self.statistics = records.Statistics(0, 0, Counter(), 0, 0, 0, 0, 0, 0)
+        """Statistics of the records so far; log times [ns] are 0 without messages"""
+        self.size = self.place = 0
+        """`size`: number of bytes written, without the chunk that is being filled; `place`: number of bytes in that"""
+        self._types: dict[str, str] = {}  # message type of each topic
+        self._schemas: dict[str, int] = {}  # number of each schema by its name
+        self._chunk: list[bytes | memoryview] = []  # pieces of the chunk that is being filled
+        self._entries: dict[int, array[int]] = {}  # its message index: times and places by channel
+        self._summary = {opcode: bytearray() for opcode in SUMMARY}
+        self._checksum = 0  # CRC-32 of all written bytes
+        self._closing, self._compressed = Lock(), compressed
+        self._file = output_files.open_claimed(partial)
+        self._write(MAGIC + packed(records.Header("ros2", LIBRARY)))
+
+    def add_topic(self, topic: str, type_name: str) -> None:
+        """Declare a topic by its absolute name and message type; channels have the order of the declarations."""
+        statistics, self._types[topic] = self.statistics, type_name
+        if type_name not in self._schemas:
+            statistics.schema_count = self._schemas[type_name] = statistics.schema_count + 1
+            schema = records.Schema(statistics.schema_count, definition(type_name), "ros2msg", type_name)
+            self._declare(Opcode.SCHEMA, schema)
+        statistics.channel_count = self.channels[topic] = statistics.channel_count + 1
+        metadata = {"offered_qos_profiles": offered_qos(), "topic_type_hash": typestore().hash_rihs01(type_name)}
+        channel = records.Channel(statistics.channel_count, topic, "cdr", metadata, self._schemas[type_name])
+        self._declare(Opcode.CHANNEL, channel)
+
+    def add_metadata(self, name: str, values: dict[str, str]) -> None:
+        """Write a metadata record at once, that is, before the messages of the chunk that is being filled."""
+        data = packed(records.Metadata(name, values))
+        self.statistics.metadata_count += 1
+        self._summary[Opcode.METADATA_INDEX] += packed(records.MetadataIndex(self.size, len(data), name))
+        self._write(data)
+
+    def next_number(self, topic: str) -> int:
+        """Sequence number of the next message of a topic: its number of messages in this file and earlier ones."""
+        return self._earlier.get(topic, 0) + self.statistics.channel_message_counts.get(self.channels[topic], 0)
+
+    def write_all(self, messages: Iterable[Record], names: Mapping[str, str]) -> None:
+        """Write messages under the absolute names of their topics; log time and publish time are their stamps [ns]."""
+        counts = self.statistics.channel_message_counts
+        for topic, stamp, data in messages:
+            name = names[topic]
+            channel = self.channels[name]
+            number = self._earlier.get(name, 0) + counts[channel]
+            entries = self._entries_of(channel, 1, stamp, stamp)
+            entries.append(stamp)
+            entries.append(self.place)
+            self._add(MESSAGE_HEAD.pack(MESSAGE_OPCODE, MESSAGE.size + len(data), channel, number, stamp, stamp) + data)
+
+    def append(self, data: bytes | memoryview, entries: Mapping[int, bytes], first: int, last: int) -> None:
+        """Add message records to the chunk that is being filled, and end it if it is full then.
+
+        Args:
+            data: Concatenated records, of which none but the last one goes beyond `CHUNK_SIZE`. They are not copied.
+            entries: Packed message index entries (`ENTRY`) of each channel that has any, in the order of their first
+                messages.
+            first: Smallest log time [ns] of the messages.
+            last: Largest log time [ns] of the messages.
+        """
+        for channel, piece in entries.items():
+            self._entries_of(channel, len(piece) // ENTRY.size, first, last).frombytes(piece)
+        self._add(data)
+
+    def flush(self) -> None:
+        """End the chunk that is being filled, and hand all written data to the operating system."""
+        self._end_chunk()
+        self._file.flush()
+
+    def sync(self) -> None:
+        """Sync all flushed data, and the name of the file, to the disk; may be called by another thread.
+
+        Raises:
+            OSError: The sync has failed.
+        """
+        with self._closing:
+            if not self._file.closed:
+                os.fdatasync(self._file.fileno())
+                sync_folder(self.path.parent)
+
+    def free_space(self) -> int:
+        """Free space [B] on the disk of the file.
+
+        Raises:
+            OSError: The file has been removed.
+        """
+        self._check_presence()
+        disk = os.fstatvfs(self._file.fileno())
+        return disk.f_bavail * disk.f_frsize
+
+    def facts(self) -> FileFacts:
+        """Name, log times and numbers of messages of the file so far."""
+        statistics = self.statistics
+        counts = Counter({
+            topic: statistics.channel_message_counts.get(channel, 0) for topic, channel in self.channels.items()
+        })  # fmt: skip
+        return FileFacts(self.path.name, statistics.message_start_time, statistics.message_end_time, counts)
+
+    def complete(self) -> None:
+        """Write the metadata of rosbag2 and the end of the file, and sync it to the disk."""
+        self.add_metadata(ROSBAG2, {"serialized_metadata": to_yaml(information([self.facts()], self._types))})
+        self._end_chunk()
+        self._write(packed(records.DataEnd(self._checksum)))
+        self._summary[Opcode.STATISTICS] += packed(self.statistics)
+        begin, summary, offsets = self.size, b"", []
+        for opcode, group in self._summary.items():
+            offsets.append(records.SummaryOffset(opcode, begin + len(summary), len(group)))
+            summary += group
+        places = begin, begin + len(summary)
+        summary += packed(*offsets)
+        checksum = zlib.crc32(summary + packed(records.Footer(*places, 0))[:-4])  # of all bytes before it
+        self._write(summary + packed(records.Footer(*places, checksum)) + MAGIC)
+        self._file.flush()
+        os.fsync(self._file.fileno())
+
+    def take_name(self) -> None:
+        """Give the complete file its final name, or the next free one if it was taken meanwhile.
+
+        Raises:
+            OSError: The file cannot be renamed, or has been removed.
+        """
+        self._check_presence()
+        self.path = output_files.take_name(self.partial, self.path, self._overwrite)
+        sync_folder(self.path.parent)
+        with self._closing:
+            self._file.close()
+
+    def discard(self) -> None:
+        """Close the file and remove it."""
+        with self._closing, suppress(OSError):  # a full disk also refuses what is still in the file's buffer
+            self._file.close()
+        self.partial.unlink(missing_ok=True)
+
+    def _check_presence(self) -> None:
+        """Check that the open file still has its name.
+
+        Raises:
+            OSError: The file has been removed or replaced.
+        """
+        with suppress(FileNotFoundError, NotADirectoryError):
+            if os.path.samestat(self.partial.lstat(), os.fstat(self._file.fileno())):
+                return
+        raise OSError(errno.ENOENT, "its file or folder was removed while it was written")
+
+    def _entries_of(self, channel: int, count: int, first: int, last: int) -> array[int]:
+        """Message index of a channel, after `count` messages between two log times [ns] have been counted."""
+        statistics = self.statistics
+        if first < statistics.message_start_time or not statistics.message_count:
+            statistics.message_start_time = first
+        if last > statistics.message_end_time:  # noqa: PLR1730  (`max` takes three times as long)
+            statistics.message_end_time = last
+        statistics.message_count += count
+        statistics.channel_message_counts[channel] += count
+        return self._entries.get(channel) or self._entries.setdefault(channel, array("Q"))
+
+    def _declare(self, opcode: Opcode, record: records.McapRecord) -> None:
+        """Add a record to the chunk that is being filled, and to the summary."""
+        self._summary[opcode] += packed(record)
+        self._add(packed(record))
+
+    def _add(self, data: bytes | memoryview) -> None:
+        """Add records to the chunk that is being filled, and end it if it is full then."""
+        self._chunk.append(data)
+        self.place += len(data)
+        if self.place > CHUNK_SIZE:
+            self._end_chunk()
+
+    def _end_chunk(self) -> None:
+        """Write the chunk that is being filled, and its message indices, unless it has no messages."""
+        if not self._entries:
+            return
+        content, entries = b"".join(self._chunk), self._entries
+        self._chunk, self._entries, self.place = [], {}, 0
+        begin, name = self.size, "zstd" if self._compressed else ""
+        data = zstandard.compress(content) if self._compressed else content
+        first, last = min(min(each[::2]) for each in entries.values()), max(max(each[::2]) for each in entries.values())
+        self._write(packed(records.Chunk(name, data, last, first, zlib.crc32(content), len(content))))
+        end, indices, places = self.size, bytearray(), {}
+        for channel, each in entries.items():
+            places[channel], length = end + len(indices), each.itemsize * len(each)
+            indices += HEAD.pack(Opcode.MESSAGE_INDEX, INDEX.size + length) + INDEX.pack(channel, length)
+            indices += each.tobytes()
+        self._write(indices)
+        self.statistics.chunk_count += 1
+        self._summary[Opcode.CHUNK_INDEX] += packed(
+            records.ChunkIndex(
+                chunk_start_offset=begin, chunk_length=end - begin, message_index_offsets=places,
+                message_index_length=len(indices), compression=name, compressed_size=len(data),
+                uncompressed_size=len(content), message_start_time=first, message_end_time=last,
+            )
+        )  # fmt: skip
+
+    def _write(self, data: bytes | bytearray) -> None:
+        self._checksum = zlib.crc32(data, self._checksum)
+        self.size += len(data)
+        self._file.write(data)
+
+
+class BagWriter:
+    """Recording that is being written, in files that get their final names when they are complete.
+
+    Until then a file has the suffix `.partial`. With limits there are several files: `split_if_due`, called between
+    messages that may be separated, begins the next one. A thread completes the full file while writing continues.
+    """
+
+    def __init__(
+        self, path: Path, overwrite: bool = False, limits: Limits = NO_LIMITS, next_free_name: bool = False,
+        alone: bool = False, compressed: bool = True,
+    ) -> None:  # fmt: skip
+        """Open the first file for writing.
+
+        Args:
+            path: Name of the first file.
+            overwrite: Whether a file of that name is replaced when the new one is complete.
+            limits: Limits of each file.
+            next_free_name: Whether to use the next free name, numbered like later files, if `path` is taken.
+            alone: Whether to write no `metadata.yaml`, so that the folder does not become a rosbag2 folder.
+            compressed: Whether chunks are compressed (zstd).
+
+        Raises:
+            UsageError: The file cannot be written; see `claim` and `open_claimed`.
+        """
+        self._types: dict[str, str] = {}  # message type of each topic
+        self._limits, self._alone, self._compressed = limits, alone, compressed
+        self._names = output_files.all_names(path) if next_free_name else output_files.later_names(path)
+        claimed = (
+            output_files.claim_first(self._names) if next_free_name else (path, output_files.claim(path, overwrite))
+        )
+        self.path, partial = claimed
+        """Path of the first file"""
+        self.remarks: list[str] = []
+        """Messages for the user"""
+        self._complete: list[FileFacts] = []
+        self._completing: list[tuple[BagFile, Future[None]]] = []
+        self._thread = ThreadPoolExecutor(1, "completing")  # which begins with its first task
+        self._list_at = -math.inf  # when [s] to write `metadata.yaml` again
+        self.file = BagFile(self.path, partial, compressed, overwrite, {})
+        """File that is being written"""
+
+    def add_topic(self, topic: str, type_name: str) -> None:
+        """Declare a topic by its absolute name and message type; channels have the order of the declarations."""
+        if topic not in self._types:
+            self._types[topic] = type_name
+            self.file.add_topic(topic, type_name)
+
+    def add_metadata(self, name: str, values: dict[str, str]) -> None:
+        """Write a metadata record."""
+        self.file.add_metadata(name, values)
+
+    def write(self, topic: str, stamp: int, data: bytes) -> None:
+        """Write a message's CDR bytes; log time and publish time are its stamp [ns]."""
+        self.file.write_all([(topic, stamp, data)], {topic: topic})
+
+    def split_if_due(self, stamp: int) -> None:
+        """Continue in a new file if the present one is full, or would span too much time with this stamp [ns].
+
+        Raises:
+            UsageError: The new file cannot be opened; the present one is unchanged.
+        """
+        statistics, limits = self.file.statistics, self._limits
+        if limits == NO_LIMITS or not statistics.message_count:
+            return
+        span = max(statistics.message_end_time, stamp) - min(statistics.message_start_time, stamp)
+        if span < limits.duration and self.file.size < limits.size:
+            return
+        self.file.flush()
+        earlier = {topic: self.file.next_number(topic) for topic in self._types}
+        following = BagFile(*output_files.claim_first(self._names), self._compressed, overwrite=False, earlier=earlier)
+        for topic, type_name in self._types.items():
+            following.add_topic(topic, type_name)
+        following.add_metadata(CONTINUED, {"first": self.path.name})
+        full, self.file = self.file, following
+        self._completing.append((full, self._thread.submit(self._complete_file, full)))
+
+    def flush(self) -> None:
+        """Hand all written data to the operating system."""
+        self.file.flush()
+        self._settle(wait=False)
+
+    def sync(self) -> None:
+        """Sync all flushed data to the disk; may be called by another thread.
+
+        Raises:
+            OSError: The sync has failed.
+        """
+        for file, _ in self._completing.copy():
+            file.sync()
+        self.file.sync()
+
+    def close(self) -> None:
+        """Complete the recording and its `metadata.yaml`, unless it is alone or there is one of another bag."""
+        self._settle(wait=True)
+        self._list_at = -math.inf
+        self._complete_file(self.file)
+        self._thread.shutdown()
+
+    def discard(self) -> None:
+        """Remove the unfinished files."""
+        self._thread.shutdown()
+        for file in (*(file for file, _ in self._completing), self.file):
+            file.discard()
+
+    def _complete_file(self, file: BagFile) -> None:
+        """Complete a file, and put it and the new `metadata.yaml` in place at nearly the same moment.
+
+        So a kill leaves a bag that lists all of its whole files; from `MANY_FILES` on, the latest may be missing there.
+        """
+        file.complete()
+        intended, begun = file.path, time.thread_time()
+        self._complete.append(file.facts())
+        prepare = (lambda: list) if self._alone or time.monotonic() < self._list_at else self._prepare_metadata
+        try:
+            put_metadata = prepare()
+        finally:
+            file.take_name()
+        if file.path != intended:
+            self.remarks.append(f"something took the name {intended} meanwhile: the recording is {file.path}")
+            self.path, self._complete[-1] = file.path if self.path == intended else self.path, file.facts()
+            put_metadata = prepare()
+        put_metadata()
+        if len(self._complete) >= MANY_FILES:
+            self._list_at = max(self._list_at, time.monotonic() + (time.thread_time() - begun) / LISTING_SHARE)
+
+    def _prepare_metadata(self) -> Callable[[], object]:
+        return prepare_metadata(self.path.parent, information(self._complete, self._types))
+
+    def _settle(self, wait: bool) -> None:
+        """Take the results of the thread for completed files; `wait` for all full files or not.
+
+        Raises:
+            OSError: A file could not be completed.
+        """
+        while self._completing and (wait or self._completing[0][1].done()):
+            self._completing.pop(0)[1].result()
+
+    def __enter__(self) -> BagWriter:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        closed = False
+        try:
+            if kind is None:
+                self.close()
+                closed = True
+        finally:
+            if not closed:
+                self.discard()
+
+
+class AnswerWriter:
+    """Writer of answers, with their inputs and outputs, into a bag."""
+
+    def __init__(
+        self, bag: BagWriter, provenance: Mapping[str, str], names: Mapping[str, str] = ABSOLUTE_NAMES,
+        told_as: str = PROVENANCE,
+    ) -> None:  # fmt: skip
+        """Declare the topics in a new bag and write the provenance.
+
+        Args:
+            bag: Bag to write to.
+            provenance: Content of the metadata record that describes how the answers are computed.
+            names: Absolute name under which each topic is recorded.
+            told_as: Name of the metadata record of the provenance.
+        """
+        self.bag, self._names = bag, names
+        for topic, name in names.items():
+            bag.add_topic(name, MESSAGE_TYPES[topic])
+        bag.add_metadata(told_as, dict(provenance))
+
+    def write(self, answer: Sequence[Record]) -> None:
+        """Write the inputs and outputs of one answer, the outputs last; they are never split over two files."""
+        self.bag.split_if_due(answer[-1][1])
+        self.bag.file.write_all(answer, self._names)
+
+    def write_all(self, answers: Iterable[Sequence[Record]]) -> None:
+        """Write many answers: without flushes between them, the same bytes as one by one."""
+        for answer in answers:
+            self.write(answer)
+
+    def note(self, name: str, values: dict[str, str]) -> None:
+        """Write a metadata record after the answers so far."""
+        self.bag.flush()  # messages wait for the end of their chunk, metadata does not
+        self.bag.add_metadata(name, values)
+
+    def finish(self, ending: Ending) -> None:
+        """Write the remaining inputs, which led to no answer, and the numbers of refused samples by reason."""
+        self.bag.file.write_all(ending.inputs, self._names)
+        counts = {"total": sum(ending.refused.values())} | ending.refused
+        self.bag.add_metadata(REFUSED_SAMPLES, {reason: str(count) for reason, count in counts.items()})
+
+
+class Recorder:
+    """Recording that is written in the process of a sink (`protocol.Output`)."""
+
+    def __init__(self, writer: AnswerWriter, settings: Settings, remarks: Iterable[str] = ()) -> None:
+        """Begin to sync if the settings ask for it; `remarks` are the first messages for the user."""
+        self.name, self.period = str(writer.bag.path), settings.flush_period
+        self.write, self.note = writer.write_all, writer.note
+        self._writer, self._bag, self._news = writer, writer.bag, tuple(remarks)
+        self._min_free, self._interruption = settings.min_free, NODE_GONE
+        self._sync_error: OSError | None = None
+        self._done = Event()
+        if settings.sync_period:
+            Thread(target=self._sync, args=(settings.sync_period,), name="sync", daemon=True).start()
+
+    def flush(self) -> None:
+        """Hand all written data to the operating system.
+
+        Raises:
+            OSError: Writing has failed, or the last sync to the disk has.
+        """
+        if self._sync_error:
+            raise self._sync_error
+        self._bag.flush()
+
+    def must_end(self) -> str:
+        """Reason to complete the recording early: the disk is nearly full; empty if it is not.
+
+        Raises:
+            OSError: The file has been removed.
+        """
+        shortage = space_shortage(self._bag.file.free_space(), self._min_free)
+        if not shortage:
+            return ""
+        self._interruption = shortage
+        return f"recording {self._bag.path} has ended, complete up to here: {shortage}"
+
+    def news(self) -> tuple[str, ...]:
+        """Remarks that are new since the last call."""
+        news, self._news, self._bag.remarks = (*self._news, *self._bag.remarks), (), []
+        return news
+
+    def finish(self, ending: Ending | None) -> None:
+        """Complete the file; without an `ending`, a metadata record gives the reason of the interruption."""
+        if ending is None:
+            self._bag.add_metadata(INTERRUPTED, {"reason": self._interruption})
+        else:
+            self._writer.finish(ending)
+        self._done.set()
+        self._bag.close()
+        self.name = str(self._bag.path)
+
+    def discard(self) -> None:
+        """Remove the unfinished files."""
+        self._done.set()
+        self._bag.discard()
+
+    def _sync(self, period: float) -> None:
+        """Sync in a thread of its own, because writing must not wait for a slow disk."""
+        try:
+            while not self._done.wait(period):
+                self._bag.sync()
+        except OSError as error:
+            self._sync_error = error
+
+
+def space_shortage(free: float, least: float) -> str:
+    """Message about too little free disk space [B]; empty if there is at least `least`."""
+    if free >= least:
+        return ""
+    return f"{free / MB:.1f} MB are free on its disk, and parameter record.min_free keeps {least / MB:g} MB"
+
+
+def refuse(path: Path, min_free: float) -> None:
+    """Refuse a path that cannot be written, or whose disk has less than `min_free` [B] free; nothing is created.
+
+    Raises:
+        UsageError: The path cannot be written (see `refuse_impossible`), or the disk is nearly full.
+    """
+    output_files.refuse_impossible(path)
+    folder = next(folder for folder in path.absolute().parents if folder.exists())
+    if shortage := space_shortage(disk_usage(folder).free, min_free):
+        raise UsageError(f"cannot write {path}: {shortage}")
+
+
+def sink_for(knee: Knee) -> Sink | None:
+    """Description of the recorder of a knee as a sink, which writes MCAP; None if the parameters name no file."""
+    record = knee.parameters.record
+    if not record.path:
+        return None
+    limits = Limits(record.max_size * MB or math.inf, record.max_duration * NANOSECONDS or math.inf)
+    settings = Settings(record.flush_period, limits, record.min_free * MB, record.sync_period)
+    job = Job(__name__, (Path(record.path), dict(knee.provenance), dict(knee.names), settings, knee.told_as))
+    gather = min(record.flush_period, GATHER)
+    return Sink("recorder", "recording", record.path, job, "records", gaps_allowed=False, gather=gather)
+
+
+def open_output(
+    path: Path, provenance: Mapping[str, str], names: Mapping[str, str], settings: Settings, told_as: str = PROVENANCE
+) -> Recorder:
+    """Open a recording in the process of a sink, under the first of its possible names that is free.
+
+    Its remarks tell of another name than `path`, and of interrupted recordings in the same folder.
+
+    Raises:
+        UsageError: The recording cannot be written; see `refuse` and `BagWriter`.
+    """
+    refuse(path, settings.min_free)
+    bag = BagWriter(path, limits=settings.limits, next_free_name=True)
+    remarks = [] if bag.path == path else [f"{path} is there already: this recording is {bag.path}"]
+    remarks += map(output_files.cut_off, output_files.leftovers(path.parent, ".mcap"))
+    return Recorder(AnswerWriter(bag, provenance, names, told_as), settings, remarks)
+
+
+class FileFacts(NamedTuple):
+    """Facts about one file of a bag, for `metadata.yaml`."""
+
+    name: str
+    """Name of the file"""
+    first: int
+    """Smallest log time [ns]"""
+    last: int
+    """Largest log time [ns]"""
+    counts: Counter[str]
+    """Number of messages of each topic"""
+
+    def times(self) -> dict[str, Any]:
+        """Start, duration and number of messages, under the keys of `metadata.yaml`."""
+        return {
+            "starting_time": {"nanoseconds_since_epoch": self.first},
+            "duration": {"nanoseconds": self.last - self.first},
+            "message_count": self.counts.total(),
+        }
+
+
+def information(files: Sequence[FileFacts], types: Mapping[str, str]) -> dict[str, Any]:
+    """Content of `metadata.yaml` for a bag of these files; `types` is the message type of each topic."""
+    topics = [
+        topic_metadata(topic, type_name, "cdr", OFFERED_QOS, typestore().hash_rihs01(type_name))
+        for topic, type_name in types.items()
+    ]
+    return with_topics(files, topics)
+
+
+def topic_metadata(topic: str, type_name: str, encoding: str, qos: Any, type_hash: str) -> dict[str, Any]:
+    """Entry of a topic in `metadata.yaml`, without its number of messages."""
+    return {
+        "name": topic,
+        "type": type_name,
+        "serialization_format": encoding,
+        "offered_qos_profiles": qos,
+        "type_description_hash": type_hash,
+    }
+
+
+def with_topics(files: Sequence[FileFacts], topics: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Content of `metadata.yaml` for a bag of these files, with the given entries of its topics (`topic_metadata`)."""
+    filled = [file for file in files if file.counts.total()]
+    first, last = min((f.first for f in filled), default=0), max((f.last for f in filled), default=0)
+    total = sum((file.counts for file in files), Counter[str]())
+    return {
+        "version": 9,
+        "storage_identifier": "mcap",
+        **FileFacts("", first, last, total).times(),
+        "topics_with_message_count": [
+            {"topic_metadata": topic, "message_count": total[topic["name"]]} for topic in topics
+        ],
+        "compression_format": "",
+        "compression_mode": "",
+        "relative_file_paths": [file.name for file in files],
+        "files": [{"path": file.name, **file.times()} for file in files],
+        "custom_data": None,
+        "ros_distro": "jazzy",
+    }
+
+
+def prepare_metadata(folder: Path, content: dict[str, Any]) -> Callable[[], object]:
+    """Write `metadata.yaml` under another name, and return the function that puts it in place.
+
+    It is whole at every moment, and that of another bag is left alone.
+
+    Args:
+        folder: Folder of the bag.
+        content: Content as `information` returns it.
+
+    Raises:
+        OSError: The file cannot be written; an earlier one is unchanged.
+    """
+    metadata, first = folder / METADATA, content["relative_file_paths"][0]
+    partial = partial_name(metadata.with_name(f"{METADATA}.{os.getpid()}"))  # others may write one at the same moment
+    if _is_of_another_bag(metadata, first):
+        return list
+    output_files.write_new(partial, to_yaml({"rosbag2_bagfile_information": content}).encode())
+
+    def put() -> None:
+        if _is_of_another_bag(metadata, first):
+            partial.unlink()
+        else:
+            partial.replace(metadata)
+            sync_folder(folder)
+
+    return put
+
+
+def _is_of_another_bag(metadata: Path, first: str) -> bool:
+    """Whether there is a `metadata.yaml` that is unreadable, or not one of ours whose first file is `first`.
+
+    It is not parsed, which takes as long as writing it; the list of files stands near its beginning.
+    """
+    if not os.path.lexists(metadata):
+        return False
+    try:
+        with open_regular(metadata) as file:
+            beginning = file.read(LARGEST_METADATA)
+    except OSError:
+        return True
+    return to_yaml({"": {"relative_file_paths": [first]}}).encode().partition(b"\n")[2] not in beginning
+
+
+def to_yaml(content: Any) -> str:
+    """Content as YAML text, with the keys in the given order."""
+    yaml = YAML(typ="safe", pure=True)
+    yaml.default_flow_style = False
+    yaml.sort_base_mapping_type_on_output = False  # type: ignore[assignment]
+    yaml.representer.ignore_aliases = lambda _: True
+    yaml.width = 1000
+    text = io.StringIO()
+    yaml.dump(content, text)
+    return text.getvalue()
+
+
+@cache
+def offered_qos() -> str:
+    """Offered QoS profiles as YAML text, for the metadata of channels."""
+    return to_yaml(OFFERED_QOS)
+
+
+def packed(*mcap_records: records.McapRecord) -> bytes:
+    """Concatenated bytes of records as they stand in a file."""
+    builder = RecordBuilder()
+    for record in mcap_records:
+        record.write(builder)
+    return bytes(builder.end())  # type: ignore[no-untyped-call]

@@ -1,0 +1,129 @@
+"""Messages in columns: cut, joined, found in chunks and written, they are the same as one by one."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from knee_contact_ros.bags.columns import Batch, Messages, blocks, contents_of, records_in, write_messages
+from knee_contact_ros.bags.recorder import HEAD, BagWriter
+from knee_contact_ros.streams.columns import Column
+from knee_contact_ros.streams.topics import MESSAGE_TYPES, RECORDED
+from tests.hostile.bags import channel, message, record
+
+ROWS = [(number % 3, 7 * number % 40, b"%d" % number) for number in range(40)]
+NAMES = [f"/{topic}" for topic in RECORDED]
+
+
+def batch(rows: list[tuple[int, int, bytes]]) -> Batch:
+    numbers, times, data = zip(*rows, strict=True)
+    return Batch(np.array(numbers, np.intp), np.array(times, np.uint64), Column.of(data))
+
+
+def test_batches_are_sorted_chosen_and_changed() -> None:
+    rows = [(0, time // 4, data) for _, time, data in ROWS]
+    assert list(batch(rows).by_time()) == sorted(rows, key=lambda row: row[1])  # equal times stay as they are
+    assert list(batch(ROWS).of(2)) == [data for number, _, data in ROWS if number == 2]
+    changed = batch(ROWS).changed(lambda data: data * 2, batch(ROWS).numbers == 1)
+    assert list(changed) == [(number, time, data * (1 + (number == 1))) for number, time, data in ROWS]
+
+
+@pytest.mark.parametrize("most", [1, 3, 8, 39, 40, 41])
+@pytest.mark.parametrize("sizes", [[40], [0, 5, 0, 35], [1] * 40, [17, 23]])
+def test_blocks_are_of_one_size(most: int, sizes: list[int]) -> None:
+    ends = np.cumsum(sizes).tolist()
+    batches = [batch(ROWS).part(slice(end - size, end)) for size, end in zip(sizes, ends, strict=True)]
+    found = list(blocks(batches, most))
+    assert [row for block in found for row in block] == ROWS
+    assert all(len(block) == most for block in found[:-1])
+    assert 0 < len(found[-1]) <= most
+
+
+DATA = b"".join(message(number % 2 + 1, b"m" * (number % 5), 100 + number) for number in range(40))
+PLACES = [begin - HEAD.size for _, begin, _ in records_in(DATA, 100)]
+
+
+def index(*places: int) -> bytes:
+    """What a chunk's index of a channel holds."""
+    return struct.pack("<HI", 1, 16 * len(places)) + b"".join(struct.pack("<QQ", 7, place) for place in places)
+
+
+INDICES = {
+    "right": [index(*PLACES[1::2]), index(*PLACES[::2])],
+    "none": [],
+    "empty": [index()],
+    "one missing": [index(*PLACES[:7], *PLACES[8:])],
+    "the last one missing": [index(*PLACES[:-1])],
+    "one twice": [index(*PLACES, PLACES[3])],
+    "one beside": [index(*PLACES[:7], PLACES[7] + 1, *PLACES[8:])],
+    "one beyond the end": [index(*PLACES, len(DATA))],
+    "one beyond all memory": [index(*PLACES, 2**64 - 1)],
+    "half an entry": [index(*PLACES)[:-8]],
+    "half a head": [b"\1"],
+}
+
+
+@pytest.mark.parametrize("indices", INDICES.values(), ids=INDICES)
+@pytest.mark.parametrize("others", [b"", channel(1, "/a"), record(0x80, b"anybody's")])
+def test_messages_are_found_whatever_an_index_says(indices: list[bytes], others: bytes) -> None:
+    for data in (DATA + others, others + DATA):
+        found = contents_of(data, indices, 100)
+        assert (found.number, found.end, len(found.declarations)) == (40 + bool(others), len(data), others[:1] == b"\4")
+        assert list(found.messages) == [b"m" * (number % 5) for number in range(40)]
+        assert found.heads["log"].tolist() == list(range(100, 140))
+
+
+@pytest.mark.parametrize("length", [0, 21, 2**63, 2**64 - 9])
+def test_a_length_that_leads_back_is_not_believed(length: int) -> None:
+    data = bytearray(DATA)
+    data[PLACES[4] + 1 : PLACES[4] + 9] = struct.pack("<Q", length)
+    for places in (PLACES, [*PLACES, PLACES[4]]):
+        if length < 22:
+            with pytest.raises(ValueError, match="a message that is too short"):
+                contents_of(bytes(data), [index(*places)], 100)
+        else:
+            assert contents_of(bytes(data), [index(*places)], 100).end == PLACES[4]
+
+
+def rows_of(dice: np.random.Generator, most: int, longest: int) -> list[Messages]:
+    """Up to so many messages of each topic, in any order and of any stamps; of some topics none."""
+    rows = []
+    for name in dice.permutation(NAMES).tolist():
+        number = int(dice.integers(most + 1)) if dice.random() < 0.8 else 0
+        stamps = 1_000_000 + dice.integers(-1000, 1000, number)
+        data = dice.integers(256, size=(number, int(dice.integers(longest))), dtype=np.uint8)
+        rows.append(Messages(name, stamps, data, np.sort(dice.integers(most + 1, size=number))))
+    return rows
+
+
+def one_by_one(bag: BagWriter, rows: list[Messages]) -> None:
+    order = sorted((int(place), number, i) for number, row in enumerate(rows) for i, place in enumerate(row.place))
+    for _, number, i in order:
+        bag.write(rows[number].topic, int(rows[number].stamps[i]), rows[number].data[i].tobytes())
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), most=st.sampled_from([1, 5, 800]), longest=st.sampled_from([1, 300, 9000]))
+def test_a_block_is_as_its_messages_one_by_one(
+    tmp_path_factory: pytest.TempPathFactory, seed: int, most: int, longest: int
+) -> None:
+    """Also among single messages, over the ends of chunks, and where the first message is not of the first topic."""
+    folder, files = tmp_path_factory.mktemp("bags"), list[bytes]()
+    for way in (write_messages, one_by_one):
+        dice, path = np.random.default_rng(seed), Path(folder, way.__name__, "out.mcap")
+        with BagWriter(path) as bag:
+            for topic, name in zip(RECORDED, NAMES, strict=True):
+                bag.add_topic(name, MESSAGE_TYPES[topic])
+            for _ in range(3):
+                way(bag, rows_of(dice, most, longest))
+                if dice.random() < 0.5:
+                    bag.write(NAMES[0], 5, bytes(70_000 * dice.integers(2)))
+                if dice.random() < 0.3:
+                    bag.flush()
+        files.append(path.read_bytes() + path.with_name("metadata.yaml").read_bytes())
+    assert files[0] == files[1]
