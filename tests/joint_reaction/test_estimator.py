@@ -1,4 +1,4 @@
-"""Estimates sample by sample, and their bytes against those of the message."""
+"""Estimates sample by sample: what each level makes of what is sensed, and their bytes against those of the message."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from knee_contact_ros.joint_reaction.estimator import LEVELS, PACKING, Estimate, Estimator, Level, Trust
-from knee_contact_ros.joint_reaction.leg import UNKNOWN, Ground, Joints, MotionFilter
-from knee_contact_ros.joint_reaction.muscles import Person
+from knee_contact_ros.joint_reaction.leg import STANDING, UNKNOWN, Ground, Joints, Motion, MotionFilter, net_moments
 from knee_contact_ros.model.types import UNUSABLE, Status
 from tests import ROOT
-from tests.joint_reaction.examples import EPOCH, LEG, MS, PERSON, angles, ground, walking
+from tests.joint_reaction.examples import EPOCH, LEG, MS, PERSON, STANDING_STILL, angles, ground, motion, walking
 from tests.joint_reaction.lagrange import Chain
 
 TYPE = "knee_contact_ros/msg/LoadEstimate"
 WINDOW = 0.05
-UNCALIBRATED = Trust(calibrated=False)
 STANCE = Ground((20.0, 700.0, -15.0), (3.0, 2.0, 40.0))
 NOT_MEASURED = (UNKNOWN, UNKNOWN, UNKNOWN)
+FEW = 1e-11
+"""[N m] or [N]: some roundings of 1e-16 of 3000 N at most"""
 each_level = pytest.mark.parametrize("level", LEVELS)
 draws = st.integers(0, 2**32).map(Random)
 
@@ -40,32 +40,23 @@ def store() -> Any:
 class Seeing:
     """An estimator that is told the joints at every stamp, with what it sees of their motion."""
 
-    def __init__(self, estimator: Estimator, window: float) -> None:
-        self.estimator, self.motion = estimator, MotionFilter(window)
+    def __init__(self, level: str, trust: Trust = Trust(calibrated=False)) -> None:  # noqa: B008
+        self.estimator, self.motion = Estimator(level, PERSON, trust), MotionFilter(WINDOW)
 
     def at(self, stamp: int, joints: Joints, sensed: Ground, status: int = 0) -> Estimate:
         return self.estimator.at(joints, self.motion.see(stamp, joints), sensed, status)
 
 
-def estimator(level: str, person: Person = PERSON, window: float = WINDOW, trust: Trust = UNCALIBRATED) -> Seeing:
-    return Seeing(Estimator(level, person, trust), window)
-
-
-def at_once(level: str, joints: Joints, sensed: Ground, person: Person = PERSON) -> Estimate:
-    return estimator(level, person).at(EPOCH, joints, sensed)
-
-
-def same(one: Estimate, other: Estimate) -> bool:
-    """To the bit; what is not a number is like itself."""
-    return PACKING.pack(*one) == PACKING.pack(*other)
-
-
-def test_fields_are_those_of_the_message(store: Any) -> None:
+def test_fields_and_constants_are_those_of_the_message(store: Any) -> None:
     (header, _), *fields = store.fielddefs[TYPE][1]
     assert header == "header"
     assert tuple(name for name, _ in fields) == Estimate._fields
     codes = {"float64": "d", "uint8": "B", "bool": "?"}
     assert PACKING.format == "<" + "".join(codes[detail[0]] for _, (_, detail) in fields)
+    constants = {name: value for name, _, value in store.fielddefs[TYPE][0]}
+    levels = {level.name: level.value for level in Level}
+    bits = {bit.name: bit.value for bit in [Status.OK, *Status] if bit.name in constants}
+    assert constants == levels | bits | {"UNUSABLE": UNUSABLE & sum(bits.values())}
 
 
 @given(
@@ -81,142 +72,143 @@ def test_bytes_are_those_that_rosbags_writes(store: Any, estimate: Estimate, fra
     assert len(data) - begin in range(PACKING.size, PACKING.size + 4)
 
 
-def test_constants_are_those_of_the_message(store: Any) -> None:
-    constants = {name: value for name, _, value in store.fielddefs[TYPE][0]}
-    levels = {level.name: level.value for level in Level}
-    assert {name: constants[name] for name in levels} == levels
-    bits = {bit.name: bit.value for bit in [Status.OK, *Status] if bit.name in constants}
-    assert constants.keys() == {*levels, *bits, "UNUSABLE"}
-    assert {name: constants[name] for name in bits} == bits
-    assert constants["UNUSABLE"] == UNUSABLE & sum(bits.values())
+def test_levels_go_from_what_needs_least_to_what_knows_most() -> None:
+    assert [way.level for way in LEVELS.values()] == list(Level)
+    assert [level.name.lower() for level in Level] == list(LEVELS)
+    errors = [way.error for way in LEVELS.values()]
+    assert errors == sorted(errors, reverse=True)
+    for axial in (-100.0, 0.0, 300.0, 3000.0):
+        for error in errors:
+            told = error.calibrated.at(axial, 700.0)
+            assert 0.0 < told < error.uncalibrated.at(axial, 700.0)
+            assert error.calibrated.at(-axial, 700.0) == told
+            assert axial > 1000.0 or told >= errors[-1].calibrated.at(axial, 700.0)
+
+
+@pytest.mark.parametrize(
+    ("flexion", "force", "extension"),
+    [
+        (math.pi / 3.0, 500.0, 500.0 * 0.5 * 0.246 * 1.8),  # half a shank off the line from hip to ankle
+        (0.0, 700.0, 0.0),
+        (-0.1, 700.0, 0.0),
+        (1.0, 0.0, 0.0),
+        (1.0, -5.0, 0.0),
+    ],
+)
+def test_the_weight_above_a_bent_knee_by_hand(flexion: float, force: float, extension: float) -> None:
+    under = Ground((0.0, force, 0.0), NOT_MEASURED)
+    found = LEVELS["ground_force"].dynamics(LEG, Joints(flexion, UNKNOWN, UNKNOWN), STANDING_STILL, under)
+    compression = max(force, 0.0) - 0.061 * 75.0 * 9.80665  # without shank and foot
+    expected = (extension, UNKNOWN, compression, UNKNOWN)
+    assert found == pytest.approx(expected, abs=FEW, nan_ok=True)
+
+
+@given(draw=draws)
+def test_what_each_level_looks_at(draw: Random) -> None:
+    joints, moving, sensed = angles(draw), motion(draw), ground(draw)
+
+    def by(level: str, joints: Joints, moving: Motion = moving, sensed: Ground = sensed) -> Any:
+        """What is not a number, as a text."""
+        return [each if math.isfinite(each) else "?" for each in LEVELS[level].dynamics(LEG, joints, moving, sensed)]
+
+    bare = (
+        Joints(joints.flexion, UNKNOWN, UNKNOWN),
+        STANDING_STILL,
+        Ground((UNKNOWN, sensed.force[1], UNKNOWN), NOT_MEASURED),
+    )
+    assert by("ground_force", joints) == by("ground_force", *bare)
+    extension, _, compression, frontal = net_moments(
+        LEG, joints._replace(ankle=0.0), moving._replace(ankle=STANDING), sensed
+    )
+    for ankle in (joints.ankle, UNKNOWN):  # foot and shank are one body, whatever the ankle does
+        assert by("knee_moment", joints._replace(ankle=ankle)) == [extension, "?", compression, frontal]
+    flat = joints._replace(hip=UNKNOWN)
+    extension, _, compression, frontal = net_moments(LEG, flat, moving, sensed)
+    assert by("knee_moment", flat) == [extension, "?", compression, frontal]
+    assert by("ankle_moment", joints) == list(net_moments(LEG, joints, moving, sensed))
 
 
 @each_level
 def test_bits_are_the_same_whatever_came_before_the_window(level: str) -> None:
     samples, draw, sensed = walking(600, MS, 0.3), Random(1), {}
-    one = estimator(level)
+    one, other = Seeing(level), Seeing(level)
     for number in range(300):
         one.at(EPOCH - (500 - number) * MS, angles(draw), ground(draw))
     for stamp, joints in samples:
         sensed[stamp] = ground(draw)
         found = one.at(stamp, joints, sensed[stamp])
-    other = estimator(level)
     for stamp, joints in samples:
         if samples[-1][0] - stamp <= round(1e9 * WINDOW):
             expected = other.at(stamp, joints, sensed[stamp])
-    assert same(found, expected)
+    assert PACKING.pack(*found) == PACKING.pack(*expected)
 
 
 @pytest.mark.parametrize(("level", "number"), [("ground_force", 0), ("knee_moment", 1), ("ankle_moment", 2)])
-def test_what_is_passed_through(level: str, number: int) -> None:
-    found = estimator(level, trust=Trust(calibrated=True)).at(EPOCH, Joints(0.4, 0.2, 0.1, 12.5, 3.0), STANCE, 17)
-    assert (found.flexion_angle, found.assistance) == (0.4, 12.5)
-    assert (found.level, found.calibrated, found.status) == (number, True, 17)
-    assert at_once(level, Joints(0.4, 0.2, 0.1), STANCE)[-3:] == (number, False, 0)
-
-
-@each_level
-def test_the_standard_deviation_is_the_levels_or_what_was_given(level: str) -> None:
+def test_what_is_passed_through_and_how_far_it_is_trusted(level: str, number: int) -> None:
     weight, error = 75.0 * 9.80665, LEVELS[level].error
-
-    def told(trust: Trust) -> tuple[float, float]:
-        found = estimator(level, trust=trust).at(EPOCH, Joints(0.4, 0.2, 0.1), STANCE)
-        return found.axial_force, found.standard_deviation
-
-    rounding = 1e-15  # of products in another order
     for calibrated, measured in ((False, error.uncalibrated), (True, error.calibrated)):
-        axial, deviation = told(Trust(calibrated))
-        expected = math.sqrt((measured.floor * weight) ** 2 + (measured.part * axial) ** 2)
-        assert deviation == pytest.approx(expected, rel=4 * rounding)
-        assert told(Trust(calibrated, 0.2))[1] == pytest.approx(0.2 * weight, rel=rounding)
-
-
-@each_level
-def test_without_calibration_and_with_less_known_it_is_farther_off(level: str) -> None:
-    measured, least = LEVELS[level].error, LEVELS["ankle_moment"].error
-    for axial in (-100.0, 0.0, 300.0, 3000.0):
-        told = measured.calibrated.at(axial, 700.0)
-        assert 0.0 < told < measured.uncalibrated.at(axial, 700.0)
-        assert measured.calibrated.at(-axial, 700.0) == told
-        if axial < 1000.0:
-            assert told >= least.calibrated.at(axial, 700.0)
+        for given_deviation, floor, part in ((0.0, measured.floor, measured.part), (0.2, 0.2, 0.0)):
+            trusted = Seeing(level, Trust(calibrated, given_deviation))
+            found = trusted.at(EPOCH, Joints(0.4, 0.2, 0.1, 12.5, 3.0), STANCE, 17)
+            assert (found.flexion_angle, found.assistance) == (0.4, 12.5)
+            assert (found.level, found.calibrated, found.status) == (number, calibrated, 17)
+            expected = math.sqrt((floor * weight) ** 2 + (part * found.axial_force) ** 2)
+            assert found.standard_deviation == pytest.approx(expected, rel=4e-15)  # products in another order
 
 
 @each_level
 @given(draw=draws)
-def test_the_axial_force_is_all_that_presses(level: str, draw: Random) -> None:
-    found = at_once(level, angles(draw), ground(draw))
-    parts = found[3:7]
-    assert found.axial_force == pytest.approx(sum(parts), rel=1e-14, abs=1e-10)  # roundings of it, and of 100 kN
-    assert min(parts[1:]) >= 0.0
-
-
-@each_level
-@given(draw=draws)
-def test_forces_hold_the_moment_each_by_its_own_arm(level: str, draw: Random) -> None:
-    joints = angles(draw)._replace(flexion=0.0)
-    found = at_once(level, joints, ground(draw))
-    flexing = 0.02616 * found.hamstrings_force + 0.02220 * found.gastrocnemius_force
-    held = PERSON.moment_arm_scale * (0.04463 * found.quadriceps_force - flexing)
+def test_the_axial_force_is_all_that_presses_and_forces_hold_the_moment(level: str, draw: Random) -> None:
+    found = Seeing(level).at(EPOCH, angles(draw)._replace(flexion=0.0), ground(draw))
+    resultant, quadriceps, hamstrings, calf = found[3:7]
+    total = resultant + quadriceps + hamstrings + calf
+    assert found.axial_force == pytest.approx(total, rel=1e-14, abs=1e-10)  # roundings of it, and of 100 kN
+    assert min(quadriceps, hamstrings, calf) >= 0.0
+    held = PERSON.moment_arm_scale * (0.04463 * quadriceps - 0.02616 * hamstrings - 0.02220 * calf)
     assert held == pytest.approx(found.knee_moment, abs=1e-10)  # roundings of some kN m
 
 
-def unknown(estimate: Estimate) -> set[str]:
-    return {name for name, value in estimate._asdict().items() if math.isnan(value)}
-
-
-OF_THE_KNEE = {
-    "axial_force",
-    "standard_deviation",
-    "resultant_force",
-    "quadriceps_force",
-    "knee_moment",
-    "frontal_moment",
-}
-FULL = Joints(0.4, 0.2, 0.1)
+ANKLE = {"ankle_moment"}
+KNEE = {"axial_force", "standard_deviation", "quadriceps_force", "knee_moment", "frontal_moment"}
+FULL, TORQUE = Joints(0.4, 0.2, 0.1), STANCE.torque
+NO_HIP, NO_ANKLE, ALONE = FULL._replace(hip=UNKNOWN), FULL._replace(ankle=UNKNOWN), Joints(0.4, UNKNOWN, UNKNOWN)
 
 
 @pytest.mark.parametrize(
-    ("level", "joints", "torque", "expected"),
+    ("level", "joints", "torque", "unknown"),
     [
-        ("ground_force", FULL, (1.0, 2.0, 3.0), {"ankle_moment", "frontal_moment"}),
-        ("ground_force", Joints(0.4, UNKNOWN, UNKNOWN), NOT_MEASURED, {"ankle_moment", "frontal_moment"}),
-        ("knee_moment", FULL, (1.0, 2.0, 3.0), {"ankle_moment"}),
-        ("knee_moment", FULL._replace(ankle=UNKNOWN), (1.0, 2.0, 3.0), {"ankle_moment"}),
-        ("knee_moment", FULL._replace(hip=UNKNOWN), (1.0, 2.0, 3.0), {"ankle_moment"}),
-        ("knee_moment", FULL, NOT_MEASURED, {"ankle_moment", *OF_THE_KNEE} - {"resultant_force"}),
-        ("knee_moment", Joints(0.4, UNKNOWN, UNKNOWN), (1.0, 2.0, 3.0), {"ankle_moment", *OF_THE_KNEE}),
-        ("ankle_moment", FULL, (1.0, 2.0, 3.0), set()),
-        ("ankle_moment", FULL._replace(hip=UNKNOWN), (1.0, 2.0, 3.0), set()),
-        ("ankle_moment", FULL._replace(ankle=UNKNOWN), (1.0, 2.0, 3.0), set()),
+        ("ground_force", FULL, TORQUE, {*ANKLE, "frontal_moment"}),
+        ("ground_force", ALONE, NOT_MEASURED, {*ANKLE, "frontal_moment"}),
+        ("knee_moment", FULL, TORQUE, ANKLE),
+        ("knee_moment", NO_ANKLE, TORQUE, ANKLE),
+        ("knee_moment", NO_HIP, TORQUE, ANKLE),
+        ("knee_moment", FULL, NOT_MEASURED, ANKLE | KNEE),
+        ("knee_moment", ALONE, TORQUE, {*ANKLE, *KNEE, "resultant_force"}),
+        ("ankle_moment", FULL, TORQUE, set()),
+        ("ankle_moment", NO_HIP, TORQUE, set()),
+        ("ankle_moment", NO_ANKLE, TORQUE, set()),
     ],
 )
-def test_what_is_not_known_is_not_a_number(level: str, joints: Joints, torque: Any, expected: set[str]) -> None:
-    assert unknown(at_once(level, joints, Ground((20.0, 700.0, -15.0), torque))) == expected
-    found = estimator(level)
+def test_what_is_not_known_is_not_a_number(level: str, joints: Joints, torque: Any, unknown: set[str]) -> None:
+    told = Seeing(level)
     for number in range(100):
-        later = found.at(EPOCH + number * MS, joints, Ground((20.0, 700.0, -15.0), torque))
-    assert unknown(later) == expected
-
-
-def test_the_calf_is_asked_for_where_the_ankle_is_known_alone() -> None:
-    forces = {level: at_once(level, FULL, STANCE).gastrocnemius_force for level in LEVELS}
-    assert forces["ground_force"] == forces["knee_moment"] == 0.0
-    assert forces["ankle_moment"] > 100.0
+        found = told.at(EPOCH + number * MS, joints, Ground((20.0, 700.0, -15.0), torque))
+        if number in (0, 99):
+            assert {name for name, value in found._asdict().items() if math.isnan(value)} == unknown
+    assert (found.gastrocnemius_force > 100.0) == (level == "ankle_moment")  # asked for where the ankle is known
 
 
 @given(draw=draws)
 def test_moments_of_joints_that_turn_steadily_quicker_are_those_of_lagrange(draw: Random) -> None:
     """Parabolas: the angles of now, the rates of half a window before."""
     curves = np.array([[draw.uniform(-0.5, 0.5), draw.uniform(-5.0, 5.0), draw.uniform(-60.0, 60.0)] for _ in range(3)])
-    sensed, one = ground(draw), estimator("ankle_moment")
+    sensed, one = ground(draw), Seeing("ankle_moment")
     for number in range(-50, 1):
         time = 1e-3 * number
-        hip, flexion, ankle = curves @ (1.0, time, 0.5 * time * time)
-        joints = Joints(float(flexion), float(hip), float(ankle), 7.0, 4.0)
-        found = one.at(EPOCH + number * MS, joints, sensed)
+        hip, flexion, ankle = (curves @ (1.0, time, 0.5 * time * time)).tolist()
+        found = one.at(EPOCH + number * MS, Joints(flexion, hip, ankle, 7.0, 4.0), sensed)
     rates = curves[:, 1] - 0.5 * WINDOW * curves[:, 2]
     expected = Chain(LEG).holds(curves[:, 0], rates, curves[:, 2], np.array(sensed.force[:2]), sensed.torque[2])
-    # Accelerations to 4e-9 rad/s^2 (`test_motion.py`), with inertias of 2 kg m^2 and masses by lengths of 4 kg m
+    # Accelerations to 4e-9 rad/s^2 (`test_leg.py`), with inertias of 2 kg m^2 and masses by lengths of 4 kg m
     told = (found.knee_moment + 7.0, found.ankle_moment + 4.0, found.resultant_force)
     assert told == pytest.approx(expected, abs=2e-8)

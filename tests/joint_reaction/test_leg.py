@@ -1,25 +1,56 @@
-"""A leg's proportions, worked out from the published table."""
+"""Proportions by the published table, net moments against Lagrange's equations, and motion against NumPy's fit."""
 
 from __future__ import annotations
 
+import math
+from itertools import accumulate
+from random import Random
+
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from knee_contact_ros.joint_reaction.leg import leg_of
+from knee_contact_ros.joint_reaction.leg import (
+    FEWEST,
+    MOST,
+    STANDING,
+    STILL,
+    UNKNOWN,
+    Ground,
+    Joints,
+    Leg,
+    Motion,
+    MotionFilter,
+    NetMoments,
+    Turning,
+    leg_of,
+    net_moments,
+)
+from tests.joint_reaction.examples import EPOCH, LEG, MS, STANDING_STILL, angles, ground, motion, walking
+from tests.joint_reaction.lagrange import GRAVITY, Chain, Holds, derivative, place, velocity
+
+AIR = Ground((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+ROUNDINGS = 1e-10
+"""[N m] or [N]: the reference subtracts powers up to 1e5 W, some ten roundings of 1e-16 of them"""
+FEW = 1e-11
+"""[N m] or [N]: some roundings of 1e-16 of the 3000 N at most that are added here"""
+WINDOW = 0.05
+SPAN = 50 * MS
+FIT = 1e-11
+"""Of an angle of 1 rad: 1e-16 by the condition of a parabola on stamps in one window (524, a Hilbert matrix; of a few
+stamps that lie anyhow some more), by some tens of additions. A rate has it by the window, an acceleration twice."""
+Samples = list[tuple[int, Joints]]
+draws = st.integers(0, 2**32).map(Random)
+bodies = st.builds(leg_of, st.floats(30.0, 200.0), st.floats(1.2, 2.2))
 
 
 def test_a_leg_of_100_kg_and_2_m() -> None:
     """Winter 2009: table 4.1 (leg and foot; the foot from ankle to second metatarsal), figure 4.1 (lengths)."""
-    leg = leg_of(100.0, 2.0)
-    told = (leg.thigh_length, leg.shank_length, leg.shank_mass, leg.foot_mass)
-    assert told == pytest.approx((0.490, 0.492, 4.65, 1.45), rel=1e-14)  # roundings, here as below
-    assert leg.shank_centre == pytest.approx(0.433 * 0.492, rel=1e-14)
-    assert leg.shank_inertia == pytest.approx(4.65 * (0.302 * 0.492) ** 2, rel=1e-14)
     foot = (0.152**2 + 0.078**2) ** 0.5  # [m] half a foot's length ahead, an ankle's height down
-    assert (leg.foot_forward, leg.foot_below) == pytest.approx((0.076, 0.039), rel=1e-14)
-    assert leg.foot_inertia == pytest.approx(1.45 * (0.475 * foot) ** 2, rel=1e-14)
-    assert leg.knee_offset == pytest.approx(0.016, rel=1e-14)
+    expected = (0.490, 0.492, 0.016, 4.65, 0.433 * 0.492, 4.65 * (0.302 * 0.492) ** 2, 1.45, 0.076, 0.039,
+                1.45 * (0.475 * foot) ** 2)  # fmt: skip
+    assert leg_of(100.0, 2.0) == pytest.approx(expected, rel=1e-14)  # roundings, here as below
 
 
 @given(mass=st.floats(20.0, 250.0), height=st.floats(0.8, 2.4), factor=st.floats(0.5, 2.0))
@@ -27,5 +58,205 @@ def test_lengths_grow_with_the_height_and_masses_with_the_mass(mass: float, heig
     one, taller, heavier = leg_of(mass, height), leg_of(mass, factor * height), leg_of(factor * mass, height)
     for name, value in one._asdict().items():
         by_height, by_mass = (0, 1) if name.endswith("mass") else (2, 1) if name.endswith("inertia") else (1, 0)
-        assert getattr(taller, name) == pytest.approx(value * factor**by_height, rel=1e-14)  # roundings
+        assert getattr(taller, name) == pytest.approx(value * factor**by_height, rel=1e-14)
         assert getattr(heavier, name) == pytest.approx(value * factor**by_mass, rel=1e-14)
+
+
+def by_lagrange(leg: Leg, joints: Joints, moving: Motion, under: Ground) -> Holds:
+    turning = (moving.hip, moving.flexion, moving.ankle)
+    return Chain(leg).holds(
+        np.array([joints.hip, joints.flexion, joints.ankle]),
+        np.array([one.rate for one in turning]),
+        np.array([one.acceleration for one in turning]),
+        np.array(under.force[:2]),
+        under.torque[2],
+    )
+
+
+def still(joints: Joints, under: Ground, leg: Leg = LEG) -> NetMoments:
+    return net_moments(leg, joints, STANDING_STILL, under)
+
+
+@given(draw=draws)
+def test_the_velocities_of_the_reference_are_those_of_its_places(draw: Random) -> None:
+    q, rate = np.array([[draw.uniform(-5.0, 5.0) for _ in range(3)] for _ in range(2)])
+    for _, _, _, path in Chain(LEG).bodies:
+        expected = derivative(lambda at, path=path: place(path, at), [q], [rate])
+        assert velocity(path, q, rate) == pytest.approx(expected, abs=1e-13)  # roundings of 15 m/s
+
+
+@given(leg=bodies, draw=draws)
+def test_moments_and_compression_are_those_of_lagrange_and_newton(leg: Leg, draw: Random) -> None:
+    """A foot whose ankle is not known is one body with the shank; without the hip it stands flat, and nothing moves."""
+    joints, moving, under = angles(draw), motion(draw), ground(draw)
+    flat = joints._replace(hip=joints.flexion - joints.ankle)  # shank + ankle: 0
+    for found, expected in (
+        ((joints, moving), (joints, moving)),
+        ((joints._replace(ankle=UNKNOWN), moving), (joints._replace(ankle=0.0), moving._replace(ankle=STANDING))),
+        ((joints._replace(hip=UNKNOWN), moving), (flat, STANDING_STILL)),
+    ):
+        assert net_moments(leg, *found, under)[:3] == pytest.approx(by_lagrange(leg, *expected, under), abs=ROUNDINGS)
+    alone = net_moments(leg, joints._replace(hip=UNKNOWN), moving, under)
+    assert alone.frontal == pytest.approx(still(flat, under, leg).frontal, abs=FEW)
+
+
+def test_with_neither_hip_nor_ankle_nothing_is_known() -> None:
+    assert all(map(math.isnan, still(Joints(0.3, UNKNOWN, UNKNOWN), AIR)))
+
+
+def test_standing_on_a_straight_leg() -> None:
+    """Half of 75 kg through ankle and knee: the foot's weight alone bends the ankle, and the knee by as much."""
+    found = still(Joints(0.0, 0.0, 0.0), Ground((0.0, 367.749375, 0.0), (0.0, 0.0, 0.0)))
+    foot = 0.0145 * 75.0 * 9.80665 * 0.25 * 0.152 * 1.8  # [N m], its centre a quarter of a foot ahead
+    compression, frontal = 367.749375 - 0.061 * 75.0 * 9.80665, -367.749375 * 0.008 * 1.8
+    assert found == pytest.approx((foot, -foot, compression, frontal), abs=FEW)
+
+
+@given(draw=draws, ahead=st.just(0.0) | st.floats(-0.2, 0.2))
+def test_a_force_that_passes_behind_the_knee_asks_for_extension(draw: Random, ahead: float) -> None:
+    """And one ahead of the ankle for plantarflexion; without weight the shank bears the force's part along it."""
+    joints = angles(draw)
+    weightless = LEG._replace(shank_mass=0.0, shank_inertia=0.0, foot_mass=0.0, foot_inertia=0.0)
+    shank = joints.hip - joints.flexion
+    arm = ahead - LEG.shank_length * math.sin(shank)
+    found = still(joints, Ground((0.0, 800.0, 0.0), (0.0, 0.0, 800.0 * arm)), weightless)
+    expected = (-800.0 * ahead, 800.0 * arm, 800.0 * math.cos(shank))
+    assert found[:3] == pytest.approx(expected, abs=FEW)
+
+
+def test_a_shank_speeds_up_by_its_inertia_and_pulls_as_it_swings() -> None:
+    """Hanging, with the foot as one body: inertia by Steiner's theorem."""
+    kicked, swinging = (Motion(Turning(*one), STANDING, STANDING) for one in ((0.0, -50.0), (-6.0, 0.0)))
+    arm = math.hypot(LEG.foot_forward, LEG.shank_length + LEG.foot_below)
+    inertia = LEG.shank_inertia + LEG.shank_mass * LEG.shank_centre**2 + LEG.foot_inertia + LEG.foot_mass * arm**2
+    pulls = LEG.shank_mass * LEG.shank_centre + LEG.foot_mass * (LEG.shank_length + LEG.foot_below)
+    hanging = still(Joints(0.0, 0.0, 0.0), AIR)
+    assert hanging.compression == pytest.approx(-(LEG.shank_mass + LEG.foot_mass) * GRAVITY, abs=FEW)
+    kicks, swings = (net_moments(LEG, Joints(0.0, 0.0, 0.0), moving, AIR) for moving in (kicked, swinging))
+    assert kicks.extension - hanging.extension == pytest.approx(50.0 * inertia, abs=FEW)
+    assert swings.compression - hanging.compression == pytest.approx(-36.0 * pulls, abs=FEW)
+
+
+@given(draw=draws)
+def test_the_frontal_moment_is_that_of_all_the_grounds_wrench_about_the_knee(draw: Random) -> None:
+    joints, (force, torque) = angles(draw), ground(draw)
+    shank = joints.hip - joints.flexion
+    down, forward = [math.sin(shank), -math.cos(shank), 0.0], [math.cos(shank), math.sin(shank), 0.0]
+    ankle = LEG.shank_length * np.array(down) - np.array([0.0, 0.0, LEG.knee_offset])
+    moment = np.array(torque) + np.cross(ankle, force)
+    assert still(joints, Ground(force, torque)).frontal == pytest.approx(-float(moment @ forward), abs=FEW)
+
+
+def test_a_force_inwards_on_a_right_foot_is_borne_by_the_medial_side() -> None:
+    """To the left, -z: what the femur exerts is about -x, as a compression at a medial place, of z < 0, is."""
+    pushed = Ground((0.0, 0.0, -50.0), (0.0, 0.0, 0.0))
+    assert still(Joints(0.0, 0.0, 0.0), pushed).frontal == pytest.approx(-50.0 * LEG.shank_length, abs=FEW)
+
+
+def along(samples: Samples, window: float = WINDOW) -> list[Motion]:
+    """At every sample of a stream."""
+    told = MotionFilter(window)
+    return [told.see(*sample) for sample in samples]
+
+
+def within(samples: Samples, span: int = SPAN) -> Samples:
+    """Those that a window sees from the last one on."""
+    return [sample for sample in samples if samples[-1][0] - sample[0] <= span]
+
+
+def assert_fitted(found: Motion, samples: Samples, window: float = WINDOW) -> None:
+    """As by NumPy, about the middle of the stamps, but for rounding."""
+    times = np.array([1e-9 * (stamp - samples[0][0]) for stamp, _ in samples])
+    times -= times.mean()
+    scale = float(np.abs(times).max())
+    for turning, angle in zip(found, np.array([joints[:3] for _, joints in samples]).T, strict=True):
+        square, slope, _ = np.polyfit(times / scale, angle, 2).tolist()
+        assert turning.rate == pytest.approx(slope / scale, abs=FIT / window)
+        assert turning.acceleration == pytest.approx(2.0 * square / scale**2, abs=FIT / window**2)
+
+
+@given(gaps=st.lists(st.integers(2 * MS, 12 * MS), min_size=15, max_size=40), draw=draws)
+def test_it_is_the_fit_that_numpy_makes(gaps: list[int], draw: Random) -> None:
+    stamps = accumulate(gaps, initial=EPOCH)
+    samples = [(stamp, Joints(*[draw.uniform(-1.0, 1.0) for _ in range(3)])) for stamp in stamps]
+    if len(within(samples)) >= 6:  # of fewer that lie anyhow the condition may be far worse
+        assert_fitted(along(samples)[-1], within(samples))
+
+
+@pytest.mark.parametrize("window", [0.02, 0.05, 0.2])
+@pytest.mark.parametrize("shaken", [0.0, 0.4])
+def test_it_is_numpys_fit_all_along_a_stream(window: float, shaken: float) -> None:
+    samples = walking(700, MS, shaken)
+    found = along(samples, window)
+    for number in range(round(1e3 * window) + 1, 700, 23):
+        assert_fitted(found[number], within(samples[: number + 1], round(1e9 * window)), window)
+
+
+@pytest.mark.parametrize(("step", "shaken"), [(MS, 0.0), (MS, 0.9), (7 * MS, 0.5), (MS // 40, 0.0), (MS // 40, 0.9)])
+def test_bits_depend_on_what_is_in_the_window_alone(step: int, shaken: float) -> None:
+    """However long the stream has run, and whatever came before: no sum goes on from one stamp to the next."""
+    samples = walking(8000, step, shaken)
+    told = MotionFilter(WINDOW)
+    for number in range(1000):
+        told.see(EPOCH - 2000 * MS + number * MS, Joints(1e300, -1e300, 1e17))
+    found = [told.see(*sample) for sample in samples]
+    assert found[-1] != STILL
+    for number in range(4000, 8000, 97):
+        assert along(within(samples[: number + 1]))[-1] == found[number]
+
+
+def test_it_forgets_when_told_and_after_a_pause() -> None:
+    samples, told = walking(200), MotionFilter(WINDOW)
+    for sample in samples:
+        told.see(*sample)
+    told.forget()
+    earlier, later = ([(stamp + shift * MS, joints) for stamp, joints in samples] for shift in (-3000, 60000))
+    assert [told.see(*sample) for sample in [*earlier, *later]] == [*along(earlier), *along(later)]
+
+
+@pytest.mark.parametrize(
+    ("samples", "still"),
+    [
+        (walking(100), 25),  # until half a window is known
+        (walking(8, 12 * MS), FEWEST - 1),  # until a few angles are
+        (walking(30, 20 * MS), 30),  # three in a window
+    ],
+)
+def test_it_is_still_until_enough_is_known(samples: Samples, still: int) -> None:
+    assert [motion == STILL for motion in along(samples)] == [True] * still + [False] * (len(samples) - still)
+    assert set(along(samples, 0.0)) == {STILL}
+
+
+@pytest.mark.parametrize("missing", [("hip",), ("ankle",), ("hip", "ankle")])
+@pytest.mark.parametrize("one", [True, False])
+def test_a_joint_that_is_not_measured_stands_and_harms_no_other(missing: tuple[str, ...], one: bool) -> None:
+    """One angle that is missing is forgotten with its window."""
+    samples = walking(200)
+    known = [one and number != 100 for number in range(200)]
+    seen = [each if there else (each[0], each[1]._replace(**dict.fromkeys(missing, UNKNOWN)))
+            for each, there in zip(samples, known, strict=True)]  # fmt: skip
+    standing = dict.fromkeys(missing, STANDING)
+    for number, (found, whole) in enumerate(zip(along(seen), along(samples), strict=True)):
+        assert found == (whole if one and not 100 <= number <= 150 else whole._replace(**standing))
+
+
+def test_of_a_quick_stream_the_last_angle_of_a_cell_counts() -> None:
+    """At 40 kHz 2000 are in a window. A parabola is told exactly, and its slope no cell later than by all of them."""
+    step = MS // 40
+    curved = [(stamp, Joints(0.5 * time**2, 0.0, 0.0)) for stamp, time in
+              ((EPOCH + number * step, 1e-9 * number * step) for number in range(4001))]  # fmt: skip
+    found = along(curved)[-1].flexion
+    assert found.acceleration == pytest.approx(1.0, abs=FIT / WINDOW**2)
+    assert found.rate == pytest.approx(0.1 - 0.5 * WINDOW, abs=WINDOW / (MOST - 1))
+    flat = [(stamp, Joints(0.0, 0.0, 0.0)) for stamp, _ in curved]
+    assert along([*flat[:-1], (flat[-1][0], Joints(1e-3, 0.0, 0.0))])[-1].flexion.acceleration > 0.0
+
+
+@pytest.mark.parametrize("step", [1, 7, 1003, MS // 4])
+def test_any_rate_has_room(step: int) -> None:
+    """Down to a nanosecond apart; rows go to the front in time."""
+    told = MotionFilter(1e-9 * step * (MOST + 250))
+    for number in range(5 * MOST):
+        told.see(EPOCH + 17 + number * step, Joints(0.3, 0.2, 0.1))
+        assert len(told._held) <= MOST
+        assert told._end <= len(told._rows)

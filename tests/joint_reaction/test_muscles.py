@@ -1,4 +1,4 @@
-"""Forces of the muscles: they hold the moment that is asked for, antagonists pull, and nothing jumps."""
+"""Forces of the muscles: by their arms they hold the moment that is asked for, antagonists pull, and nothing jumps."""
 
 from __future__ import annotations
 
@@ -11,23 +11,46 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from knee_contact_ros.joint_reaction.muscles import (
-    GASTROCNEMIUS,
-    HAMSTRINGS,
-    QUADRICEPS,
-    Muscles,
-    gastrocnemius_of,
-    muscles_of,
-)
+from knee_contact_ros.joint_reaction import muscles as package
+from knee_contact_ros.joint_reaction.leg import UNKNOWN, Joints, NetMoments
+from knee_contact_ros.joint_reaction.muscles import Muscles, Person, arm, gastrocnemius_of, muscles_of, reaction_of
+from tests.joint_reaction.examples import PERSON
 
+MUSCLES = {
+    "quadriceps": (package.QUADRICEPS, (-10.0, 110.0), {0: 44.63, 30: 45.84, 60: 37.52, 90: 27.32}),
+    "hamstrings": (package.HAMSTRINGS, (-10.0, 110.0), {0: 26.16, 30: 34.25, 60: 31.20, 90: 18.83}),
+    "gastrocnemius": (package.GASTROCNEMIUS, (-10.0, 110.0), {0: 22.20, 30: 20.92, 60: 17.74, 90: 13.73}),
+    "achilles": (package.ACHILLES, (-30.0, 25.0), {-20: 47.82, -10: 47.40, 0: 45.73, 20: 38.67}),
+}
+"""Coefficients, range [deg], and arms [mm] at angles [deg]; each is a sum of powers, by hand"""
 ROUNDINGS = 1e-12
 """Of the largest moment or force that is added: some of 1e-16"""
+WEIGHT = 75.0 * 9.80665
 moments, flexions = st.floats(-300.0, 300.0), st.floats(-0.1745, 1.9199)
-calves, floors, scales = (
-    st.just(0.0) | st.floats(0.0, 3000.0),
-    st.just(0.0) | st.floats(0.0, 2000.0),
-    st.floats(0.7, 1.4),
-)
+calves, floors = st.just(0.0) | st.floats(0.0, 3000.0), st.just(0.0) | st.floats(0.0, 2000.0)
+scales = st.floats(0.7, 1.4)
+
+
+@pytest.mark.parametrize("name", MUSCLES)
+def test_arms_are_the_polynomials_and_constant_beyond_their_range(name: str) -> None:
+    coefficients, span, known = MUSCLES[name]
+    for degrees, millimetres in known.items():  # with two decimals
+        assert 1e3 * arm(coefficients, math.radians(degrees)) == pytest.approx(millimetres, abs=0.0051)
+    for angle in np.linspace(*np.radians(span), 200)[1:-1].tolist():
+        expected = float(np.polynomial.polynomial.polyval(angle, coefficients))
+        assert arm(coefficients, angle) == pytest.approx(expected, rel=1e-14)  # roundings
+        assert 0.005 < arm(coefficients, angle) < 0.06
+    for end, sign in zip(np.radians(span).tolist(), (-1.0, 1.0), strict=True):
+        # the end is told with four decimals of a radian, and no arm changes by more than 0.05 m/rad
+        assert arm(coefficients, end + sign) == pytest.approx(arm(coefficients, end), abs=0.05 * 5e-5)
+        assert arm(coefficients, end + 9.0 * sign) == arm(coefficients, end + sign)
+
+
+def test_the_gastrocnemius_share_is_that_of_force_times_arm() -> None:
+    """Maximum isometric forces [N] and arms [mm] of the three plantarflexors in gait2354."""
+    calf, soleus, tibialis = 2500.0 * 46.0, 4000.0 * 45.0, 3600.0 * 11.0
+    assert package.GASTROCNEMIUS_SHARE == 0.342
+    assert calf / (calf + soleus + tibialis) == pytest.approx(0.342, abs=0.003)  # arms to half a mm
 
 
 class Arms(NamedTuple):
@@ -43,97 +66,63 @@ class Arms(NamedTuple):
 
     def at_rest(self, gastrocnemius: float, floor: float) -> float:
         """The moment that antagonists alone make, with no more than the floor: where the sides change."""
-        half = 0.5 * floor
-        return self.moment(Muscles(half, max(half - gastrocnemius, 0.0), gastrocnemius))
+        return self.moment(Muscles(0.5 * floor, max(0.5 * floor - gastrocnemius, 0.0), gastrocnemius))
 
 
 def arms(flexion: float, scale: float = 1.0) -> Arms:
     """By NumPy's polynomials."""
-    told = (QUADRICEPS, HAMSTRINGS, GASTROCNEMIUS)
+    told = (package.QUADRICEPS, package.HAMSTRINGS, package.GASTROCNEMIUS)
     return Arms(*[scale * float(np.polynomial.polynomial.polyval(flexion, one)) for one in told])
 
 
 @given(moment=moments, flexion=flexions, calf=calves, floor=floors, scale=scales)
-def test_the_forces_make_the_moment_that_is_asked_for(
+def test_the_forces_make_the_moment_that_is_asked_for_and_both_sides_pull_with_half_the_floor(
     moment: float, flexion: float, calf: float, floor: float, scale: float
 ) -> None:
-    muscles = muscles_of(moment, flexion, calf, floor, scale)
+    muscles, arm = muscles_of(moment, flexion, calf, floor, scale), arms(flexion, scale)
     assert muscles.gastrocnemius == calf
-    assert arms(flexion, scale).moment(muscles) == pytest.approx(moment, abs=ROUNDINGS * 400.0)
-
-
-@given(moment=moments, flexion=flexions, calf=calves, floor=floors, scale=scales)
-def test_no_muscle_pushes_and_both_sides_pull_with_half_the_floor(
-    moment: float, flexion: float, calf: float, floor: float, scale: float
-) -> None:
-    muscles = muscles_of(moment, flexion, calf, floor, scale)
+    assert arm.moment(muscles) == pytest.approx(moment, abs=ROUNDINGS * 400.0)
     assert min(muscles) >= 0.0
     assert muscles.quadriceps >= 0.5 * floor
-    assert muscles.hamstrings + muscles.gastrocnemius >= 0.5 * floor * (1.0 - ROUNDINGS)
+    assert muscles.hamstrings + calf >= 0.5 * floor * (1.0 - ROUNDINGS)
     assert muscles.total == sum(muscles)
+    # Beyond the floor, only the side that is needed pulls.
+    if moment > arm.at_rest(calf, floor) + ROUNDINGS * 400.0:
+        assert muscles.hamstrings == max(0.5 * floor - calf, 0.0)
+    elif moment < arm.at_rest(calf, floor) - ROUNDINGS * 400.0:
+        assert muscles.quadriceps == 0.5 * floor
 
 
-@given(moment=moments, flexion=flexions, calf=calves, floor=floors, scale=scales)
-def test_beyond_the_floor_one_side_alone_pulls(
-    moment: float, flexion: float, calf: float, floor: float, scale: float
-) -> None:
-    muscles = muscles_of(moment, flexion, calf, floor, scale)
-    flexors = muscles.hamstrings == max(0.5 * floor - calf, 0.0)
-    assert flexors or muscles.quadriceps == 0.5 * floor
-
-
-@given(flexion=flexions, calf=calves, floor=floors, scale=scales, step=st.floats(0.0, 1e-6))
-def test_where_the_sides_change_nothing_jumps(
-    flexion: float, calf: float, floor: float, scale: float, step: float
+@given(flexion=flexions, calf=calves, floor=floors, scale=scales, step=st.floats(0.0, 1e-6), extends=st.booleans())
+def test_where_the_sides_change_nothing_jumps_and_beyond_they_press_more(
+    flexion: float, calf: float, floor: float, scale: float, step: float, extends: bool
 ) -> None:
     arm = arms(flexion, scale)
     change = arm.at_rest(calf, floor)
     below, above = (np.array(muscles_of(change + side * step, flexion, calf, floor, scale)) for side in (-1.0, 1.0))
     # Of either side no more than the step by its arm; and some roundings of moments up to 400 N m by it
     assert above == pytest.approx(below, abs=(2.0 * step + ROUNDINGS * 400.0) / min(arm))
-
-
-@given(flexion=flexions, calf=calves, floor=floors, scale=scales, extends=st.booleans())
-def test_the_more_a_side_must_hold_the_more_the_muscles_press(
-    flexion: float, calf: float, floor: float, scale: float, extends: bool
-) -> None:
-    change, sign = arms(flexion, scale).at_rest(calf, floor), 1.0 if extends else -1.0
-    more = [change + sign * beyond for beyond in np.linspace(0.0, 300.0, 30).tolist()]
+    more = [change + (1.0 if extends else -1.0) * beyond for beyond in np.linspace(0.0, 300.0, 30).tolist()]
     total = [muscles_of(moment, flexion, calf, floor, scale).total for moment in more]
     assert all(later > earlier for earlier, later in pairwise(total))
-    arm = arms(flexion, scale).quadriceps if extends else arms(flexion, scale).hamstrings
-    assert total[-1] - total[0] == pytest.approx(300.0 / arm, rel=1e-9)  # 1e-12 of the moments, with levers apart
+    held = arm.quadriceps if extends else arm.hamstrings
+    assert total[-1] - total[0] == pytest.approx(300.0 / held, rel=1e-9)  # 1e-12 of the moments, with levers apart
 
 
-@given(flexion=flexions, scale=scales, pair=st.tuples(moments, moments))
-def test_without_floor_and_calf_a_larger_moment_presses_more(
-    flexion: float, scale: float, pair: tuple[float, float]
-) -> None:
-    less, more = sorted(pair, key=abs)
-    for sign in (-1.0, 1.0):
-        total = [muscles_of(sign * abs(moment), flexion, 0.0, 0.0, scale).total for moment in (less, more)]
-        assert total[1] >= total[0]
-
-
-@given(flexion=flexions, floor=floors, scale=scales)
-def test_a_moment_of_nothing_leaves_the_floor(flexion: float, floor: float, scale: float) -> None:
-    """Half of it on the side with the longer arm, and on the other one what holds it."""
-    muscles, (extends, bends, _) = muscles_of(0.0, flexion, 0.0, floor, scale), arms(flexion, scale)
-    longer, shorter = max(extends, bends), min(extends, bends)
-    assert min(muscles[:2]) == pytest.approx(0.5 * floor, rel=ROUNDINGS)
-    assert max(muscles[:2]) == pytest.approx(0.5 * floor * longer / shorter, rel=1e3 * ROUNDINGS)  # by differences
-    assert muscles.gastrocnemius == 0.0
-
-
-def test_forces_by_hand() -> None:
+@pytest.mark.parametrize(
+    ("moment", "calf", "floor", "scale", "forces"),
+    [
+        (44.63, 0.0, 0.0, 1.0, (1000.0, 0.0, 0.0)),
+        (-26.16, 0.0, 0.0, 1.0, (0.0, 1000.0, 0.0)),
+        (44.63, 0.0, 0.0, 2.0, (500.0, 0.0, 0.0)),
+        (44.63, 500.0, 0.0, 1.0, (1000.0 + 22.20 / 44.63 * 500.0, 0.0, 500.0)),
+        (44.63, 50.0, 400.0, 1.0, (1000.0 + (22.20 * 50.0 + 26.16 * 150.0) / 44.63, 150.0, 50.0)),
+        (0.0, 0.0, 400.0, 1.0, (200.0, 200.0 * 44.63 / 26.16, 0.0)),
+    ],
+)
+def test_forces_by_hand(moment: float, calf: float, floor: float, scale: float, forces: tuple[float, ...]) -> None:
     """Of a straight knee: arms of 44.63, 26.16 and 22.20 mm."""
-    assert muscles_of(44.63, 0.0, 0.0, 0.0, 1.0) == pytest.approx((1000.0, 0.0, 0.0), rel=ROUNDINGS)
-    assert muscles_of(-26.16, 0.0, 0.0, 0.0, 1.0) == pytest.approx((0.0, 1000.0, 0.0), rel=ROUNDINGS)
-    assert muscles_of(44.63, 0.0, 0.0, 0.0, 2.0) == pytest.approx((500.0, 0.0, 0.0), rel=ROUNDINGS)
-    against_calf = (1000.0 + 22.20 / 44.63 * 500.0, 0.0, 500.0)
-    assert muscles_of(44.63, 0.0, 500.0, 0.0, 1.0) == pytest.approx(against_calf, rel=ROUNDINGS)
-    against_both = (1000.0 + (22.20 * 50.0 + 26.16 * 150.0) / 44.63, 150.0, 50.0)
-    assert muscles_of(44.63, 0.0, 50.0, 400.0, 1.0) == pytest.approx(against_both, rel=ROUNDINGS)
+    assert muscles_of(moment, 0.0, calf, floor, scale) == pytest.approx(forces, rel=ROUNDINGS)
 
 
 def test_the_gastrocnemius_by_hand() -> None:
@@ -143,7 +132,47 @@ def test_the_gastrocnemius_by_hand() -> None:
     dorsiflexed = 0.04573 - 0.01311 * 0.3 - 0.02042 * 0.09
     assert gastrocnemius_of(100.0, 0.3, 1.0) == pytest.approx(34.2 / dorsiflexed, rel=ROUNDINGS)
     assert gastrocnemius_of(-100.0, 0.3, 1.0) == 0.0
-
-
-def test_what_is_not_known_is_not_made_up() -> None:
     assert math.isnan(muscles_of(math.nan, 0.3, 0.0, 100.0, 1.0).total)
+
+
+def net(extension: float, plantarflexion: float, compression: float = 400.0) -> NetMoments:
+    return NetMoments(extension, plantarflexion, compression, 0.0)
+
+
+@given(extension=moments, plantarflexion=moments, knee=moments, ankle=moments, flexion=st.floats(0.0, 1.5))
+def test_what_an_actuator_takes_is_as_if_it_were_not_asked_for(
+    extension: float, plantarflexion: float, knee: float, ankle: float, flexion: float
+) -> None:
+    """One that takes all leaves the floor."""
+    joints, asked = Joints(flexion, 0.1, 0.1), net(extension, plantarflexion)
+    helped = reaction_of(PERSON, joints._replace(knee_assistance=knee, ankle_assistance=ankle), asked, 500.0)
+    assert helped == reaction_of(PERSON, joints, net(extension - knee, plantarflexion - ankle), 500.0)
+    assert helped.axial == pytest.approx(400.0 + sum(helped.muscles), rel=ROUNDINGS)
+    floor = 0.2 * 500.0 + 0.05 * WEIGHT
+    assert helped.muscles.total >= floor * (1.0 - ROUNDINGS)
+    all_taken = joints._replace(knee_assistance=extension, ankle_assistance=plantarflexion)
+    bears = reaction_of(PERSON, all_taken, asked, 500.0)
+    assert (bears.extension, bears.plantarflexion, bears.muscles.gastrocnemius) == (0.0, 0.0, 0.0)
+    assert min(bears.muscles[:2]) == pytest.approx(0.5 * floor, rel=ROUNDINGS)
+    lazy = PERSON._replace(co_contraction=0.0, tone=0.0)
+    assert reaction_of(lazy, all_taken, asked, 500.0).axial == 400.0
+
+
+def test_an_ankle_of_which_nothing_is_known_asks_for_no_calf() -> None:
+    """And a moment without its angle is that at a right angle."""
+    bears = reaction_of(PERSON, Joints(0.4, 0.1, UNKNOWN), net(20.0, UNKNOWN), 500.0)
+    assert math.isnan(bears.plantarflexion)
+    assert bears.muscles.gastrocnemius == 0.0
+    assert math.isfinite(bears.axial)
+    told = [reaction_of(PERSON, Joints(0.4, 0.1, angle), net(20.0, 90.0), 500.0) for angle in (UNKNOWN, 0.0)]
+    assert told[0] == told[1]
+    assert told[0].muscles.gastrocnemius == pytest.approx(90.0 * 0.342 / (0.9 * 0.04573), rel=ROUNDINGS)
+
+
+def test_a_persons_constants() -> None:
+    assert PERSON.weight == pytest.approx(WEIGHT, rel=ROUNDINGS)
+    for vertical, floor in ((1000.0, 200.0 + 0.05 * WEIGHT), (0.0, 0.05 * WEIGHT), (-5.0, 0.05 * WEIGHT)):
+        assert PERSON.floor(vertical) == pytest.approx(floor, rel=ROUNDINGS)  # the ground does not pull
+    weak, strong = (Person(75.0, 1.8, scale, 0.0, 0.0) for scale in (0.8, 1.6))
+    one, other = (reaction_of(person, Joints(0.4, 0.1, 0.1), net(30.0, 60.0), 0.0).muscles for person in (weak, strong))
+    assert tuple(one) == pytest.approx([2.0 * force for force in other], rel=ROUNDINGS)
