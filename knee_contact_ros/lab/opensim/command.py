@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from dataclasses import replace as replaced
 from importlib.metadata import version
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,7 @@ from rich.table import Table
 from knee_contact_ros.lab import checks, gait_bag
 from knee_contact_ros.lab.gait_bag import Gait, digest
 from knee_contact_ros.lab.opensim import leg as legs
-from knee_contact_ros.lab.opensim import pipeline, results
+from knee_contact_ros.lab.opensim import pipeline, results, setup_files
 from knee_contact_ros.lab.opensim.pipeline import Check, Run
 from knee_contact_ros.lab.opensim.results import LEFT, RIGHT, Settings, coordinate_of
 from knee_contact_ros.lab.tables import read_storage
@@ -67,14 +68,14 @@ def import_opensim(
     if setups:
         if given:
             raise UsageError(f"{given[0]} and --setup exclude each other: OpenSim's run gives its own")
-        import_run(side, setups, chosen, work, settings, output, overwrite, ground)
+        import_run(setups, chosen, work, settings, outputs(side, output, settings, overwrite), ground)
         return
     if ground is not None:
         if not ground:
             raise UsageError("--ground FILE is missing; only with --setup it is found")
         if not files["model"]:
             raise UsageError("--ground needs --model M.osim, which tells where the ankle is")
-        pipeline.check_opensim()
+        setup_files.check_opensim()
         files |= {"ground": Path(ground), "ground_data": legs.data_file(Path(ground))}
     if chosen or work:
         raise UsageError("--steps and --work need --setup")
@@ -87,36 +88,35 @@ def import_opensim(
 
 
 def import_run(
-    side: str, paths: Sequence[Path], steps: Sequence[str], keep: Path | None, settings: Settings, output: Path,
-    overwrite: bool, ground: str | None,
+    setups: Sequence[Path], steps: Sequence[str], keep: Path | None, settings: Settings, bags: dict[str, Path],
+    ground: str | None,
 ) -> None:  # fmt: skip
     """Run OpenSim's tools, keep their logs and results in the folder `keep`, if any, and import them.
 
     With `ground` the leg's sensors are simulated too, from this file of ground reactions or, if empty, the set-up's.
     """
-    bags = outputs(side, output, settings, overwrite)
-    folder, setups = pipeline.plan(paths, steps)
+    folder, planned = setup_files.plan(setups, steps)
     if keep and keep.exists():
         raise UsageError(f"--work {keep} exists already; give a new folder")
     if ground:
         legs.data_file(Path(ground))
-    elif ground is not None and not setups[-1].text(LOADS):
-        raise UsageError(f"--ground: {setups[-1].path} has no {LOADS}; give --ground FILE")
-    with work_folder(output.parent) as work:
+    elif ground is not None and not planned[-1].text(LOADS):
+        raise UsageError(f"--ground: {planned[-1].path} has no {LOADS}; give --ground FILE")
+    with work_folder(next(iter(bags.values())).parent) as work:
         with progress("OpenSim") as bar:
-            run = pipeline.run_pipeline(folder, setups, (keep or work / "opensim").resolve(), bar)
+            run = pipeline.run_pipeline(folder, planned, (keep or work / "opensim").resolve(), bar)
         found, fault = judge(run)
-        of_ground = {}
+        files = Files(run.kinematics, run.reactions, run.speeds, run.model)
         if ground is not None:
             loads = Path(ground) if ground else run.folder / run.muscles.text(LOADS)
-            of_ground = {"ground": loads, "ground_data": legs.data_file(loads, None if ground else run.folder)}
+            files = replaced(files, ground=loads, ground_data=legs.data_file(loads, None if ground else run.folder))
         more = {
             "source": f"OpenSim {version('opensim')}",
             "steps": "\n".join(f"{setup.step}: {setup.path.name} {digest(setup.path)}" for setup in run.setups),
             "quality": "\n".join(check.sentence() for check in found) or fault,
         }
-        store(Files(run.kinematics, run.reactions, run.speeds, run.model, **of_ground), settings, bags, work, more)
-    took = ", ".join(f"{pipeline.WORDS[step].lower()} {seconds:.1f} s" for step, seconds in run.seconds.items())
+        store(files, settings, bags, work, more)
+    took = ", ".join(f"{setup_files.WORDS[step].lower()} {seconds:.1f} s" for step, seconds in run.seconds.items())
     Console(width=WIDTH, emoji=False).print(f"OpenSim: {took}", highlight=False, markup=False)
     show_checks(found, fault)
 

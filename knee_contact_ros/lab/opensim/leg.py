@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 from xml.etree import ElementTree as ET
@@ -15,9 +16,9 @@ import numpy as np
 
 from knee_contact_ros.lab import checks
 from knee_contact_ros.lab.gait_bag import MIRROR, Signal
-from knee_contact_ros.lab.opensim import child, pipeline
-from knee_contact_ros.lab.opensim.pipeline import NOTHING, read_xml, text_in
+from knee_contact_ros.lab.opensim import child, pipeline, setup_files
 from knee_contact_ros.lab.opensim.results import LEFT, RIGHT, SIDE_WORDS, coordinate_of, is_part, words
+from knee_contact_ros.lab.opensim.setup_files import NOTHING, read_xml, text_in
 from knee_contact_ros.lab.tables import Floats, Stamps, Table, read_storage, some
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
@@ -60,14 +61,6 @@ class GroundFile(NamedTuple):
         return ", ".join(" ".join(f"{name}(x y z)" for name in force if name) for force in self.forces)
 
 
-class LegJoints(NamedTuple):
-    """Names of a leg's joints in a model."""
-
-    hip: str
-    knee: str
-    ankle: str
-
-
 class Places(NamedTuple):
     """Positions of a leg in the ground frame (x forward, y up, z to the right), at the rows of the kinematics."""
 
@@ -106,7 +99,7 @@ def data_file(ground: Path, folder: Path | None = None) -> Path:
     Raises:
         UsageError: the external loads file names no file, or one that is not there.
     """
-    return pipeline.named_data(ground, folder) if ground.suffix.lower() == XML else ground
+    return setup_files.named_data(ground, folder) if ground.suffix.lower() == XML else ground
 
 
 def read_ground(ground: Path, data: Path, side: str) -> GroundFile:
@@ -236,7 +229,7 @@ def _vector(data: Table, name: str, where: np.ndarray | None = None) -> Floats:
 
 
 def read_leg(
-    ground: GroundFile, kinematics: Table, degrees: bool, model: Path, joints: LegJoints, side: str, work: Path
+    ground: GroundFile, kinematics: Table, degrees: bool, model: Path, joints: Sequence[str], side: str, work: Path
 ) -> Leg:
     """Simulate the sensors of a leg.
 
@@ -245,14 +238,14 @@ def read_leg(
         kinematics: coordinates of the model over time.
         degrees: whether angles in the kinematics are in degrees.
         model: file of the model.
-        joints: joints of the leg in the model.
+        joints: names of hip, knee and ankle in the model.
         side: `right` or `left`.
         work: folder for a process of OpenSim and its log.
 
     Raises:
         UsageError: OpenSim is not installed or fails, or a file cannot be used or does not fit the others.
     """
-    pipeline.check_opensim()
+    setup_files.check_opensim()
     ground = during(ground, kinematics.stamps)
     places = places_of(kinematics, degrees, model, joints, work)
     checks.check_heading(places.forward, kinematics.path)
@@ -277,8 +270,8 @@ def thigh_angle(places: Places) -> Floats:
     return np.asarray(np.arctan2(thigh[:, :1], -thigh[:, 1:2]))
 
 
-def leg_joints(model: Path, side: str, coordinate: str | None) -> LegJoints:
-    """Find the joints of a leg in a model's file; the knee is the joint with the coordinate.
+def leg_joints(model: Path, side: str, coordinate: str | None) -> list[str]:
+    """Find the names of hip, knee and ankle of a leg in a model's file; the knee is the joint with the coordinate.
 
     Raises:
         UsageError: the file is no model, or a joint is not there or not unique.
@@ -286,7 +279,7 @@ def leg_joints(model: Path, side: str, coordinate: str | None) -> LegJoints:
     joints = [e for e in read_xml(model, "Model").iter() if e.tag.endswith("Joint") and e.get("name")]
     knees = [e.get("name", "") for e in joints if any(c.get("name") == coordinate for c in e.iter("Coordinate"))]
     names = [name for name in (e.get("name", "") for e in joints) if words(name) & SIDE_WORDS[side]]
-    found = []
+    found: list[str] = []
     for what, fitting in (
         (f"{side} hip", [name for name in names if "hip" in words(name)]),
         (f"coordinate {coordinate}", knees),
@@ -297,10 +290,10 @@ def leg_joints(model: Path, side: str, coordinate: str | None) -> LegJoints:
             having = f"the joints {', '.join(different)}" if different else "no joint"
             raise UsageError(f"{model} has {having} of the {what}, and one is needed")
         found += different
-    return LegJoints(*found)
+    return found
 
 
-def places_of(kinematics: Table, degrees: bool, model: Path, joints: LegJoints, work: Path) -> Places:
+def places_of(kinematics: Table, degrees: bool, model: Path, joints: Sequence[str], work: Path) -> Places:
     """Compute the positions of a leg at the rows of the kinematics, with OpenSim in a process of its own.
 
     Raises:

@@ -18,8 +18,9 @@ from knee_contact_ros.commands.main import main
 from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.lab.opensim import child
 from knee_contact_ros.lab.opensim.command import Files, read_knee
-from knee_contact_ros.lab.opensim.pipeline import Setup, dynamics_setup, find_setups, read_setup, run_python
+from knee_contact_ros.lab.opensim.pipeline import run_python
 from knee_contact_ros.lab.opensim.results import Settings
+from knee_contact_ros.lab.opensim.setup_files import Setup, dynamics_setup, find_setups, read_setup
 from knee_contact_ros.lab.tables import read_storage
 from knee_contact_ros.offline.estimate_load import LoadSummary, estimate_load
 from knee_contact_ros.parameters.files import load_parameters

@@ -11,7 +11,7 @@ from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab import checks
 from knee_contact_ros.lab.opensim import leg
-from knee_contact_ros.lab.opensim.leg import FootForce, GroundFile, LegJoints, Places, data_file, read_ground
+from knee_contact_ros.lab.opensim.leg import FootForce, GroundFile, Places, data_file, read_ground
 from knee_contact_ros.lab.tables import Table, read_storage
 from knee_contact_ros.streams.topics import GROUND_REACTION_FORCE, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
@@ -186,7 +186,7 @@ def test_what_cannot_act_on_this_foot_is_refused(tmp_path: Path, axis: str, valu
     assert "\n" not in str(refused.value)
 
 
-def stands_still(table: Table, degrees: bool, model: Path, joints: LegJoints, work: Path) -> Places:
+def stands_still(table: Table, degrees: bool, model: Path, joints: list[str], work: Path) -> Places:
     """A leg whose knee is ahead of its hip, above the plate of `storages.plate`."""
     assert degrees
     assert work.is_dir()
@@ -284,7 +284,7 @@ def test_the_thighs_angle_grows_as_the_knee_goes_ahead() -> None:
 
 def test_the_joints_are_found_by_their_names_and_the_knees_angle(tmp_path: Path) -> None:
     model = write_model(tmp_path / "m.osim")
-    assert leg.leg_joints(model, "left", "knee_angle_l") == ("hip_l", "walker_knee_l", "ankle_l")
+    assert leg.leg_joints(model, "left", "knee_angle_l") == ["hip_l", "walker_knee_l", "ankle_l"]
     with pytest.raises(UsageError, match=r"m\.osim has no joint of the coordinate knee_angle_x, and one is needed"):
         leg.leg_joints(model, "left", "knee_angle_x")
     write_model(model, [("ankle_a_r", "a"), ("ankle_b_r", "b"), ("hip_r", "hip"), ("knee_r", "knee")])

@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.lab.opensim import pipeline
+from knee_contact_ros.lab.opensim import pipeline, setup_files
 from knee_contact_ros.lab.opensim.command import judge, show_checks
-from knee_contact_ros.lab.opensim.pipeline import Check, Run, Setup, assess, find_setups, plan, read_setup
+from knee_contact_ros.lab.opensim.pipeline import Check, Run, assess
+from knee_contact_ros.lab.opensim.setup_files import Setup, find_setups, plan, read_setup
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import not_installed
 from tests.lab.opensim.storages import write_storage
@@ -49,7 +50,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def test_set_up_files_are_told_by_what_they_hold(folder: Path) -> None:
     found = find_setups([folder])
     assert sorted(found) == sorted(STEPS)
-    assert [pipeline.times_of(found[step]) for step in STEPS] == [(0.0, 0.0), (0.4, 1.6), (0.0, 0.0), (0.8, 1.2)]
+    assert [setup_files.times_of(found[step]) for step in STEPS] == [(0.0, 0.0), (0.4, 1.6), (0.0, 0.0), (0.8, 1.2)]
     cmc = found["cmc"]
     texts = (cmc.name, cmc.text("model_file"), cmc.text("rra_controls_file"), cmc.results())
     assert texts == ("walk", "adjusted.osim", "", "CMC")
@@ -128,13 +129,13 @@ def test_set_up_files_in_several_folders(folder: Path) -> None:
 
 def test_our_own_set_ups_have_what_the_muscles_step_had(folder: Path, tmp_path: Path) -> None:
     cmc = find_setups([folder])["cmc"]
-    static = pipeline.static_setup(cmc, tmp_path / "s.xml", 5)
+    static = setup_files.static_setup(cmc, tmp_path / "s.xml", 5)
     assert read_setup(static.path) is not None  # it is a set-up file of ours to read, too
     assert (static.text("coordinates_file"), static.text("step_interval")) == ("RRA/walk_RRA_Kinematics_q.sto", "5")
     assert static.text("lowpass_cutoff_frequency_for_coordinates") == "6.0"
     for base, states in ((cmc, "CMC/walk_states_repaired.sto"), (static, None)):
-        setup = pipeline.reactions_setup(base, tmp_path / "r.xml", states, "forces.sto")
-        tool = pipeline.read_xml(setup.path).find("AnalyzeTool")
+        setup = setup_files.reactions_setup(base, tmp_path / "r.xml", states, "forces.sto")
+        tool = setup_files.read_xml(setup.path).find("AnalyzeTool")
         assert tool is not None
         found = [tool.findtext(f".//{tag}") for tag in (
             "model_file", "force_set_files", "external_loads_file", "initial_time", "final_time", "forces_file",
@@ -143,7 +144,7 @@ def test_our_own_set_ups_have_what_the_muscles_step_had(folder: Path, tmp_path: 
             "adjusted.osim", "act.xml", "grf.xml", "0.8", "1.2", "forces.sto", "child", "child", states,
             None if states else "RRA/walk_RRA_Kinematics_q.sto",
         ]  # fmt: skip
-    dynamics = pipeline.dynamics_setup(cmc, tmp_path / "d.xml", "q.sto", (0.83, 1.19))
+    dynamics = setup_files.dynamics_setup(cmc, tmp_path / "d.xml", "q.sto", (0.83, 1.19))
     assert (dynamics.text("time_range"), dynamics.text("coordinates_file")) == ("0.83 1.19", "q.sto")
     with pytest.raises(UsageError, match=r"cmc has not written CMC/walk_Actuation_force\.sto"):
         pipeline.results_of(cmc)
