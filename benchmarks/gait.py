@@ -1,4 +1,4 @@
-"""The gait bags that are part of the package, as arrays."""
+"""The gait bags that come with the package, as arrays, and what is known about them."""
 
 from __future__ import annotations
 
@@ -7,38 +7,24 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.reader import BagReader
-from knee_contact_ros.parameters.schema import Knee
-from knee_contact_ros.streams.contact_stream import angle_sample, load_sample
-from knee_contact_ros.streams.messages import JOINT_STATE, WRENCH
-from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, JOINT_STATES
+from knee_contact_ros import solve
 from knee_contact_ros.system.files import share_folder
+
+BODY_WEIGHT = 75.16 * 9.80665
+"""Body weight [N] that the paper divides by"""
+HEEL_STRIKE = {"right": (0.618, 1.853), "left": (1.247, 2.460)}
+"""Times of heel strike [s] in the bags, from the vertical ground reaction"""
 
 
 @cache
 def gait(side: str) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Return time [s], flexion angle [rad] and half the axial load [N] of a bundled bag.
+    """Return time [s], flexion angle [rad] and half the axial load [N] of a side's bag, `right` or `left`.
 
-    Both topics of the bag have the same stamps.
-
-    Args:
-        side: `right` or `left`.
-
-    Returns:
-        Three arrays of shape (n,), which cannot be written: all callers share them.
+    The arrays have shape (n,) and cannot be written: all callers share them.
     """
-    angles, loads = {}, {}
-    with BagReader(share_folder() / "bags" / f"gait2354_{side}") as reader:
-        for topic, _, data in reader.raw_messages():
-            if topic == f"/{JOINT_STATES}":
-                angle = angle_sample(JOINT_STATE.read(data, JOINT_STATES)[0], Knee())
-                angles[angle.stamp] = angle.angle
-            else:
-                load = load_sample(WRENCH.read(data, JOINT_REACTION_FORCE)[0])
-                loads[load.stamp] = 0.5 * load.axial
-    stamps = sorted(loads)
-    time = np.array(stamps, dtype=np.float64) * 1e-9
-    columns = time, np.array([angles[stamp] for stamp in stamps]), np.array([loads[stamp] for stamp in stamps])
+    bag = share_folder() / "bags" / f"gait2354_{side}"
+    series = solve(bag, values={"fidelity.level": "quasi_static"}, compiled=False)
+    columns = series.time, np.array(series.flexion_angle), np.array(series.load)
     for column in columns:
         column.flags.writeable = False
     return columns

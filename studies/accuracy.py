@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from benchmarks import reference
 from benchmarks import reference as femora
 from benchmarks import reference as laws
+from benchmarks.gait import gait
 from benchmarks.report import Section, machine, save
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw
@@ -24,7 +25,6 @@ from knee_contact_ros.model.surfaces import Circle, ContactPair, Cup, Plane
 from knee_contact_ros.model.ticks import LEVELS
 from knee_contact_ros.model.types import Status
 from studies.ellipse import Ellipse, SmoothFemur
-from studies.gait import gait
 
 TOLERANCES = (1e-6, 1e-8, 1e-10)
 K1, K2, EXPONENT, DAMPING, LAYER, MASS = 7.905694e7, 3.112e9, 1.5, 5000.0, 5e-4, 9.3014

@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 from scipy.stats import beta
 from scipy.stats import t as student
 
+from benchmarks.gait import gait
 from benchmarks.report import Section, machine, save
 from knee_contact_ros import calibrate
 from knee_contact_ros.lab.calibrate import Calibration
 from knee_contact_ros.lab.calibrate.contact import fittable_of, measured_from, problem_of
 from knee_contact_ros.lab.calibrate.problem import scaled, unknowns_of
 from knee_contact_ros.parameters.files import load_parameters
-from studies.gait import gait
 from studies.reference import LAWS, Knee, Solution, solve
 
 Floats = NDArray[np.float64]

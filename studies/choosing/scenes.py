@@ -11,11 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks import reference
+from benchmarks.gait import gait
 from benchmarks.peers.problems import bump, thrown
 from knee_contact_ros.parameters.files import load_parameters
 from studies.accuracy import lift_off
 from studies.choosing.surfaces import OnPlane, OnPlateau, femur_through, plateau_through, read_points
-from studies.gait import gait
 
 Floats = NDArray[np.float64]
 SEED = 16

@@ -9,7 +9,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
-from studies.gait import BODY_WEIGHT, gait
+from benchmarks.gait import BODY_WEIGHT, gait
 
 Floats = NDArray[np.float64]
 Random = np.random.Generator

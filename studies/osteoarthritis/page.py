@@ -8,7 +8,7 @@ from string import Template
 import numpy as np
 from tabulate import tabulate
 
-from studies.gait import BODY_WEIGHT
+from benchmarks.gait import BODY_WEIGHT
 from studies.osteoarthritis.findings import Count, Findings, Range
 from studies.osteoarthritis.knees import (
     FIRST,

@@ -12,8 +12,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from benchmarks.gait import BODY_WEIGHT
 from knee_contact_ros.lab.report.figures import COMPUTED
-from studies.gait import BODY_WEIGHT
 from studies.reproduction.osteoarthritis import CARTILAGE, LAWS, break_even, largest_force, loss_for_paper
 from studies.reproduction.scenes import (
     ARTHRITIC,

@@ -7,10 +7,10 @@ from itertools import product
 
 import numpy as np
 
+from benchmarks.gait import BODY_WEIGHT
 from benchmarks.report import Section
 from knee_contact_ros.lab.report.figures import COMPUTED, Range
 from knee_contact_ros.model.laws import hertz_stiffness, relative_radius
-from studies.gait import BODY_WEIGHT
 from studies.reproduction.scenes import (
     ARTHRITIC,
     COMPARISON,

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from benchmarks.gait import BODY_WEIGHT
 from benchmarks.report import Section
-from studies.gait import BODY_WEIGHT
 from studies.reproduction.healthy import (
     PAPER_PEAKS,
     cartilage_stiffness,

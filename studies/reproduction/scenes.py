@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.signal import find_peaks
 
+from benchmarks import gait as bags
+from benchmarks.gait import BODY_WEIGHT, HEEL_STRIKE
 from knee_contact_ros import load_model
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import Parameters
-from studies import gait as bags
-from studies.gait import BODY_WEIGHT, HEEL_STRIKE
 
 CONFIG = Path(__file__).parents[2] / "config"
 HEALTHY, ARTHRITIC, MRI = "healthy.yaml", "osteoarthritis.yaml", "mri_femur.yaml"

@@ -52,40 +52,32 @@ def run_of(*milliseconds: int, published: int | None = None, sending: float = 1.
     return Run(len(latencies) if published is None else published, latencies, [MS], sending, tail)
 
 
-def test_figures_of_known_times() -> None:
+def test_figures_and_their_ratios() -> None:
     assert figures([each * MS for each in range(1001)]) == pytest.approx((500.0, 990.0, 999.0, 1000.0))
-    assert figures([2 * MS]) == (2.0, 2.0, 2.0, 2.0)
     assert all(map(math.isnan, figures([])))
-
-
-def test_ratios_of_nothing_are_none() -> None:
     assert ratios(Figures(1.0, 2.0, 3.0, 4.0), Figures(2.0, 2.0, 2.0, 2.0)) == (0.5, 1.0, 1.5, 2.0)
     assert math.isnan(ratios(Figures(1.0, 1.0, 1.0, 1.0), Figures(0.0, 1.0, 1.0, 1.0)).median)
-    assert all(map(math.isnan, ratios(Figures(1.0, 1.0, 1.0, 1.0), figures([]))))
 
 
 def test_samples_are_gait_forth_and_back_without_a_leap() -> None:
     found = list(islice(samples(1000.0, 7), 9000))
-    states = [decode_joint_state(sample.angle) for sample in found]
-    forces = [decode_wrench_stamped(sample.force) for sample in found]
-    assert [sample.stamp for sample in found] == [7 + number * MS for number in range(9000)]
-    assert [state.stamp for state in states if state] == [sample.stamp for sample in found]
-    assert [force.stamp for force in forces if force] == [sample.stamp for sample in found]
-    angles = np.array([state.position[0] for state in states if state])
-    loads = np.array([-0.5 * force.force[1] for force in forces if force])
+    states, forces = zip(
+        *((decode_joint_state(each.angle), decode_wrench_stamped(each.force)) for each in found), strict=True
+    )
+    stamps = [7 + number * MS for number in range(9000)]
+    assert (
+        [each.stamp for each in found] == [each.stamp for each in states] == [each.stamp for each in forces] == stamps
+    )
+    loads = np.array([-0.5 * force.force[1] for force in forces])
     assert loads.max() == pytest.approx(1613.77, abs=0.01)  # the bag's largest
     # The largest steps of the bag at 200 Hz, shared by five; where it turns round there is none.
-    assert np.abs(np.diff(angles)).max() < 0.015
+    assert np.abs(np.diff([state.position[0] for state in states])).max() < 0.015
     assert np.abs(np.diff(loads)).max() < 100.0
 
 
-def test_every_candidate_is_first_in_turn() -> None:
-    orders = [rotated(CANDIDATES, number) for number in range(6)]
-    assert [order[0] for order in orders] == [OURS, BOTH, BARE, SINGLE, BYTES, OURS]
-    assert all(set(order) == set(CANDIDATES) for order in orders)
-
-
-def test_a_bare_node_offers_what_the_node_offers() -> None:
+def test_every_candidate_is_first_in_turn_and_bare_ones_offer_what_the_node_offers() -> None:
+    assert [rotated(CANDIDATES, number)[0] for number in range(6)] == [*CANDIDATES, OURS]
+    assert set(rotated(CANDIDATES, 3)) == set(CANDIDATES)
     assert QoSProfile(depth=DEPTH) == bare.INPUT_QOS
     assert QoSProfile(depth=OUTPUT_DEPTH) == bare.OUTPUT_QOS
 
@@ -152,33 +144,23 @@ def steps() -> list[Step]:
     return attempts(1000.0, NODE) + theirs
 
 
-def test_the_search_rises_and_bisects() -> None:
+def test_the_search_rises_tries_again_and_bisects() -> None:
     found = attempts(1000.0, NODE)
     rates = [step.rate for step in found]
     assert rates[:6] == [500.0, 625.0, 781.25, 976.5625, 1220.703125, 1220.703125]  # a failure is tried again
     assert rates[6:] == pytest.approx([1091.8, 1091.8, 1032.6, 1032.6], abs=0.1)
-    assert study.highest(found, OURS, 1) == 976.5625
-    assert study.limit(found, OURS, 1) == NODE
-    assert study.highest(attempts(1050.0, NODE), OURS, 1) == pytest.approx(1032.6, abs=0.1)
+    once = attempts(1000.0, NODE, failing_once=(625.0,))
+    assert [step.verdict for step in once[:3]] == [SUSTAINED, NODE, SUSTAINED]
 
 
-def test_one_failure_is_the_machines() -> None:
-    found = attempts(1000.0, NODE, failing_once=(625.0,))
-    assert [step.verdict for step in found[:3]] == [SUSTAINED, NODE, SUSTAINED]
-    assert study.highest(found, OURS, 1) == 976.5625
-
-
-def test_a_search_that_fails_at_once_ends() -> None:
-    found = attempts(100.0, NODE)
-    assert [step.rate for step in found] == [500.0, 500.0]
-    assert study.highest(found, OURS, 1) == 0.0
-    assert study.limit(found, OURS, 1) == NODE
-
-
-def test_a_search_without_a_limit_ends() -> None:
-    found = attempts(math.inf, NODE)
-    assert found[-1].rate < study.HIGHEST
-    assert study.limit(found, OURS, 1) == "-"
+@pytest.mark.parametrize(
+    ("up_to", "rate", "limit"),
+    [(1000.0, 976.56, NODE), (1050.0, 1032.6, NODE), (100.0, 0.0, NODE), (math.inf, 84703.3, "-")],
+)
+def test_the_highest_rate_and_what_limits_it(up_to: float, rate: float, limit: str) -> None:
+    found = attempts(up_to, NODE)
+    assert study.highest(found, OURS, 1) == pytest.approx(rate, abs=0.1)
+    assert study.limit(found, OURS, 1) == limit
 
 
 def test_rates_over_those_of_the_bare_node() -> None:

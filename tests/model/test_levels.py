@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
+from benchmarks.gait import gait
 from knee_contact_ros.model.laws import ContactLaw
 from knee_contact_ros.model.profiles import Circle
 from knee_contact_ros.model.surfaces import ContactPair, Cup, Plane, Plateau
 from knee_contact_ros.model.ticks import LEVELS
 from knee_contact_ros.model.types import Fidelity, Status
-from studies.gait import gait
 from tests.helpers.scenes import MASS, RADIUS, STIFFNESS, law, model
 from tests.model.scenes import FORWARDS, HINGE, ROUNDING, Series, ellipse, fast, hopping, signed, stepping, walking
 

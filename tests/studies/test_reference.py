@@ -12,8 +12,8 @@ from scipy.optimize import brentq
 from benchmarks import reference as by_scipy
 from benchmarks import reference as femora
 from benchmarks import reference as reference_laws
+from benchmarks.gait import gait
 from studies.accuracy import lift_off
-from studies.gait import gait
 from studies.reference import LAWS, Knee, Law, Reference, solve
 from studies.reference.library import SOURCE, Accuracy
 from studies.reference.radau_coefficients import header
