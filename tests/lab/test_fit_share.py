@@ -54,16 +54,11 @@ def test_the_smoothest_table_is_the_best_constant_and_a_long_trial_weighs_no_mor
     np.testing.assert_allclose(fit([trials[0], doubled]).share, fit(trials).share, atol=1e-9)
 
 
-def test_shares_stay_within_their_bounds_where_forces_do_not() -> None:
-    trial = drawn(3)
+def test_shares_stay_within_their_bounds_and_neighbours_say_what_is_where_no_trial_has_been() -> None:
+    trial = drawn(4)
     pulled = trial._replace(medial=np.where(trial.flexion > 0.5, -0.05, 1.05) * trial.load)
     share = fit([pulled]).share
-    assert share.min() == 0.0
-    assert share.max() == 1.0
-
-
-def test_where_no_trial_has_been_neighbours_say_what_is_there() -> None:
-    trial = drawn(4)
+    assert (share.min(), share.max()) == (0.0, 1.0)
     seen = (trial.load < 1.2) | (trial.flexion < 0.3)
     share = fit([Trial("part", *(column[seen] for column in trial[1:4]), WEIGHT)]).share
     assert share[-1, -1] == pytest.approx(0.5 * (share[-2, -1] + share[-1, -2]), abs=1e-6)
@@ -88,8 +83,7 @@ def test_the_command_writes_a_table_and_its_source(tmp_path: Path, capsys: pytes
     arguments = (*trials, *SUMS, "--body-weight", WEIGHT, "--source", "somebody\nelse", "--output", output)
     assert run(*arguments) == 0
     said = capsys.readouterr().out
-    assert "constant of" in said
-    assert "drawn2" in said
+    assert "constant of" in said and "drawn2" in said  # noqa: PT018
     text = output.read_text(encoding="utf-8")
     assert "# Source: somebody\n# Source: else\n" in text
     table = read_share_table("share.csv", text)
@@ -99,71 +93,61 @@ def test_the_command_writes_a_table_and_its_source(tmp_path: Path, capsys: pytes
     assert run(*arguments, "--overwrite") == 0
 
 
+WRONG_OPTIONS = [
+    (["--axial", "am + nothing"], "--axial: trial drawn1 has no column nothing; it has time_s, am, pm, lateral"),
+    (["--axial", "am pm"], "'am pm': it must be a sum of columns"),
+    (["--axial", "am + (pm)"], "it must be a sum of columns"),
+    (["--axial", ""], "it must be a sum of columns"),
+    (["--angle-unit", "rad"], "--angle-unit deg, if it is in degrees"),
+    (["--flexion=-0.01745 angle"], "flexion moves by 1.3"),
+    (["--axial", "9.81 am + 9.81 pm + 9.81 lateral"],
+     "reaches 23.5 body weights, and a knee that bears its body 0.75 to 8: are both"),
+    (["--axial", "0.2248 am + 0.2248 pm + 0.2248 lateral"], "reaches 0.539 body weights"),
+    (["--flexion", "angle"], "it must be positive in flexion: turn the sign"),
+    (["--axial", "-am - pm - lateral"], "the axial force reaches"),
+    (["--medial", "am + pm + lateral + lateral"], "beyond 0 or the whole"),
+    (["--time", "t"], "has no column t; it has"),
+    (["--body-weight", "600", "--body-weight", "600"], "3 for 1 trials; give one, or one for each"),
+    (["--trial", "none.csv"], "cannot read none.csv"),
+]  # fmt: skip
+DAMAGED_FILES = [
+    ("", "it must hold a line of column names"),
+    ("time_s,angle\n0,1\n1,b\n", "row 2 does not hold 2 numbers: 1,b"),
+    ("time_s,angle\n0,1\n0,1\n", "column time_s does not grow"),
+    ("time_s,angle\n0,1\n1,nan\n2,3\n99,1\n", "column angle of trial drawn1 has values that are no numbers"),
+    ("time_s,angle\n1000,1\n1001,2\n", "trial drawn1: 0 samples at which all files have some"),
+    ("time_s,angle,am\n0,1,1\n99,1,1\n", "column am is in another file of trial drawn1, too"),
+]
+
+
 @pytest.mark.parametrize(
-    ("arguments", "reason"),
-    [
-        (["--axial", "am + nothing"], "--axial: trial drawn1 has no column nothing; it has time_s, am, pm, lateral"),
-        (["--axial", "am pm"], "'am pm': it must be a sum of columns"),
-        (["--axial", "am + (pm)"], "it must be a sum of columns"),
-        (["--axial", ""], "it must be a sum of columns"),
-        (["--angle-unit", "rad"], "--angle-unit deg, if it is in degrees"),
-        (["--flexion=-0.01745 angle"], "flexion moves by 1.3"),
-        (
-            ["--axial", "9.81 am + 9.81 pm + 9.81 lateral"],
-            "reaches 23.5 body weights, and a knee that bears its body 0.75 to 8: are both",
-        ),
-        (["--axial", "0.2248 am + 0.2248 pm + 0.2248 lateral"], "reaches 0.539 body weights"),
-        (["--flexion", "angle"], "it must be positive in flexion: turn the sign"),
-        (["--axial", "-am - pm - lateral"], "the axial force reaches"),
-        (["--medial", "am + pm + lateral + lateral"], "beyond 0 or the whole"),
-        (["--time", "t"], "has no column t; it has"),
-        (["--body-weight", "600", "--body-weight", "600"], "3 for 1 trials; give one, or one for each"),
-        (["--trial", "none.csv"], "cannot read none.csv"),
-    ],
+    ("arguments", "content", "reason"),
+    [(options, None, reason) for options, reason in WRONG_OPTIONS] + [([], *case) for case in DAMAGED_FILES],
 )
 def test_what_is_wrong_is_told_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], reason: str
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], content: str | None, reason: str
 ) -> None:
-    files = ",".join(map(str, written(tmp_path, drawn(1, 100))))
-    assert run("--trial", files, *SUMS, "--body-weight", WEIGHT, "--output", tmp_path / "a.csv", *arguments) == 2
+    cells, angles = written(tmp_path, drawn(1, 100))
+    if content is not None:
+        angles.write_text(content, encoding="utf-8")
+    files = ("--trial", f"{cells},{angles}", *SUMS, "--body-weight", WEIGHT, "--output", tmp_path / "a.csv")
+    assert run(*files, *arguments) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert reason in line
     assert not (tmp_path / "a.csv").exists()
-
-
-@pytest.mark.parametrize(
-    ("content", "reason"),
-    [
-        ("", "it must hold a line of column names"),
-        ("time_s,angle\n0,1\n1,b\n", "row 2 does not hold 2 numbers: 1,b"),
-        ("time_s,angle\n0,1\n0,1\n", "column time_s does not grow"),
-        ("time_s,angle\n0,1\n1,nan\n2,3\n99,1\n", "column angle of trial drawn1 has values that are no numbers"),
-        ("time_s,angle\n1000,1\n1001,2\n", "trial drawn1: 0 samples at which all files have some"),
-        ("time_s,angle,am\n0,1,1\n99,1,1\n", "column am is in another file of trial drawn1, too"),
-    ],
-)
-def test_damaged_files_are_refused(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: str, reason: str
-) -> None:
-    cells, angles = written(tmp_path, drawn(1, 100))
-    angles.write_text(content, encoding="utf-8")
-    trial = f"--trial={cells},{angles}"
-    assert run(trial, *SUMS, "--body-weight", WEIGHT, "--output", tmp_path / "a.csv") == 2
-    assert reason in capsys.readouterr().err
 
 
 def test_an_instrumented_knee(
     reference_data: Path, config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Fitted on one trial and used on the other; and the shipped table is what the command makes of both."""
-    folder = reference_data / "instrumented_knee"
+    folder, (axial, medial) = reference_data / "instrumented_knee", CELLS
     if not folder.is_dir():
         pytest.skip("the measurements of the instrumented knee are not on this machine")
-    trials = [
-        f"--trial={folder}/{name}_tibia_cells.csv,{folder}/{name}_motion.csv"
-        for name in ("ngait_og5", "ngait_tm_fast1")
+    both = [
+        (folder / f"{name}_tibia_cells.csv", folder / f"{name}_motion.csv") for name in ("ngait_og5", "ngait_tm_fast1")
     ]
-    axial, medial = CELLS
+    trials = [f"--trial={cells},{motion}" for cells, motion in both]
     output = tmp_path / "share.csv"
     sums = ["--axial", axial, "--medial", medial, "--flexion=-knee_flexion_deg", "--angle-unit", "deg"]
     assert run(*trials, *sums, "--body-weight", "654.3", "--output", output) == 0

@@ -19,6 +19,8 @@ MIDDLE = -0.018
 """z [m] of the condyle's ridge"""
 RIDGE = 0.020
 """[m] Radius of the condyle across"""
+VOXEL = 0.5
+"""[mm] of the label map"""
 
 
 def femoral_curve(arcs: Sequence[tuple[float, float, float]] = ONE_RADIUS) -> tuple[Floats, Floats]:
@@ -28,8 +30,7 @@ def femoral_curve(arcs: Sequence[tuple[float, float, float]] = ONE_RADIUS) -> tu
     for number, (radius, low, high) in enumerate(arcs):
         angle = np.radians(np.linspace(low, high, max(4, round(radius * np.radians(high - low) / EDGE))))
         normal = np.column_stack([-np.sin(angle), -np.cos(angle)])
-        if number:
-            centre = points[-1][-1] - radius * normal[0]
+        centre = points[-1][-1] - radius * normal[0] if number else centre
         points.append(centre + radius * normal)
         normals.append(normal)
     return np.concatenate(points), np.concatenate(normals)
@@ -43,7 +44,7 @@ def tibial_curve(radius: float = 0.095) -> tuple[Floats, Floats]:
 
 
 def swept(
-    curve: tuple[Floats, Floats], *, inwards: float = 0.0, noise: float = 0.0, seed: int = 1, ridge: float = RIDGE
+    curve: tuple[Floats, Floats], *, inwards: float = 0.0, noise: float = 0.0, seed: int = 1
 ) -> tuple[Floats, Any]:
     """Points (n, 3) and triangles of a surface through a curve at z = `MIDDLE`, falling off to both sides.
 
@@ -51,7 +52,7 @@ def swept(
     """
     points, normals = curve
     across = np.linspace(-0.010, 0.010, 29)
-    fall = np.sqrt(ridge**2 - across**2) - ridge - inwards
+    fall = np.sqrt(RIDGE**2 - across**2) - RIDGE - inwards
     shake = np.random.default_rng(seed).normal(0.0, noise, (len(points), len(across)))
     xy = points[:, None, :] + normals[:, None, :] * (fall + shake)[:, :, None]
     z = np.broadcast_to(MIDDLE + across, xy.shape[:2])
@@ -67,4 +68,18 @@ def saved(path: Path, mesh: tuple[Floats, Any], unit: float = 1.0) -> Path:
 
     polygons: Any = pyvista.PolyData.from_regular_faces(mesh[0] / unit, mesh[1])
     polygons.save(path)
+    return path
+
+
+def label_map(path: Path) -> Path:
+    """A femur of radius 25 mm under 3 mm of cartilage (label 4; bone 1) about the origin, from z = -28 to -8 mm."""
+    import nibabel
+
+    anterior, superior = np.meshgrid(np.arange(-32, 32, VOXEL), np.arange(-32, 32, VOXEL), indexing="ij")
+    radius, angle = np.hypot(anterior, superior), np.arctan2(-anterior, -superior)
+    there = np.abs(angle) < np.radians(150.0)
+    slice_ = np.where(radius < 25.0, 1, np.where((radius < 28.0) & there, 4, 0)).astype(np.int16)
+    affine = np.diag([VOXEL, VOXEL, VOXEL, 1.0])
+    affine[:3, 3] = (-28.0, -32.0, -32.0)
+    nibabel.save(nibabel.Nifti1Image(np.repeat(slice_[None], round(20 / VOXEL), axis=0), affine), path)
     return path

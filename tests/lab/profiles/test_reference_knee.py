@@ -22,45 +22,30 @@ SLICE = -18.0 * MM
 
 
 @pytest.fixture(scope="module")
-def meshes(reference_data: Path) -> Path:
-    return reference_data / "meshes"
+def surfaces(reference_data: Path) -> dict[str, Surface]:
+    names = {"femur": "_R_femur_cartilage_surface", "femoral bone": "-R-femur-subchondral-bone",
+             "tibia": "_R_tibia_medial_cartilage_surface", "tibial bone": "-R-tibia-subchondral-bone"}  # fmt: skip
+    return {each: read_surface(reference_data / f"meshes/lenhart2015{name}.stl") for each, name in names.items()}
 
 
 @pytest.fixture(scope="module")
-def femur(meshes: Path) -> Surface:
-    return read_surface(meshes / "lenhart2015_R_femur_cartilage_surface.stl")
+def femoral_fit(surfaces: dict[str, Surface]) -> Fit:
+    return fit(surfaces["femur"], SLICE, bone=surfaces["femoral bone"])
 
 
-@pytest.fixture(scope="module")
-def femoral_fit(meshes: Path, femur: Surface) -> Fit:
-    return fit(femur, SLICE, bone=read_surface(meshes / "lenhart2015-R-femur-subchondral-bone.stl"))
-
-
-@pytest.fixture(scope="module")
-def tibial_fit(meshes: Path) -> Fit:
-    tibia = read_surface(meshes / "lenhart2015_R_tibia_medial_cartilage_surface.stl")
-    bone = read_surface(meshes / "lenhart2015-R-tibia-subchondral-bone.stl")
-    return fit(tibia, SLICE, femur=False, bone=bone)
-
-
-def test_femur(femoral_fit: Fit) -> None:
+def test_radii_and_thicknesses_are_as_published(femoral_fit: Fit, surfaces: dict[str, Surface]) -> None:
     """Radii of the contact arc and thickness as published with the data, with the tolerances that were asked for."""
-    radii = [each.radius / MM for each in femoral_fit.circles]
-    assert radii[0] == pytest.approx(34.0, abs=0.5)
-    assert radii[1] == pytest.approx(26.7, abs=1.0)
-    assert radii[2] == pytest.approx(21.4, abs=1.0)
+    first, second, third = (each.radius / MM for each in femoral_fit.circles)
+    assert first == pytest.approx(34.0, abs=0.5)
+    assert [second, third] == pytest.approx([26.7, 21.4], abs=1.0)
     assert not dented(femoral_fit.shape)
     assert femoral_fit.shape.curvature.min() > 0.0
-    assert femoral_fit.thickness is not None
-    assert femoral_fit.thickness.mean == pytest.approx(2.7 * MM, abs=0.05 * MM)  # as the figure was rounded
-
-
-def test_tibia(tibial_fit: Fit) -> None:
-    assert all(74.0 <= each.radius / MM <= 137.0 for each in tibial_fit.circles)
-    ((begin, end),) = concave(tibial_fit.shape)
+    tibia = fit(surfaces["tibia"], SLICE, femur=False, bone=surfaces["tibial bone"])
+    assert all(74.0 <= each.radius / MM <= 137.0 for each in tibia.circles)
+    ((begin, end),) = concave(tibia.shape)
     assert begin < 0.0 < end
-    assert tibial_fit.thickness is not None
-    assert tibial_fit.thickness.mean == pytest.approx(1.7 * MM, abs=0.05 * MM)
+    thickness = [each.thickness.mean / MM for each in (femoral_fit, tibia) if each.thickness]
+    assert thickness == pytest.approx([2.7, 1.7], abs=0.05)  # as the figures were rounded
 
 
 def test_the_slice_is_that_of_the_reference(femoral_fit: Fit, reference_data: Path) -> None:
@@ -70,10 +55,10 @@ def test_the_slice_is_that_of_the_reference(femoral_fit: Fit, reference_data: Pa
     assert max(nearest) < 2e-3
 
 
-def test_the_automatic_slice_is_near(femur: Surface) -> None:
+def test_the_automatic_slice_is_near(surfaces: dict[str, Surface]) -> None:
     """The slice of 18 mm was chosen by others, and condyles are flat across: within a few mm the radius is the same."""
-    assert contact_centre(femur, True, True) == pytest.approx(SLICE, abs=4.0 * MM)
-    assert contact_centre(femur, True, False) == pytest.approx(-SLICE, abs=8.0 * MM)
+    assert contact_centre(surfaces["femur"], True, True) == pytest.approx(SLICE, abs=4.0 * MM)
+    assert contact_centre(surfaces["femur"], True, False) == pytest.approx(-SLICE, abs=8.0 * MM)
 
 
 @pytest.fixture(scope="module")
@@ -82,46 +67,41 @@ def gait_angles(right_bag: Path) -> Floats:
     return np.unique([message.position[0] for message in messages])
 
 
-def path(profile: Path, angles: Floats, config: Path) -> Floats:
+def path(found: Fit | Path, angles: Floats, folder: Path) -> Floats:
     """Contact point [m] on a level plateau at each flexion angle, under 800 N."""
+    profile = found if isinstance(found, Path) else folder / "profile.csv"
+    if isinstance(found, Fit):
+        profile.write_text(csv(found, "a mesh", found.smoothed.points))
     model = load_model({"femur.geometry": "profile", "femur.profile": str(profile), "fidelity.level": "quasi_static"})
-    time = 0.005 * np.arange(len(angles))
-    return model.run(time, angles, np.full(len(angles), 800.0)).contact_point["x"]
-
-
-def written(found: Fit, file: Path) -> Path:
-    file.write_text(csv(found, "a mesh", found.smoothed.points))
-    return file
-
-
-def shaken(surface: Surface, noise: float, seed: int) -> Surface:
-    """A mesh whose points lie off by a standard deviation `noise` [m] along its normals."""
-    import pyvista
-
-    mesh = pyvista.PolyData.from_regular_faces(surface.points, surface.triangles)
-    normals = mesh.compute_normals(cell_normals=False, split_vertices=False).point_data["Normals"]
-    off = np.random.default_rng(seed).normal(0.0, noise, (len(surface.points), 1))
-    return surface._replace(points=surface.points + off * normals)
+    return model.run(0.005 * np.arange(len(angles)), angles, np.full(len(angles), 800.0)).contact_point["x"]
 
 
 @pytest.mark.parametrize("noise", [0.1 * MM, 0.15 * MM])
 def test_noise_of_the_mesh_moves_the_contact_point_little(
-    noise: float, femur: Surface, femoral_fit: Fit, gait_angles: Floats, tmp_path: Path, config: Path
+    noise: float, surfaces: dict[str, Surface], femoral_fit: Fit, gait_angles: Floats, tmp_path: Path
 ) -> None:
-    """Largest shift over the gait's angles, of twelve meshes each. The mesh's own roughness is 0.04 mm."""
-    clean = path(written(femoral_fit, tmp_path / "clean.csv"), gait_angles, config)
+    """Largest shift over the gait's angles, of twelve meshes each, whose points lie off along their normals.
+
+    `noise` [m] is their standard deviation. The mesh's own roughness is 0.04 mm.
+    """
+    import pyvista
+
+    points, triangles = surfaces["femur"].points, surfaces["femur"].triangles
+    mesh = pyvista.PolyData.from_regular_faces(points, triangles)
+    normals = mesh.compute_normals(cell_normals=False, split_vertices=False).point_data["Normals"]
+    clean = path(femoral_fit, gait_angles, tmp_path)
     shifts = []
     for seed in range(1, 13):
-        noisy = written(fit(shaken(femur, noise, seed), SLICE), tmp_path / f"{seed}.csv")
-        shifts.append(np.abs(path(noisy, gait_angles, config) - clean).max() / MM)
+        off = np.random.default_rng(seed).normal(0.0, noise, (len(points), 1))
+        found = fit(surfaces["femur"]._replace(points=points + off * normals), SLICE)
+        shifts.append(np.abs(path(found, gait_angles, tmp_path) - clean).max() / MM)
     assert max(shifts) < 0.2  # the limit that is promised
 
 
 def test_the_contact_point_is_that_of_the_shipped_profile(
     femoral_fit: Fit, gait_angles: Floats, tmp_path: Path, config: Path
 ) -> None:
-    ours = path(written(femoral_fit, tmp_path / "a.csv"), gait_angles, config)
-    shipped = path(config / "femur_medial.csv", gait_angles, config)
+    ours, shipped = (path(each, gait_angles, tmp_path) for each in (femoral_fit, config / "femur_medial.csv"))
     # Both were smoothed to 0.05 mm RMS, by two methods. On a radius of 34 mm a wave of that height and 25 mm length
     # turns the normal by 2 pi 0.07 / 25 = 1 degree, 0.6 mm of contact point; half of it is what is seen.
     assert np.abs(ours - shipped).max() < 0.4 * MM

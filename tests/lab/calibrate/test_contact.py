@@ -1,0 +1,287 @@
+"""`knee_contact_ros.calibrate` and the command on tables: the truth is found, or it is told why not."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from knee_contact_ros import UsageError, calibrate, load_model
+from knee_contact_ros.commands.main import main
+from knee_contact_ros.lab.calibrate.fit import alike, correlations, independent_part, samples_per_value
+from knee_contact_ros.parameters.files import values_set_in
+from tests.lab.calibrate.legs import noise
+from tests.lab.calibrate.trials import FINE, START, TRUE, answers, inputs, trial, written
+
+STIFFNESS, DAMPING = FREE = ["contact.stiffness", "contact.damping"]
+GOOD = "time,flexion_angle,load,penetration_depth\n"
+
+
+def fitted(table: Any, free: Any = FREE, values: dict[str, Any] | None = None, **options: Any) -> Any:
+    return calibrate(table, "healthy", free, {**START, **(values or {})}, compiled=True, **options)
+
+
+def run(*arguments: object) -> int:
+    return main(["calibrate", *map(str, arguments)])
+
+
+def told(found: Any, *words: str) -> bool:
+    """Whether a warning holds all these words."""
+    return any(all(each in warning for each in words) for warning in found.warnings)
+
+
+def holds(found: Any, name: str, true: float) -> bool:
+    return bool(found.intervals[name].low < true < found.intervals[name].high)
+
+
+def test_the_truth_is_found_within_its_intervals_and_with_its_noise() -> None:
+    # One in twenty may fail; P(more than 3 of 20) is 1.6 %, and the seeds are fixed.
+    missed = 0
+    for seed in range(10):
+        found = fitted(trial(seed), starts=1)
+        for name in FREE:
+            assert holds(found, name, found.values[name])
+            assert found.intervals[name][2:] == (False, False)
+            missed += not holds(found, name, TRUE[name])
+        assert found.noise["penetration_depth"] == pytest.approx(3e-6, rel=0.3)  # 5 deviations: 1/sqrt(2 x 198)
+        assert found.warnings == ()
+    assert missed <= 3
+
+
+def test_without_noise_the_truth_itself_is_found_and_models_take_it() -> None:
+    table = trial(0, noise=0.0)
+    found = fitted(table, with_intervals=False)
+    assert found.values[STIFFNESS] == pytest.approx(7.0e7, rel=1e-4)  # depths err by 1e-9 of 7e-4 m
+    assert found.values[DAMPING] == pytest.approx(4000.0, rel=1e-2)
+    np.testing.assert_allclose(found.predicted.penetration_depth, table["penetration_depth"], atol=5e-9)
+    assert found.intervals == {}
+    assert np.abs(found.residuals["penetration_depth"]).max() < 5e-9
+    model = load_model(["healthy", FINE, found.to_parameters()], compiled=True)
+    depth = model.run(*inputs()).penetration_depth
+    np.testing.assert_allclose(depth, found.predicted.penetration_depth, atol=5e-9)
+    assert repr(found).startswith("<Calibration: contact.stiffness=")
+
+
+def test_a_wider_level_has_wider_intervals_and_a_known_noise_is_taken() -> None:
+    table, true = trial(2), {DAMPING: 4000.0}
+    half, most = (fitted(table, [STIFFNESS], true, level=level).intervals[STIFFNESS] for level in (0.5, 0.99))
+    # Quantiles of the normal distribution: 0.674 and 2.576; of Student's with 199 degrees they differ by 1 %
+    assert (most.high - most.low) / (half.high - half.low) == pytest.approx(2.576 / 0.6745, rel=0.02)
+    for size, words in ((3e-5, "too wide"), (1e-6, "too narrow")):
+        found = fitted(table, [STIFFNESS], true, sigma={"penetration_depth": size})
+        assert found.noise == {"penetration_depth": size}
+        assert told(found, "times the noise given", words)
+
+
+def test_outliers_move_a_robust_fit_less() -> None:
+    table = trial(3)
+    table["penetration_depth"][::25] += 2e-4
+    off = {loss: abs(fitted(table, with_intervals=False, loss=loss).values[STIFFNESS] / 7.0e7 - 1.0)
+           for loss in ("linear", "soft_l1", "huber")}  # fmt: skip
+    assert max(off["soft_l1"], off["huber"]) < 0.1 * off["linear"]
+    table = trial(3)
+    table["penetration_depth"][::25] += 2e-4 * (-1.0) ** np.arange(8)  # on one side alone they would still shift it
+    assert holds(fitted(table, [STIFFNESS], {DAMPING: 4000.0}, loss="huber"), STIFFNESS, 7.0e7)
+
+
+def test_force_depth_and_gap_are_measured_where_they_are() -> None:
+    load = {"least": -60.0, "most": 700.0}  # it parts and lands
+    true = answers(**load)
+    time, angle, force = inputs(**load)
+    off = np.random.default_rng(4).standard_normal((3, len(time)))
+    depth = np.where(true.gap > 0.0, np.nan, true.penetration_depth + 3e-6 * off[0])
+    gap = np.where(true.gap > 0.0, true.gap + 1e-5 * off[1], np.nan)
+    contact = np.where(np.arange(len(time)) % 2, true.contact_force + 4.0 * off[2], np.nan)
+    table = {"time": time, "flexion_angle": angle, "load": force, "penetration_depth": depth, "gap": gap,
+             "contact_force": contact}  # fmt: skip
+    found = fitted(table, [*FREE, "femur.mass"])
+    assert np.isfinite(found.residuals["gap"]).sum() == (true.gap > 0.0).sum() > 10
+    for name in found.intervals:
+        assert holds(found, name, (TRUE | {"femur.mass": 9.3014})[name])
+    assert found.noise["contact_force"] == pytest.approx(4.0, rel=0.4)
+
+
+def test_a_share_is_that_of_the_axial_load_and_a_radius_is_found_where_the_height_is_prescribed() -> None:
+    table = trial(5)
+    table["axial_load"] = table.pop("load") / 0.6
+    found = fitted(table, ["load.share"], TRUE)
+    assert holds(found, "load.share", 0.6)
+    assert found.intervals["load.share"].high - found.intervals["load.share"].low < 0.01
+    time, angle, load = inputs()
+    height = 0.0335 - 2e-4 * (0.5 - 0.5 * np.cos(8.0 * np.pi * time))
+    true = load_model({**TRUE, "drive": "displacement", "femur.radius": 0.0338}, compiled=True)
+    force = true.run(time, angle, load, height).contact_force + 2.0 * np.random.default_rng(6).standard_normal(200)
+    table = {"time": time, "flexion_angle": angle, "femoral_height": height, "contact_force": force}
+    found = fitted(table, {"femur.radius": (0.0335, 0.0345)}, {**TRUE, "drive": "displacement"})
+    assert holds(found, "femur.radius", 0.0338)
+
+
+def test_a_trade_off_is_told_and_how() -> None:
+    free = [STIFFNESS, "contact.exponent"]
+    narrow = fitted(trial(7, least=690.0, most=710.0), free, TRUE)
+    words = "contact.stiffness and contact.exponent trade off (correlation 1.0000)"
+    assert told(narrow, words, "cannot tell them apart")
+    assert narrow.correlation[0, 1] > 0.999
+    wide = fitted(trial(7, least=20.0, most=2000.0), free, TRUE)
+    assert not told(wide, "cannot tell them apart")
+    assert told(wide, "never one of them alone")
+
+
+def test_what_the_law_itself_does_not_tell_apart_is_told_with_its_direction() -> None:
+    """The elastic foundation knows modulus over thickness alone (Johnson 1985, Sec. 4.3)."""
+    time, angle, load = (each[:40] for each in inputs())
+    values = {"fidelity.level": "quasi_static", "contact.law": "elastic_foundation"}
+    depth = load_model(values).run(time, angle, load).penetration_depth
+    depth += 3e-6 * np.random.default_rng(11).standard_normal(40)
+    table = {"time": time, "flexion_angle": angle, "load": load, "penetration_depth": depth}
+    free = ["contact.youngs_modulus", "contact.foundation_thickness"]
+    found = calibrate(table, values, free, with_intervals=False, starts=1, compiled=False)
+    (warning,) = (each for each in found.warnings if "trade off" in each)
+    assert "contact.youngs_modulus 10 % up with contact.foundation_thickness 10 % up leaves nearly the same" in warning
+    assert "cannot tell them apart" in warning
+
+
+def test_open_intervals_ends_of_ranges_and_what_a_model_cannot_describe_are_told() -> None:
+    found = fitted(trial(8, noise=2e-5), {STIFFNESS: None, DAMPING: (1.0, 20000.0)}, {DAMPING: 4000.0})
+    assert holds(found, DAMPING, 4000.0)
+    noisier = fitted(trial(8, noise=3e-4), {DAMPING: (1.0, 6000.0)}, TRUE)
+    assert noisier.intervals[DAMPING][2:] == (True, True)
+    assert told(noisier, "contact.damping is not bounded by the data below or above")
+    # Residuals that are alike from sample to sample: the damping is held at a wrong value
+    assert told(fitted(trial(9), [STIFFNESS], {DAMPING: 30000.0}), "alike from sample to sample")
+    at_end = fitted(trial(9), {STIFFNESS: (8e7, 1e8)}, {DAMPING: 4000.0})
+    assert told(at_end, "the fit lies at the end of its range, 8e+07")
+
+
+def test_the_same_data_have_the_same_answer() -> None:
+    one, other = (fitted(trial(10)) for _ in range(2))
+    assert (one.values, one.intervals) == (other.values, other.intervals)
+
+
+def test_correlated_values_are_worth_what_theory_says() -> None:
+    for r in (0.3, 0.6, 0.9):  # of ρ(k) = r^k: τ = (1 + r) / (1 - r)
+        found = [samples_per_value(noise(20_000, seed, r)) for seed in range(20)]
+        assert np.median(found) == pytest.approx((1.0 + r) / (1.0 - r), rel=0.05)  # they spread by 7 %
+    # A correlation of four of its deviations has a probability of 3e-5.
+    assert {samples_per_value(noise(300, seed)) for seed in range(100)} == {1.0}
+    for few in (np.zeros(0), np.zeros(1), np.ones(1), np.zeros(50), np.array([1.0, -1.0])):
+        assert (alike(few), samples_per_value(few)) == (0.0, 1.0)
+    assert samples_per_value(np.tile([1.0, -1.0], 100)) == 1.0
+    assert samples_per_value(np.ones(100)) == pytest.approx(100.0)
+    values = noise(50, 3, 0.5)
+    plain = [float((values[lag:] * values[: 50 - lag]).sum() / (values**2).sum()) for lag in range(50)]
+    np.testing.assert_allclose(correlations(values), plain, atol=1e-12)
+    columns = {"gap": noise(2000, 1), "depth": noise(2000, 2, 0.9)}  # the column that is most alike decides
+    assert independent_part(columns) == pytest.approx(1.0 / samples_per_value(columns["depth"]))
+
+
+def test_the_command_writes_parameters_that_others_take(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    table, output = written(tmp_path / "trial.csv", trial(1)), tmp_path / "fitted.yaml"
+    start = [f"-p{name}:={value}" for name, value in START.items()]
+    arguments = (table, *start, "--free", STIFFNESS, "--free", f"{DAMPING}=100:20000", "--output", output)
+    assert run(*arguments) == 0
+    said = capsys.readouterr()
+    for words in ("95 % interval", DAMPING, "penetration_depth: RMS", f"Parameters: {output}"):
+        assert words in said.out
+    assert "warning" not in said.err
+    values = values_set_in(output)
+    assert values[STIFFNESS] == pytest.approx(7e7, rel=0.01)
+    assert set(values) == set(FREE)
+    text = output.read_text(encoding="utf-8")
+    assert f"# Data: trial.csv, sha256 {hashlib.sha256(table.read_bytes()).hexdigest()}." in text
+    assert "healthy.yaml, contact.stiffness 90000000.0" in text
+    assert load_model(["healthy", output]).law.layers[0].damping == values[DAMPING]
+    assert run(*arguments) == 2
+    assert "exists already" in capsys.readouterr().err
+    assert run(*arguments, "--overwrite", "--no-intervals", "--sigma", "penetration_depth=3e-6", "--loss", "huber") == 0
+    assert "noise given 3e-06 m" in capsys.readouterr().out
+    assert not list(tmp_path.glob("*.partial"))
+
+
+FREE_DAMPING = ["--free", DAMPING]
+WRONG_OPTIONS = [
+    (["--free", "contact.stifness"], "did you mean contact.stiffness?"),
+    (["--free", "fidelity.tolerance"], "--free fidelity.tolerance: it is no parameter that can be fitted; allowed"),
+    (["--free", "contact.law"], "--free contact.law: it is no real number; allowed are contact.stiffness"),
+    (["--free", "contact.layer_depth"], "nothing depends on it (law kelvin_voigt, femur circle, tibia plane"),
+    (["--free", "tibia.radius"], "--free tibia.radius: nothing depends on it"),
+    (["--free", "femur.radius"], "around 0.034 it changes nothing of what was measured (penetration_depth)"),
+    (["--free", "load.share"], "has no column axial_load, of which it is the share"),
+    (["--free", "person.tone"], "it is one of the load node, which is fitted to a bag"),
+    (["--free", "contact.damping=5000"], "range '5000' is not allowed; two numbers that grow"),
+    (["--free", "contact.damping=9:1"], "range '9:1' is not allowed; two numbers that grow"),
+    (["--free", "contact.damping=-1:10"], "range -1:10 is not allowed; it must lie in 0 to 1e+09"),
+    (["--free", "contact.damping=1:10"], "it starts from 5000, outside of 1 to 10; give another value or range"),
+    ([*FREE_DAMPING, *FREE_DAMPING], "--free contact.damping: it is given twice"),
+    (["--free", ""], "--free '': it is no parameter"),
+    ([*FREE_DAMPING, "--sigma", "gap=1e-6"], "--sigma gap: it was not measured; measured are penetr"),
+    ([*FREE_DAMPING, "--sigma", "penetration_depth"], "it must be COLUMN=NUMBER, the number > 0"),
+    ([*FREE_DAMPING, "--sigma", "penetration_depth=-1"], "it must be COLUMN=NUMBER, the number > 0"),
+    ([*FREE_DAMPING, "-p", "drive:=displacement"], "has no column femoral_height, which drive displ"),
+    ([*FREE_DAMPING, "-p", "contact.dampin:=1"], "unknown parameter contact.dampin"),
+    ([*FREE_DAMPING, "--params", "none.yaml"], "cannot read the parameter file"),
+    ([*FREE_DAMPING, "--namespace", "left"], "a table has columns, and no topics"),
+]
+DAMAGED_TABLES = [
+    ("", "it has no column time, which drive force needs; it has none"),
+    (GOOD, "its columns must be equally long, with one sample or more"),
+    (GOOD + "0,0,100,1e-4\n", "1 values are measured, for 1 parameters"),
+    (GOOD + "0,0,100,1e-4\n1,0,100\n", "row 2 does not hold 4 numbers or empty cells: 1,0,100"),
+    (GOOD + "0,0,100,x\n", "row 1 does not hold 4 numbers or empty cells: 0,0,100,x"),
+    (GOOD + "0,0,100,1e-4\n0,0,100,1e-4\n", "column time must increase, by a nanosecond or more; row 2 does not"),
+    (GOOD + "0,0,,1e-4\n1,0,100,1e-4\n", "column load is nan in row 1; an input must be known at every sample"),
+    (GOOD + "0,0,100,inf\n1,0,100,1e-4\n", "column penetration_depth is inf in row 1; allowed are numbers"),
+    (GOOD + "0,0,100,\n1,0,100,\n", "column penetration_depth is empty; leave it out"),
+    (GOOD + "0,0,1e7,1e-4\n1,0,100,1e-4\n", "must not exceed 10 rad, 1e+06 N"),
+    ("time,flexion_angle,load\n0,0,100\n", "nothing is measured in it; one or more of the columns penetration_d"),
+    ("time,flexion_angle,penetration_depth\n0,0,1e-4\n", "it has no column load, which drive force needs"),
+    ("time,flexion_angle,load,penetration_dept\n0,0,1,1\n", "penetration_dept is not known; did you mean penetra"),
+    ("time,flexion_angle,load,load,gap\n0,0,1,1,1\n", "column load is there twice"),
+    ("time,flexion_angle,load,axial_load,gap\n0,0,1,1,1\n", "columns load and axial_load are both there"),
+    ("\N{CENT SIGN}", "not a text file in UTF-8"),
+]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "content", "reason"),
+    [(options, None, reason) for options, reason in WRONG_OPTIONS] + [(FREE_DAMPING, *case) for case in DAMAGED_TABLES],
+)
+def test_what_is_wrong_is_told_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], arguments: list[str], content: str | None, reason: str
+) -> None:
+    table = written(tmp_path / "trial.csv", trial(1))
+    if content is not None:
+        table.write_text(content, encoding="latin-1")
+    assert run(table, "--output", tmp_path / "fitted.yaml", *arguments) == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert reason in line
+    assert content is None or "trial.csv" in line
+    assert list(tmp_path.iterdir()) == [table]
+
+
+def test_files_that_are_none_and_loads_that_no_share_divides_are_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    free, output = ("--free", STIFFNESS), ("--output", tmp_path / "fitted.yaml")
+    for name, reason in (("none.csv", "cannot read"), ("", "it is one of the contact, which is fitted to a table")):
+        assert run(tmp_path / name, *free, *output) == 2
+        assert reason in capsys.readouterr().err
+    axial = trial(1)
+    axial["axial_load"] = axial.pop("load")
+    table = written(tmp_path / "axial.csv", axial)
+    assert run(table, "-p", "load.compartment:=moment_balance", *free, *output) == 2
+    assert "column axial_load needs load.compartment fixed_share, not moment_balance" in capsys.readouterr().err
+
+
+def test_python_names_its_arguments() -> None:
+    for free, more, options, words in (
+        (["contact.dampin"], {}, {}, r"^free contact\.dampin: it is no parameter"),
+        ([DAMPING], {}, {"sigma": {"gap": 1.0}}, r"^sigma gap: it was not measured"),
+        ([DAMPING], {"load": np.ones((1, 200))}, {}, r"^table: column load has shape \(1, 200\)"),
+        *(([DAMPING], {}, wrong, "is not allowed") for wrong in ({"loss": "cubic"}, {"level": 1.0}, {"starts": 0})),
+    ):
+        with pytest.raises(UsageError, match=words):
+            calibrate(trial(1) | more, "healthy", free, **options)

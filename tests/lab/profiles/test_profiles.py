@@ -1,0 +1,273 @@
+"""What comes out of files and meshes of known shape."""
+
+from __future__ import annotations
+
+import io
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from knee_contact_ros import load_model
+from knee_contact_ros.bags.provenance import read_provenance
+from knee_contact_ros.commands.main import main
+from knee_contact_ros.lab.profiles import draw_circles, draw_curvature, picture
+from knee_contact_ros.lab.profiles.fit import TOLERANCE, Fit, concave, dented, fit
+from knee_contact_ros.lab.profiles.surfaces import Surface, contact_centre, read_surface
+from knee_contact_ros.model.surfaces import Profile
+from tests.lab.profiles.meshes import (
+    EDGE,
+    MIDDLE,
+    ONE_RADIUS,
+    TWO_RADII,
+    VOXEL,
+    femoral_curve,
+    label_map,
+    saved,
+    swept,
+    tibial_curve,
+)  # fmt: skip
+
+for library in ("pyvista", "trimesh", "matplotlib", "nibabel"):
+    pytest.importorskip(library, reason="needs the extra mesh")
+
+MM = 1e-3
+FACET = EDGE**2 / (8.0 * 0.020)
+"""[m] How far flat triangles cut into the surface; the smallest radius is that of the ridge"""
+OF_ARC = 1.0 - np.cos(np.radians(20.0))
+"""Height of an arc of 40 degrees in radii: a fitted radius errs by about the error of the points over that"""
+
+
+def surface(mesh: tuple[np.ndarray, np.ndarray]) -> Surface:
+    return Surface(Path("made.stl"), *mesh)
+
+
+def femur(arcs: Any = ONE_RADIUS, **how: Any) -> Surface:
+    return surface(swept(femoral_curve(arcs), **how))
+
+
+def tibia(**how: Any) -> Surface:
+    return surface(swept(tibial_curve(), **how))
+
+
+def radii(found: Fit) -> list[float]:
+    return [each.radius for each in found.circles]
+
+
+def joined(*meshes: tuple[np.ndarray, np.ndarray], walls: Any = ()) -> Surface:
+    """Two meshes in one, and triangles between them."""
+    (outer, faces), (inner, others) = meshes
+    triangles = np.concatenate([faces, others + len(outer), *([walls] if len(walls) else [])])
+    return surface((np.concatenate([outer, inner]), triangles))
+
+
+def test_a_circle_comes_out_as_that_circle() -> None:
+    found = fit(femur(), MIDDLE)
+    assert [each.window for each in found.circles] == [(-15.0, 25.0), (20.0, 70.0), (60.0, 110.0)]
+    assert radii(found) == pytest.approx([0.030] * 3, abs=FACET / OF_ARC + 0.02 * MM)
+    assert found.smoothed.largest < 2.0 * FACET
+    assert not dented(found.shape)
+    # Nothing but circle: the curvature is that of the radius, to what the facets make of it over some mm.
+    assert 1.0 / found.shape.curvature == pytest.approx(0.030, rel=0.01)
+
+
+def test_two_radii_are_told_apart_within_the_tolerance() -> None:
+    """Smoothing blurs where they meet; more so with a larger tolerance."""
+    errors = []
+    for tolerance in (0.01 * MM, TOLERANCE):
+        found = fit(femur(TWO_RADII), MIDDLE, tolerance=tolerance)
+        allowed = np.hypot(found.smoothed.roughness, tolerance)
+        assert found.smoothed.deviation <= allowed * 1.001
+        errors.append([abs(radii(found)[0] - 0.034), abs(radii(found)[2] - 0.022)])
+        assert max(errors[-1]) < 2.0 * allowed / OF_ARC  # that is RMS; where the radii meet it is up to twice as much
+    assert sum(errors[0]) < sum(errors[1])
+
+
+def test_a_larger_tolerance_is_smoother_and_further_off() -> None:
+    rough, smooth = (fit(femur(TWO_RADII, noise=0.1 * MM), MIDDLE, tolerance=t) for t in (0.02 * MM, 0.2 * MM))
+    assert smooth.smoothed.rms > rough.smoothed.rms
+    bends = [np.abs(np.diff(each.shape.curvature, 2)).sum() for each in (rough, smooth)]
+    assert bends[1] < bends[0]
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_noise_neither_dents_the_profile_nor_bends_its_circles(seed: int) -> None:
+    found = fit(femur(noise=0.15 * MM, seed=seed), MIDDLE)
+    assert not dented(found.shape)
+    # A point of the slice is the mean of two vertices, or one: RMS 0.11 to 0.15 mm; half is left to chance.
+    assert 0.05 * MM < found.smoothed.roughness < 0.2 * MM
+    # Some 500 points of the slab share three such arcs: 0.15 mm / sqrt(100) in height, over the arc's height, twofold.
+    assert radii(found) == pytest.approx([0.030] * 3, abs=2.0 * 0.015 * MM / OF_ARC)
+
+
+def test_noise_moves_the_contact_point_little() -> None:
+    angles = np.radians(np.linspace(0.0, 70.0, 141))
+
+    def path(noise: float, seed: int) -> np.ndarray:
+        profile = Profile(*fit(femur(TWO_RADII, noise=noise, seed=seed), MIDDLE).smoothed.points.T)
+        return np.array([-profile.support(angle)[1] for angle in angles])
+
+    clean = path(0.0, 0)
+    shifts = [np.abs(path(0.1 * MM, seed) - clean).max() for seed in range(1, 6)]
+    assert max(shifts) < 0.2 * MM  # the limit that is promised
+
+
+def test_a_dent_is_bridged() -> None:
+    """A profile is convex, whatever the slice is."""
+    points, normals = femoral_curve()
+    angle = np.degrees(np.arctan2(-normals[:, 0], -normals[:, 1]))
+    dent = 0.3 * MM * np.exp(-(((angle - 30.0) / 6.0) ** 2))
+    found = fit(surface(swept((points - normals * dent[:, None], normals))), MIDDLE)
+    assert not dented(found.shape)
+    assert found.smoothed.deviations.min() < -0.1 * MM  # most of the dent is still below the profile
+
+
+def test_cartilage_is_as_thick_as_it_was_made_and_a_tibia_is_concave() -> None:
+    found = fit(femur(TWO_RADII), MIDDLE, bone=femur(TWO_RADII, inwards=2.5 * MM))
+    assert found.thickness is not None
+    # The profile may lie off by the tolerance; the middle of the slab lies in the slice itself.
+    assert found.thickness.mean == pytest.approx(2.5 * MM, abs=TOLERANCE + FACET)
+    found = fit(tibia(), MIDDLE, femur=False, bone=tibia(inwards=1.7 * MM))
+    assert found.thickness is not None
+    assert found.thickness.mean == pytest.approx(1.7 * MM, abs=TOLERANCE)
+    # The widest window is 22 mm: 0.6 mm high, on which facets of `FACET` tell by 0.5 %, and smoothing likewise.
+    assert radii(found) == pytest.approx([0.095] * 4, rel=0.03)
+    ((low, high),) = concave(found.shape)
+    assert (low < -0.017, high > 0.017) == (True, True)
+
+
+def test_of_a_closed_cartilage_and_of_one_with_its_bone_the_outer_side_is_taken() -> None:
+    """As from a segmentation: articular side, bone side and rims in one mesh."""
+    outer, inner = swept(femoral_curve()), swept(femoral_curve(), inwards=2.0 * MM)
+    corner = np.arange(len(outer[0])).reshape(-1, 29)
+    rim = np.concatenate([corner[:, 0], corner[-1, 1:], corner[::-1, -1][1:], corner[0, ::-1][1:]])
+    below = rim + len(outer[0])
+    walls = [np.column_stack([rim[:-1], rim[1:], below[:-1]]), np.column_stack([rim[1:], below[1:], below[:-1]])]
+    for mesh, remark, error in ((joined(outer, inner, walls=np.concatenate(walls)), "lie behind the rest", 0.05 * MM),
+                                (joined(outer, inner), "has 2 pieces", 0.02 * MM)):  # fmt: skip
+        found = fit(mesh, MIDDLE)
+        assert any(remark in each for each in found.remarks)
+        assert radii(found) == pytest.approx([0.030] * 3, abs=FACET / OF_ARC + error)
+
+
+def test_a_slice_at_the_rim_is_fitted_alone() -> None:
+    found = fit(femur(), MIDDLE + 9.4 * MM)
+    assert "the slab of 2 mm reaches beyond the surface" in found.remarks
+    fall = 0.020 - np.sqrt(0.020**2 - (9.4 * MM) ** 2)
+    assert radii(found)[0] == pytest.approx(0.030 - fall, abs=2.0 * FACET / OF_ARC)  # steep: facets cut deeper
+
+
+def test_the_automatic_slice_is_that_of_the_ridge() -> None:
+    assert contact_centre(femur(TWO_RADII), True, True) == pytest.approx(MIDDLE, abs=0.05 * MM + EDGE / 2.0)
+    assert contact_centre(tibia(), False, True) == pytest.approx(MIDDLE, abs=0.05 * MM)
+
+
+@pytest.mark.parametrize("suffix", [".stl", ".ply", ".obj", ".vtp"])
+def test_meshes_of_all_kinds_in_mm(suffix: str, tmp_path: Path) -> None:
+    points, triangles = swept(femoral_curve())
+    read = read_surface(saved(tmp_path / f"a{suffix}", (points, triangles), MM), "mm")
+    assert (read.triangles.shape, read.points.shape) == (triangles.shape, points.shape)
+    # These files hold 32-bit numbers: 3e-8 m at most; OBJ six digits: 1e-7 m.
+    assert np.sort(read.points, axis=0) == pytest.approx(np.sort(points, axis=0), abs=2e-7)
+
+
+def test_axes_are_turned(tmp_path: Path) -> None:
+    """A left knee in a scanner's axes: x to the right, y anterior, z superior."""
+    points, triangles = swept(femoral_curve())
+    in_scanner = np.column_stack([-points[:, 2], points[:, 0], points[:, 1]])
+    read = read_surface(saved(tmp_path / "a.ply", (in_scanner, triangles)), axes="y,z,-x")
+    mixed = np.array([1.0, 2.3, 5.7])  # tells the columns apart; PLY holds 32-bit numbers, in another order
+    assert np.sort(read.points @ mixed) == pytest.approx(np.sort(points @ mixed), abs=1e-7)
+
+
+@pytest.mark.parametrize("separator", [" ", ","])
+def test_a_cloud_of_points_gives_nearly_the_profile_of_its_mesh(separator: str, tmp_path: Path) -> None:
+    points, triangles = swept(femoral_curve())
+    cloud = tmp_path / "a.txt"
+    np.savetxt(cloud, points, "%.7f", delimiter=separator, header=separator.join("xyz"), comments="")
+    of_cloud, of_mesh = fit(read_surface(cloud), MIDDLE), fit(surface((points, triangles)), MIDDLE)
+    assert any("taken whole" in remark for remark in of_cloud.remarks)
+    assert radii(of_cloud) == pytest.approx(radii(of_mesh), abs=0.2 * MM)  # facets cut in by 3 um on arcs 2 mm high
+    np.savetxt(tmp_path / "slice.csv", femoral_curve()[0], delimiter=separator, header="x,y")
+    of_slice = fit(read_surface(tmp_path / "slice.csv"), MIDDLE)
+    assert radii(of_slice)[0] == pytest.approx(0.030, abs=1e-5)  # exact but for 1e-8 m
+
+
+def test_a_label_map(tmp_path: Path) -> None:
+    path = label_map(tmp_path / "knee.nii.gz")
+    found = fit(read_surface(path, label=4), MIDDLE, bone=read_surface(path, label=1))
+    # A voxel's edge lies up to half a voxel off the circle, and steps of it cancel over arcs of 20 mm.
+    assert len(found.circles) >= 2
+    assert radii(found) == pytest.approx([0.028] * len(found.circles), rel=0.05)
+    assert found.thickness is not None
+    assert found.thickness.mean == pytest.approx(3.0 * MM, abs=VOXEL * MM)
+
+
+def test_models_take_what_was_fitted_and_the_disease_keeps_its_own_depth(
+    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """2.5 mm of cartilage were fitted; osteoarthritis.yaml says 0.5 mm, before it and after it."""
+    mesh, bone = (saved(tmp_path / f"{name}.stl", swept(femoral_curve(TWO_RADII), inwards=inwards))
+                  for name, inwards in (("femur", 0.0), ("bone", 2.5 * MM)))  # fmt: skip
+    output = tmp_path / "new" / "profile.csv"
+    output.parent.mkdir()
+    assert main(["fit-profile", str(mesh), "--slice", "-18", "--bone", str(bone), "--output", str(output)]) == 0
+    told = capsys.readouterr().out
+    for words in ("convex everywhere", "normals of -15° to 25°", "0.05 mm RMS"):
+        assert words in told
+    depth = re.search(r"thickness: (\S+)", told)
+    assert depth
+    assert float(depth[1]) == pytest.approx(2.5 * MM, abs=TOLERANCE)
+    assert sorted(path.name for path in output.parent.iterdir()) == ["profile.csv", "profile.png", "profile.yaml"]
+    files = ["osteoarthritis.yaml", str(output.with_suffix(".yaml"))]
+    for number, (first, second) in enumerate((files, files[::-1])):
+        recording = tmp_path / f"{number}.mcap"
+        arguments = ["--params", first, "--params", second, "--output", str(recording)]
+        assert main(["solve", str(right_bag), *arguments]) == 0
+        assert re.search(r"largest .* 0\.538 ", capsys.readouterr().out)  # of the healthy law: 0.747 mm
+        stored = read_provenance(recording)
+        assert stored is not None
+        assert stored.parameters.femur.profile == str(output)
+        assert stored.parameters.contact.law == "two_layer_viscoelastic"
+
+
+def test_a_model_takes_a_tibia(config: Path, tmp_path: Path) -> None:
+    """Its origin lies on the surface, however high the mesh does."""
+    points, triangles = swept(tibial_curve())
+    mesh = saved(tmp_path / "tibia.ply", (points - np.array([0.0, 0.023, 0.0]), triangles))
+    output = tmp_path / "tibia.csv"
+    assert main(["fit-profile", str(mesh), "--side", "tibia", "--slice", "auto", "--output", str(output)]) == 0
+    x, y = np.genfromtxt(output, delimiter=",", skip_header=6).T
+    assert np.interp(0.0, x, y) == pytest.approx(0.0, abs=1e-6)  # between points 0.75 mm apart on a radius of 95 mm
+    model = load_model([config / "healthy.yaml", output.with_suffix(".yaml")])
+    assert model.run(np.array([0.0, 0.01]), np.array([0.1, 0.2]), np.array([800.0, 800.0])).penetration_depth[1] > 0.0
+
+
+@pytest.mark.parametrize("kind", ["femur", "tibia"])
+def test_the_picture_shows_every_circle_by_how_far_the_profile_is_off_and_cuts_nothing(kind: str) -> None:
+    from matplotlib.figure import Figure
+    from PIL import Image
+
+    made = femur if kind == "femur" else tibia
+    how = {"arcs": TWO_RADII} if kind == "femur" else {}
+    found = fit(made(**how), MIDDLE, femur=kind == "femur", bone=made(inwards=2.0 * MM, **how))
+    axis, curvature = Figure().subplots(2, 1)
+    draw_circles(axis, found)
+    draw_curvature(curvature, found)
+    curves, lines = axis.lines[: len(found.circles)], curvature.lines[1 : 1 + len(found.circles)]
+    for each, curve, line in zip(found.circles, curves, lines, strict=True):
+        assert curve.get_label().endswith(f"radius {1e3 * each.radius:.1f} mm")
+        distance = 1e3 * np.hypot(*(each.part - each.centre).T)
+        assert np.abs(curve.get_ydata()) == pytest.approx(np.abs(distance - 1e3 * abs(each.radius)))
+        low, high = each.window
+        assert low - 1.0 <= min(curve.get_xdata()) < max(curve.get_xdata()) <= high + 1.0
+        assert line.get_ydata()[0] == pytest.approx(1e-3 / each.radius)
+    widths = [line.get_linewidth() for line in lines]  # where they lie on each other the later ones are thinner
+    assert widths == sorted(set(widths), reverse=True)
+    with Image.open(io.BytesIO(picture(found, "a_long_name_of_a_mesh_$_of_somebody.stl"))) as image:
+        pixels = np.asarray(image.convert("L"))
+    assert (pixels < 200).any()
+    for edge in (pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]):
+        assert edge.min() == 255

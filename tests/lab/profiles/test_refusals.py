@@ -1,0 +1,119 @@
+"""What cannot be fitted is told in one line, and nothing is written."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from knee_contact_ros.commands.main import main
+from knee_contact_ros.system.files import not_installed
+from tests.lab.profiles.meshes import femoral_curve, label_map, saved, swept, tibial_curve
+
+for library in ("pyvista", "trimesh", "matplotlib", "nibabel"):
+    pytest.importorskip(library, reason="needs the extra mesh")
+
+FEMUR, BONE, TIBIA = swept(femoral_curve()), swept(femoral_curve(), inwards=0.002), swept(tibial_curve())
+HOLLOW = 0.008 * np.exp(-(np.linspace(-9.0, 9.0, len(femoral_curve()[0])) ** 2))[:, None] * femoral_curve()[1]
+
+
+def text(content: str) -> Callable[[Path], Any]:
+    return lambda path: path.write_text(content)
+
+
+def mesh(shape: Any = FEMUR, unit: float = 1.0, bone: Any = None) -> Callable[[Path], Any]:
+    """Write a mesh, and another one beside it."""
+    return lambda path: [saved(path, shape, unit), *([saved(path.with_name("bone.stl"), bone)] if bone else [])]
+
+
+def cut_off(path: Path) -> None:
+    content = saved(path, FEMUR).read_bytes()
+    path.write_bytes(content[: len(content) // 2])
+
+
+def only_points(path: Path) -> None:
+    import pyvista
+
+    pyvista.PolyData(FEMUR[0]).save(path)
+
+
+CASES = {
+    "no file": ("a.stl", lambda _path: None, [], "there is no such file"),
+    "a folder": ("a.stl", lambda path: path.mkdir(), [], "is a folder"),
+    "another kind": ("a.step", text("x"), [], "must end with one of .stl, .ply, .obj, .vtp"),
+    "garbage STL": ("a.stl", text("no mesh"), [], "cannot be read as a .stl file, or has no faces"),
+    "empty STL": ("a.stl", text("solid a\nendsolid a\n"), [], "cannot be read as a .stl file, or has no faces"),
+    "garbage PLY": ("a.ply", text("no mesh"), [], "cannot be read as a .ply file"),
+    "garbage VTP": ("a.vtp", text("<no mesh"), [], "cannot be read as a .vtp file"),
+    **{f"cut-off {kind}": (f"a{kind}", cut_off, [], f"read as a {kind}") for kind in (".stl", ".ply", ".vtp")},
+    "no faces": ("a.vtp", only_points, [], "points but no faces"),
+    "garbage cloud": ("a.txt", text("1 2 3\n1 two 3\n"), [], "it has a line '1 two 3'"),
+    "one column": ("a.xyz", text("1\n2\n"), [], "it has [1] columns"),
+    "nan": ("a.xyz", text("0 0 nan\n" * 20), [], "has a point that is not finite"),
+    "few points": ("a.xyz", text("0 0 0\n0.02 0.01 0.03\n" * 10), [], "only 0 points of"),
+    "garbage map": ("a.nii", text("no image"), [], "cannot be read"),
+    "no label": ("a.nii", label_map, [], "needs --label N: it has the labels 1, 4"),
+    "another label": ("a.nii", label_map, ["--label", "7"], "--label 7: "),
+    "label": ("a.stl", mesh(), ["--label", "2"], "is no label map"),
+    "in mm": ("a.stl", mesh(FEMUR, 1e-3), [], "with --unit m; cartilages and bones of a knee measure 0.008 to 0.7 m: "
+              "likely it is in mm, --unit mm"),
+    "in m": ("a.stl", mesh(), ["--unit", "mm"], "likely it is in m, --unit m"),
+    "divided twice": ("a.ply", mesh(FEMUR, 1e3), [], "scale it to m or mm first"),
+    "beside the mesh": ("a.stl", mesh(), ["--slice", "12"], "--slice 12 misses"),
+    "its range": ("a.stl", mesh(), ["--slice", "12"], "which reaches from z = -28.0 to -8.0 mm"),
+    "wrong compartment": ("a.stl", mesh(), ["--slice", "auto", "--compartment", "lateral"],
+                          "nothing on the lateral side"),
+    "no number": ("a.stl", mesh(), ["--slice", "medial"], "--slice medial: it must be a place in mm"),
+    "tibia as femur": ("a.stl", mesh(TIBIA), [], "as flat as a tibial plateau: --side tibia?"),
+    "femur as tibia": ("a.stl", mesh(), ["--side", "tibia"], "as round as a femoral condyle: --side femur?"),
+    "a trochlea": ("a.stl", mesh(swept(femoral_curve(((0.030, -110.0, 10.0),)))), [], "normals of -110° to 10°"),
+    "upside down": ("a.stl", mesh((FEMUR[0] * [1.0, -1.0, 1.0], FEMUR[1])), [], "looks up, not down: see --axes"),
+    "a hollow of 8 mm": ("a.stl", mesh(swept((femoral_curve()[0] - HOLLOW, femoral_curve()[1]))), [],
+                         "is no convex condyle: no profile comes closer"),
+    "bone outside": ("a.stl", mesh(BONE, bone=FEMUR), ["--bone", "bone.stl"], "is not behind the cartilage"),
+    "bone elsewhere": ("a.stl", mesh(bone=(FEMUR[0] + [0.0, 0.0, 0.05], FEMUR[1])), ["--bone", "bone.stl"],
+                       "misses --bone"),
+    "axes": ("a.stl", mesh(), ["--axes", "x,x,z"], "--axes x,x,z: it must name"),
+    "origin": ("a.stl", mesh(), ["--origin", "here"], "--origin here: it must be mesh or X,Y in mm"),
+    "no suffix": ("a.stl", mesh(), ["--output", "b.stl"], "must end with .csv"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_one_line_says_what_is_wrong(
+    case: str, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    name, make, options, words = CASES[case]
+    for folder in ("in", "out"):
+        (tmp_path / folder).mkdir()
+    monkeypatch.chdir(tmp_path / "in")
+    make(Path(name))
+    assert main(["fit-profile", name, "--slice", "-18", "--output", "../out/a.csv", *options]) == 2
+    told = capsys.readouterr()
+    assert words in told.err
+    assert len(told.err.splitlines()) == 1
+    assert told.out == ""
+    assert not list((tmp_path / "out").iterdir())
+
+
+def test_an_existing_profile_stays(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    output = tmp_path / "b.csv"
+    output.write_text("mine")
+    arguments = ["fit-profile", str(saved(tmp_path / "a.stl", FEMUR)), "--slice", "-18", "--output", str(output)]
+    assert main(arguments) == 2
+    assert "b.csv exists already; choose another name, or --overwrite" in capsys.readouterr().err
+    assert output.read_text() == "mine"
+    assert main([*arguments, "--overwrite"]) == 0
+    assert output.read_text().startswith("# Femur profile")
+
+
+def test_a_missing_library_is_named(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("knee_contact_ros.system.files.find_spec", lambda _name: None)
+    arguments = ["fit-profile", str(tmp_path / "a.stl"), "--slice", "-18", "--output", str(tmp_path / "c.csv")]
+    assert main(arguments) == 2
+    assert not_installed("pyvista", "mesh") in capsys.readouterr().err
