@@ -16,22 +16,8 @@ import rerun.blueprint as rrb
 from rerun.blueprint.components import PlayState
 
 from knee_contact_ros.model.types import FIELDS, FLAT, Field, Rows
+from knee_contact_ros.view import colours
 from knee_contact_ros.view.anatomy import SURFACE_POINTS, Floats, KneeOutlines, lowest_at, placed
-from knee_contact_ros.view.colours import (
-    ANGLE,
-    BACKGROUND,
-    BAND,
-    BONE,
-    CARTILAGE,
-    COST,
-    DEPTH,
-    ERROR,
-    FORCE,
-    KNEE_COLOURS,
-    LOAD,
-    SLIP,
-    Colour,
-)  # fmt: skip
 
 TIMELINE = "stamp"
 """The one timeline: it has the ROS stamps"""
@@ -65,7 +51,7 @@ class Series(NamedTuple):
 
     name: str
     """Name with the unit"""
-    colour: Colour
+    colour: colours.Colour
     width: float
     """Width of the line"""
     values: Callable[[Any, float], Floats]
@@ -100,28 +86,28 @@ def _excess(answers: Rows, weight: float) -> Floats:
 LAYER = "layer"
 """Path of the entity with the depth at which the second layer begins, shown with the depths"""
 LAYER_NAME = "bone begins [mm]"
-LAYER_COLOUR = BONE
+LAYER_COLOUR = colours.BONE
 FLEXION, CONTACT_POINT, FORCES, DEPTHS = "flexion", "contact_point", "force", "depth"
 KNEE = (
     Plot(FLEXION, "Flexion angle [deg]", (
-        Series("flexion angle [deg]", ANGLE, 2.0, lambda answers, _: np.degrees(answers["flexion_angle"])),
+        Series("flexion angle [deg]", colours.ANGLE, 2.0, lambda answers, _: np.degrees(answers["flexion_angle"])),
     )),
     Plot(FORCES, "Contact force ± error, orange; load and force - load, grey [BW of {weight} N]", (
-        Series("force - error [BW]", BAND, 1.0,
+        Series("force - error [BW]", colours.BAND, 1.0,
                lambda of, weight: (of["contact_force"] - of["force_error_estimate"]) / weight),
-        Series("force + error [BW]", BAND, 1.0,
+        Series("force + error [BW]", colours.BAND, 1.0,
                lambda of, weight: (of["contact_force"] + of["force_error_estimate"]) / weight),
-        Series("contact force [BW]", FORCE, 3.0, lambda answers, weight: answers["contact_force"] / weight),
-        Series("load [BW]", LOAD, 1.0, lambda answers, weight: answers["load"] / weight),
-        Series("force - load [BW]", LOAD, 1.0, _excess),
+        Series("contact force [BW]", colours.FORCE, 3.0, lambda answers, weight: answers["contact_force"] / weight),
+        Series("load [BW]", colours.LOAD, 1.0, lambda answers, weight: answers["load"] / weight),
+        Series("force - load [BW]", colours.LOAD, 1.0, _excess),
     ), title_of_several="Contact force ± error, thick; load; force - load [BW of {weight} N]"),
     Plot(DEPTHS, "Depth ± error, apart < 0 [mm]", (
-        Series("depth - error [mm]", BAND, 1.0, lambda of, _: MM * (_signed(of) - of["error_estimate"])),
-        Series("depth + error [mm]", BAND, 1.0, lambda of, _: MM * (_signed(of) + of["error_estimate"])),
-        Series("depth [mm]", DEPTH, 2.0, lambda answers, _: MM * _signed(answers)),
+        Series("depth - error [mm]", colours.BAND, 1.0, lambda of, _: MM * (_signed(of) - of["error_estimate"])),
+        Series("depth + error [mm]", colours.BAND, 1.0, lambda of, _: MM * (_signed(of) + of["error_estimate"])),
+        Series("depth [mm]", colours.DEPTH, 2.0, lambda answers, _: MM * _signed(answers)),
     )),
     Plot(CONTACT_POINT, "Contact point on the plateau, anterior > 0 [mm]", (
-        Series("anterior [mm]", CARTILAGE, 2.0, lambda answers, _: MM * answers["contact_point"]["x"]),
+        Series("anterior [mm]", colours.CARTILAGE, 2.0, lambda answers, _: MM * answers["contact_point"]["x"]),
     )),
 )  # fmt: skip
 """Plots beside the sagittal plane"""
@@ -133,36 +119,38 @@ def _plain(name: str, field: Field) -> Plot:
     """Return the plot of a field whose declaration gives its title."""
     unit, factor = SHOWN.get(field.unit, (field.unit, 1.0))
     values = lambda answers, _: factor * answers.view(FLAT)[name]  # noqa: E731
-    return Plot(name, f"{field.plot} [{unit}]", (Series(f"{name.replace('_', ' ')} [{unit}]", SLIP, 2.0, values),))
+    return Plot(
+        name, f"{field.plot} [{unit}]", (Series(f"{name.replace('_', ' ')} [{unit}]", colours.SLIP, 2.0, values),)
+    )
 
 
 DETAILS = (
     *(_plain(name, field) for name, field in FIELDS.items() if field.plot),
     Plot("error", "Estimated errors: depth, violet [µm]; force, orange [N]", (
-        Series("error of the force [N]", FORCE, 1.0, lambda answers, _: answers["force_error_estimate"]),
-        Series("error of the depth [µm]", ERROR, 2.0, lambda answers, _: MICRO * answers["error_estimate"]),
+        Series("error of the force [N]", colours.FORCE, 1.0, lambda answers, _: answers["force_error_estimate"]),
+        Series("error of the depth [µm]", colours.ERROR, 2.0, lambda answers, _: MICRO * answers["error_estimate"]),
     ), title_of_several="Estimated errors: depth, thick [µm]; force [N]"),
     Plot("evaluations", "Contact law evaluations per tick", (
-        Series("evaluations per tick", COST, 1.5, lambda answers, _: answers["evaluations"]),
+        Series("evaluations per tick", colours.COST, 1.5, lambda answers, _: answers["evaluations"]),
     ), steps=True),
     Plot("latency", "Latency from load to answer [ms]", (
-        Series("latency [ms]", ANGLE, 1.0, lambda answers, _: MM * answers["latency"]),
+        Series("latency [ms]", colours.ANGLE, 1.0, lambda answers, _: MM * answers["latency"]),
     ), live=True),
 )  # fmt: skip
 """Plots in the second tab"""
 READ_OFF = (
     Plot("pressure", "Contact pressure: peak, thick; mean [MPa]", (
-        Series("mean pressure [MPa]", BAND, 1.5, lambda read, _: MEGA * read["mean_pressure"]),
-        Series("peak pressure [MPa]", FORCE, 2.5, lambda read, _: MEGA * read["peak_pressure"]),
+        Series("mean pressure [MPa]", colours.BAND, 1.5, lambda read, _: MEGA * read["mean_pressure"]),
+        Series("peak pressure [MPa]", colours.FORCE, 2.5, lambda read, _: MEGA * read["peak_pressure"]),
     ), read_off=True),
     Plot("patch", "Half-width of the contact patch [mm]", (
-        Series("half-width [mm]", CARTILAGE, 2.0, lambda read, _: MM * read["half_width"]),
+        Series("half-width [mm]", colours.CARTILAGE, 2.0, lambda read, _: MM * read["half_width"]),
     ), read_off=True),
     Plot("strain", "Nominal strain of the cartilage [%]", (
-        Series("strain [%]", DEPTH, 2.0, lambda read, _: 100.0 * read["strain"]),
+        Series("strain [%]", colours.DEPTH, 2.0, lambda read, _: 100.0 * read["strain"]),
     ), read_off=True),
     Plot("loading_rate", "Loading rate [kN/s]", (
-        Series("loading rate [kN/s]", SLIP, 1.0, lambda read, _: 1e-3 * read["loading_rate"]),
+        Series("loading rate [kN/s]", colours.SLIP, 1.0, lambda read, _: 1e-3 * read["loading_rate"]),
     ), read_off=True),
 )  # fmt: skip
 """Plots in the third tab"""
@@ -292,7 +280,7 @@ def title_of(drawings: Sequence[KneeOutlines], plot: Plot) -> str:
     if not several:
         return title
     names = [
-        f"{drawing.knee} {KNEE_COLOURS[number % len(KNEE_COLOURS)].name}"
+        f"{drawing.knee} {colours.KNEE_COLOURS[number % len(colours.KNEE_COLOURS)].name}"
         for number, drawing in enumerate(drawings)
         if plot.path in {one.path for one in plots_of(drawing, latency=True)}
     ]
@@ -313,7 +301,7 @@ def _plane(drawing: KneeOutlines, frame: Frame, several: bool) -> rrb.Spatial2DV
     recent = rrb.VisibleTimeRange(TIMELINE, start=cursor(seconds=-PATH_SPAN), end=cursor(seconds=0.0))
     return rrb.Spatial2DView(
         origin=camera, contents=["$origin/**", f"{rr.new_entity_path([drawing.knee, BODY])}/**"],
-        name=plane_title(drawing, several), background=BACKGROUND,
+        name=plane_title(drawing, several), background=colours.BACKGROUND,
         visual_bounds=rrb.VisualBounds2D(x_range=frame.x, y_range=frame.y),
         overrides={f"{camera}/{PATH}": rrb.VisibleTimeRanges([recent])},
     )  # fmt: skip

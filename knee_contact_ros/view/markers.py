@@ -1,24 +1,30 @@
 """The knee as markers in the tibia frame, for RViz: both surfaces, the contact point and the force on the femur.
 
 The model is planar, and so are the markers: all lie at z = 0, or those of each compartment at the z of its contact.
+They are locked to their frame: a viewer draws them where the frame is now, not where it was at the stamp.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
 from knee_contact_ros.model.types import ROW, ContactState, reader
+from knee_contact_ros.streams.topics import NANOSECONDS, check_stamp, typestore
 from knee_contact_ros.view import colours
-from knee_contact_ros.view.anatomy import NEWTONS_PER_MM, KneeOutlines
-from knee_contact_ros.view.marker_message import Colour, Marker, MarkerMessage, Shape
+from knee_contact_ros.view.anatomy import NEWTONS_PER_MM, Floats, KneeOutlines
 
+MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
+LIFETIME = 1
+"""Time [s] for which a viewer shows a marker that is not sent again"""
 LENGTH = 1e-3 / NEWTONS_PER_MM
 """Length of the arrow by its force [m/N]"""
 LINE, BALL, ARROW = (3e-4, 0.0, 0.0), (2e-3, 2e-3, 2e-3), (1e-3, 3e-3, 4e-3)
-"""Scales [m] of the markers, see `Marker.scale`"""
+"""Scales of the markers [m]: width of a line; diameters of a sphere; diameters of an arrow's shaft and head, and head
+length"""
 SHOWN = reader(
     "flexion_angle", "contact_force", "contact_point_x", "contact_point_y", "contact_point_z", "femoral_height",
     "contact_state", "femoral_x", "normal_x", "normal_y",
@@ -26,40 +32,16 @@ SHOWN = reader(
 """Reader of the fields of an answer's row that are drawn"""
 
 
-def _colour(rgb: colours.Colour) -> Colour:
-    """Return a colour with parts from 0 to 1."""
-    red, green, blue = (part / 255.0 for part in rgb)
-    return red, green, blue
-
-
-SURFACE, FORCE = _colour(colours.SURFACE), _colour(colours.FORCE)
-OF_STATE = {state.value: _colour(tuple(colours.OF_STATE[state].tolist())) for state in ContactState}
-
-
-FEMUR, POINT, FORCE_ON_FEMUR = 1, 2, 3
-"""Places of the moving markers among those of a compartment; the tibia is the first"""
-MARKERS_PER_COMPARTMENT = 4
-"""Number of markers of a compartment"""
-
-
 class KneeMarkers:
     """Makes the markers of answers; their namespaces begin with the name of the knee or of the compartment."""
 
     def __init__(self, drawings: Sequence[KneeOutlines]) -> None:
-        """Prepare the parts of the message that do not change."""
-        self._markers = [marker for drawing in drawings for marker in self._markers_of(drawing)]
-        self._message = MarkerMessage("", self._markers)
-
-    @staticmethod
-    def _markers_of(drawing: KneeOutlines) -> list[Marker]:
-        """Make the markers of a compartment, before they move."""
-        knee = drawing.knee
-        return [
-            Marker(f"{knee}/tibia", Shape.LINE_STRIP, LINE, SURFACE, drawing.tibia),
-            Marker(f"{knee}/femur", Shape.LINE_STRIP, LINE, SURFACE, drawing.femur),
-            Marker(f"{knee}/contact_point", Shape.SPHERE, BALL, OF_STATE[ContactState.SEPARATED]),
-            Marker(f"{knee}/contact_force_on_femur", Shape.ARROW, ARROW, FORCE, np.zeros((2, 2))),
-        ]
+        """Make the message once; afterwards its moving parts are changed."""
+        self._types: Any = typestore().types
+        self._compartments = [self._markers_of(drawing) for drawing in drawings]
+        markers = [marker for compartment in self._compartments for marker in compartment]
+        self._message: Any = self._types[MARKER_ARRAY](markers=markers)
+        self.encode(0, "", bytes(len(drawings) * ROW.itemsize))  # the encoder is made at its first use
 
     def encode(self, stamp: int, frame_id: str, rows: bytes) -> bytes:
         """Return the bytes of the MarkerArray of an answer at `stamp` [ns]; `rows` has a row for each compartment.
@@ -67,20 +49,73 @@ class KneeMarkers:
         Raises:
             ValueError: a ROS message cannot hold the stamp.
         """
-        if frame_id != self._message.frame_id:
-            self._message = MarkerMessage(frame_id, self._markers)
-        self._message.set_stamp(stamp)
-        for number in range(len(self._markers) // MARKERS_PER_COMPARTMENT):
-            self._move(number * MARKERS_PER_COMPARTMENT, SHOWN.unpack_from(rows, number * ROW.itemsize))
-        return self._message.tobytes()
+        check_stamp(stamp)
+        header = self._header(stamp, frame_id)
+        for marker in self._message.markers:
+            marker.header = header
+        for number, markers in enumerate(self._compartments):
+            self._move(markers, SHOWN.unpack_from(rows, number * ROW.itemsize))
+        return bytes(typestore().serialize_cdr(self._message, MARKER_ARRAY))
 
-    def _move(self, first: int, values: tuple[Any, ...]) -> None:
-        """Move the markers of a compartment, from number `first` on, to the places that an answer gives."""
+    def _move(self, markers: Sequence[Any], values: tuple[Any, ...]) -> None:
+        """Move the markers of a compartment to where an answer has them."""
         angle, force, x, y, z, height, state, femoral_x, normal_x, normal_y = values
-        message, length = self._message, LENGTH * force
-        message.move(first, 0.0, 0.0, 0.0, z)
-        message.move(first + FEMUR, femoral_x, height, angle, z)
-        message.move(first + POINT, x, y, 0.0, z)
-        message.paint(first + POINT, OF_STATE[state])
-        message.place(first + FORCE_ON_FEMUR, (x, y, z), (x + length * normal_x, y + length * normal_y, z))
-        message.show(first + FORCE_ON_FEMUR, force != 0.0)
+        tibia, femur, point, arrow = markers
+        tibia.pose = self._pose(0.0, 0.0, 0.0, z)
+        femur.pose = self._pose(femoral_x, height, angle, z)
+        point.pose = self._pose(x, y, 0.0, z)
+        point.color = self._colour(tuple(colours.OF_STATE[state].tolist()))
+        length = LENGTH * force
+        arrow.points = self._points([(x, y), (x + length * normal_x, y + length * normal_y)], z)
+        arrow.action = arrow.ADD if force != 0.0 else arrow.DELETE
+
+    def _markers_of(self, drawing: KneeOutlines) -> list[Any]:
+        """Make the markers of a compartment, before they move: tibia, femur, contact point and force."""
+        kind = self._types["visualization_msgs/msg/Marker"]
+        apart = tuple(colours.OF_STATE[ContactState.SEPARATED].tolist())
+        return [
+            self._marker(f"{drawing.knee}/tibia", kind.LINE_STRIP, LINE, colours.SURFACE, drawing.tibia),
+            self._marker(f"{drawing.knee}/femur", kind.LINE_STRIP, LINE, colours.SURFACE, drawing.femur),
+            self._marker(f"{drawing.knee}/contact_point", kind.SPHERE, BALL, apart),
+            self._marker(f"{drawing.knee}/contact_force_on_femur", kind.ARROW, ARROW, colours.FORCE),
+        ]
+
+    def _marker(
+        self,
+        name: str,
+        shape: int,
+        scale: tuple[float, float, float],
+        colour: Sequence[int],
+        line: Floats | None = None,
+    ) -> Any:
+        """Make a marker with its own frame at the origin, and the points of a `line` [m] in that frame."""
+        of, nothing = self._types, np.zeros(0, np.uint8)
+        return of["visualization_msgs/msg/Marker"](
+            header=self._header(0, ""), ns=name, id=0, type=shape, action=0, pose=self._pose(0.0, 0.0, 0.0, 0.0),
+            scale=of["geometry_msgs/msg/Vector3"](*scale), color=self._colour(colour),
+            lifetime=of["builtin_interfaces/msg/Duration"](sec=LIFETIME, nanosec=0), frame_locked=True,
+            points=[] if line is None else self._points(line.tolist(), 0.0), colors=[], texture_resource="",
+            texture=of["sensor_msgs/msg/CompressedImage"](self._header(0, ""), "", nothing), uv_coordinates=[], text="",
+            mesh_resource="", mesh_file=of["visualization_msgs/msg/MeshFile"]("", nothing),
+            mesh_use_embedded_materials=False,
+        )  # fmt: skip
+
+    def _header(self, stamp: int, frame_id: str) -> Any:
+        """Make a header with a stamp [ns]."""
+        time = self._types["builtin_interfaces/msg/Time"](*divmod(stamp, NANOSECONDS))
+        return self._types["std_msgs/msg/Header"](time, frame_id)
+
+    def _pose(self, x: float, y: float, turn: float, z: float) -> Any:
+        """Make a pose at x, y, z [m], turned about z by an angle [rad] from x to y."""
+        point, turned = self._types["geometry_msgs/msg/Point"], self._types["geometry_msgs/msg/Quaternion"]
+        half = 0.5 * turn
+        return self._types["geometry_msgs/msg/Pose"](point(x, y, z), turned(0.0, 0.0, math.sin(half), math.cos(half)))
+
+    def _colour(self, rgb: Sequence[int]) -> Any:
+        """Make an opaque colour."""
+        return self._types["std_msgs/msg/ColorRGBA"](*(part / 255.0 for part in rgb), 1.0)
+
+    def _points(self, line: Sequence[Sequence[float]], z: float) -> list[Any]:
+        """Make points at z [m] of pairs x, y [m]."""
+        point = self._types["geometry_msgs/msg/Point"]
+        return [point(x, y, z) for x, y in line]

@@ -17,16 +17,8 @@ import numpy as np
 from knee_contact_ros.model.types import ROW
 from knee_contact_ros.streams.output import Job, Knee, Sink
 from knee_contact_ros.streams.topics import KNEE_CONTACT, LATERAL, MEDIAL, Ending, compartment_name, knee_name
+from knee_contact_ros.system import output_files
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.output_files import (
-    all_names,
-    claim,
-    cut_off,
-    leftovers,
-    open_claimed,
-    refuse_impossible,
-    take_name,
-)
 from knee_contact_ros.system.processes import LOCALHOST, refuse_taken
 from knee_contact_ros.view.anatomy import KneeOutlines, drawings_of
 from knee_contact_ros.view.viewer import Window, address, executable
@@ -98,11 +90,11 @@ def open_output(path: Path | None, serving: Serving, own: Sequence[KneeOutlines]
 
     remarks: list[str] = []
     if path:
-        refuse_impossible(path)
-        name = next(all_names(path))
+        output_files.refuse_impossible(path)
+        name = next(output_files.all_names(path))
         if name != path:
             remarks.append(f"{path} is there already: this Rerun recording is {name}")
-        remarks += map(cut_off, leftovers(path.parent, ".rrd"))
+        remarks += map(output_files.cut_off, output_files.leftovers(path.parent, ".rrd"))
         target: RerunFile | Served = RerunFile(name, own, latency=True)
     else:
         # The others' surfaces are not known here; where they are looked at is much the same.
@@ -206,8 +198,8 @@ class RerunFile:
         from knee_contact_ros.view.layout import blueprint
 
         self.path, self._overwrite = path, overwrite
-        self._partial = claim(path, overwrite)
-        self._file = open_claimed(self._partial)
+        self._partial = output_files.claim(path, overwrite)
+        self._file = output_files.open_claimed(self._partial)
         self._error: OSError | None = None
         self._source, sink = os.pipe()
         self._thread = Thread(target=self._copy, name="Rerun file", daemon=True)
@@ -242,7 +234,7 @@ class RerunFile:
         self._thread.join()
         if self._error:
             raise self._error
-        self.path = take_name(self._partial, self.path, self._overwrite)
+        self.path = output_files.take_name(self._partial, self.path, self._overwrite)
 
     def discard(self) -> None:
         """Give up, and remove the file."""

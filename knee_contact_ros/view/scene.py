@@ -24,25 +24,10 @@ from knee_contact_ros.results import DATES_FROM
 from knee_contact_ros.streams.gait_events import GAP, HEEL_STRIKE, LOAD_PEAK, TOE_OFF, GaitEvent, GaitEvents
 from knee_contact_ros.streams.strides import CERTAIN, KEPT, impulse_of, spans
 from knee_contact_ros.streams.topics import NANOSECONDS
-from knee_contact_ros.view import colours
+from knee_contact_ros.view import colours, layout
 from knee_contact_ros.view.anatomy import NEWTONS_PER_MM, POINTS, Floats, KneeOutlines, overlaps, placed
 from knee_contact_ros.view.colours import KNEE_COLOURS, NAME_OF_STATE, Colour
-from knee_contact_ros.view.layout import (
-    BODY,
-    CAMERA,
-    CURVES,
-    EVENTS,
-    LAYER,
-    LAYER_COLOUR,
-    LAYER_NAME,
-    MM,
-    PATH,
-    SCALE_BAR,
-    STATES,
-    TIMELINE,
-    frame_of,
-    plots_of,
-)  # fmt: skip
+from knee_contact_ros.view.layout import BODY, CAMERA, CURVES, EVENTS, MM, PATH, SCALE_BAR, STATES, TIMELINE
 
 ON_SCREEN = np.array([MM, -MM])
 """Factors from m in the tibia frame to mm on the screen"""
@@ -112,14 +97,9 @@ class Scene:
     """Writes a knee's answers into a Rerun recording."""
 
     def __init__(
-        self,
-        recording: rr.RecordingStream,
-        drawing: KneeOutlines,
-        latency: bool = False,
-        pause: float = 0.0,
-        forgetful: bool = False,
-        number: int | None = None,
-    ) -> None:
+        self, recording: rr.RecordingStream, drawing: KneeOutlines, latency: bool = False, pause: float = 0.0,
+        forgetful: bool = False, number: int | None = None,
+    ) -> None:  # fmt: skip
         """Write the parts of the scene that do not change.
 
         Args:
@@ -131,7 +111,7 @@ class Scene:
             number: Number of the knee among several in one scene, for the colour of its curves; None: it is alone.
         """
         self._recording, self._drawing, self._pause = recording, drawing, pause
-        self._plots, self._number = plots_of(drawing, latency), number
+        self._plots, self._number = layout.plots_of(drawing, latency), number
         self._layer = drawing.second_layer
         self._pictures = Pictures()
         self._remarks = Remarks(drawing.body_weight)
@@ -234,7 +214,7 @@ class Scene:
                 tints = (KNEE_COLOURS[self._number % len(KNEE_COLOURS)].colour,) * len(names)
             yield plot.path, names, tints, widths
         if self._drawing.has_bone:
-            yield LAYER, [LAYER_NAME], [LAYER_COLOUR], [1.5]
+            yield layout.LAYER, [layout.LAYER_NAME], [layout.LAYER_COLOUR], [1.5]
 
     def _write_curves(self, answers: Rows, read: Readings | None) -> None:
         """Write all curves; of readouts, those that are known."""
@@ -249,7 +229,7 @@ class Scene:
                     columns = columns.partition(np.full(np.count_nonzero(known), values.shape[1]))
                 self._send(f"{CURVES}/{plot.path}", stamps[known], columns)
         if math.isfinite(self._layer):
-            self._send(f"{CURVES}/{LAYER}", stamps[[0, -1]], rr.Scalars.columns(scalars=[MM * self._layer] * 2))
+            self._send(f"{CURVES}/{layout.LAYER}", stamps[[0, -1]], rr.Scalars.columns(scalars=[MM * self._layer] * 2))
 
     def _write_changes(self, path: str, stamps: Any, values: Any, names: Sequence[str]) -> None:
         """Write a state where it changes, and again after `REPEAT` where old data is dropped."""
@@ -333,7 +313,7 @@ def still_marks(drawing: KneeOutlines) -> Iterator[tuple[str, Any]]:
     def word(place: Any, text: str, colour: Colour = colours.TEXT) -> rr.Points2D:  # below a place on the screen [mm]
         return rr.Points2D([place], labels=[text], colors=[colour], radii=[UNSEEN], show_labels=True)
 
-    frame = frame_of(drawing)
+    frame = layout.frame_of(drawing)
     corner, length = np.array(frame.axes), frame.axis_length
     ends = np.array([[length, 0.0], [0.0, -length]])
     yield "axes", rr.Arrows2D(origins=[corner, corner], vectors=ends, colors=[colours.TEXT], radii=[LINE])
