@@ -10,16 +10,15 @@ import pytest
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
-from tests.helpers.answers import rows_of
 
 if TYPE_CHECKING:
-    from knee_contact_ros.streams.topics import Answer
+    from knee_contact_ros.model.types import Rows
     from knee_contact_ros.view.anatomy import KneeOutlines
 
 
 @pytest.fixture(scope="session")
 def osteoarthritic(config: Path, right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The osteoarthritic knee with its MRI profile."""
+    """A recording of the osteoarthritic knee with its MRI profile."""
     path = tmp_path_factory.mktemp("recordings") / "osteoarthritic.mcap"
     parameters = load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"])
     solve(right_bag, parameters, path, lambda *_: None)
@@ -27,22 +26,20 @@ def osteoarthritic(config: Path, right_bag: Path, tmp_path_factory: pytest.TempP
 
 
 @pytest.fixture(scope="package")
-def knee(config: Path, right_bag: Path) -> tuple[KneeOutlines, list[Answer]]:
-    """The osteoarthritic knee with its MRI profile, and its gait."""
+def knee(config: Path, right_bag: Path) -> tuple[KneeOutlines, Rows]:
+    """The same knee, and its gait."""
     from knee_contact_ros.view.anatomy import drawing_of
     from tests.view.scenes import WEIGHT, answered
 
-    pipeline = ContactStream(
-        load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"]), compiled=False
-    )
-    answers = answered(pipeline, right_bag)
-    return drawing_of(pipeline.model, "knee", WEIGHT), answers
+    stream = ContactStream(load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"]), compiled=False)
+    rows = answered(stream, right_bag)
+    return drawing_of(stream.model, "knee", WEIGHT), rows
 
 
 @pytest.fixture(scope="package")
-def drawn(knee: tuple[KneeOutlines, list[Answer]], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def drawn(knee: tuple[KneeOutlines, Rows], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """All of it, drawn at once."""
     from tests.view.scenes import written
 
-    drawing, answers = knee
-    return written(tmp_path_factory.mktemp("drawn") / "knee.rrd", drawing, [rows_of(answers)])
+    drawing, rows = knee
+    return written(tmp_path_factory.mktemp("drawn") / "knee.rrd", drawing, [rows])

@@ -1,49 +1,48 @@
-"""Knees and gaits that tests of the scene draw."""
+"""Knees and gaits that tests of the scene draw, and what is in the Rerun files."""
 
 from __future__ import annotations
 
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 pytest.importorskip("rerun", reason="needs the extra viewer")
+from rerun.chunk import RrdReader
 
 from knee_contact_ros.model.types import Rows
 from knee_contact_ros.streams.contact_stream import ContactStream
-from knee_contact_ros.streams.topics import Answer
 from knee_contact_ros.view.anatomy import KneeOutlines
 from knee_contact_ros.view.output import RerunFile
 from knee_contact_ros.view.scene import Scene
+from tests.helpers.answers import rows_of
 from tests.helpers.messages import raw_inputs
 
 WEIGHT = 737.068
+SHIPPED = [
+    [law, *surface] for law in ("healthy.yaml", "osteoarthritis.yaml") for surface in ([], ["mri_femur.yaml"],
+    ["mri_knee.yaml"])
+]  # fmt: skip
+"""Parameter files of all shipped knees"""
 
 
-SHIPPED: dict[str, list[str]] = {
-    "healthy": ["healthy.yaml"],
-    "osteoarthritis": ["osteoarthritis.yaml"],
-    "healthy, MRI femur": ["healthy.yaml", "mri_femur.yaml"],
-    "osteoarthritis, MRI femur": ["osteoarthritis.yaml", "mri_femur.yaml"],
-    "healthy, MRI knee": ["healthy.yaml", "mri_knee.yaml"],
-    "osteoarthritis, MRI knee": ["osteoarthritis.yaml", "mri_knee.yaml"],
-}
-
-
-def answered(pipeline: ContactStream, bag: Path, most: int = 10_000) -> list[Answer]:
-    answers: list[Answer] = []
+def answered(stream: ContactStream, bag: Path, most: int = 10_000) -> Rows:
+    answers: list[Any] = []
     for topic, _, message in raw_inputs(bag)[:most]:
-        answers += (pipeline.joint_state if topic == "/joint_states" else pipeline.force)(message)
-    return answers
+        answers += (stream.joint_state if topic == "/joint_states" else stream.force)(message)
+    return rows_of(answers)
 
 
-def written(path: Path, drawing: KneeOutlines, batches: list[Rows], latency: bool = False) -> Path:
-    outlet = RerunFile(path, [drawing], latency=latency)
-    scene = Scene(outlet.recording, drawing, latency=latency)
-    for batch in batches:
-        scene.show(batch)
+def written(path: Path, drawing: KneeOutlines, parts: list[Any], latency: bool = False, **options: Any) -> Path:
+    """A scene of batches of answers, and of notes (name and values) between them."""
+    file = RerunFile(path, [drawing], latency=latency)
+    scene = Scene(file.recording, drawing, latency=latency, **options)
+    for part in parts:
+        scene.note(*part) if isinstance(part, tuple) else scene.show(part)
     scene.finish()
-    outlet.close()
+    file.close()
     return path
 
 
@@ -52,3 +51,48 @@ def at(rows: Rows, stamps: Any) -> Rows:
     rows = rows.copy()
     rows["stamp"] = stamps
     return rows
+
+
+@lru_cache(maxsize=2)
+def _chunks(path: Path, *_status: int) -> list[Any]:
+    return [(chunk.entity_path, chunk.is_static, chunk.to_record_batch()) for chunk in RrdReader(path).stream()]
+
+
+def chunks(path: Path) -> list[Any]:
+    """All that a recording holds (path, whether it is constant, data); it is read once, as long as it is the same."""
+    status = path.stat()
+    return _chunks(path, status.st_ino, status.st_size, status.st_mtime_ns)
+
+
+def lists(path: Path, entity: str, component: str) -> list[tuple[int, Any]]:
+    """Stamps and values of one component, in the order of the stamps."""
+    values: list[tuple[int, Any]] = []
+    for place, still, batch in chunks(path):
+        if place == entity and not still and component in batch.schema.names:
+            stamps = batch.column("stamp").cast("int64").to_pylist()
+            values += zip(stamps, batch.column(component).to_pylist(), strict=True)
+    return sorted(values, key=lambda pair: pair[0])
+
+
+def column(path: Path, entity: str, component: str = "Scalars:scalars") -> np.ndarray:
+    """The values alone, where all have the same length."""
+    return np.array([value for _, value in lists(path, entity, component)])
+
+
+def told(path: Path, entity: str = "events", component: str = "TextLog:text") -> list[str]:
+    """Texts of the knee, in the order of the stamps."""
+    return [text[0] for _, text in lists(path, f"/knee/{entity}", component)]
+
+
+def entities(path: Path) -> dict[str, set[str]]:
+    """The components that change, by entity."""
+    found: dict[str, set[str]] = {}
+    for place, still, batch in chunks(path):
+        if not still:
+            found.setdefault(place, set()).update(name for name in batch.schema.names if ":" in name)
+    return found
+
+
+def constant(path: Path, component: str) -> set[str]:
+    """The entities that hold a component which does not change."""
+    return {place for place, still, batch in chunks(path) if still and component in batch.schema.names}

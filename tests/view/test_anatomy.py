@@ -9,15 +9,26 @@ from typing import Any
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from matplotlib.path import Path as Outline
 
 from knee_contact_ros.model.knee import KneeModel
-from knee_contact_ros.parameters.build import build_model
-from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.view.anatomy import DRAWN_THICKNESS, SURFACE_POINTS, Picture, anatomy_of, picture_of
-from knee_contact_ros.view.scene import triangles_of
+from knee_contact_ros.parameters.build import load_model
+from knee_contact_ros.view.anatomy import (
+    DRAWN_THICKNESS,
+    MARGIN,
+    POINTS,
+    SAMPLES,
+    SURFACE_POINTS,
+    Picture,
+    anatomy_of,
+    lowest_at,
+    overlaps,
+    picture_of,
+)  # fmt: skip
 
-DEPTH = 0.7e-3
+DEPTH, RADIUS = 0.7e-3, 0.034
 KNEES: dict[str, list[Any]] = {
     "healthy": ["healthy.yaml"],
     "osteoarthritis": ["osteoarthritis.yaml"],
@@ -31,11 +42,16 @@ KNEES: dict[str, list[Any]] = {
     "elastic foundation": ["healthy.yaml", {"contact.law": "elastic_foundation"}],
 }  # fmt: skip
 ANGLES = (-0.1, 0.3, 1.2)
+TWO_LAYERS = {"contact.law": "two_layer_elastic", "contact.layer_depth": 1e-3}
+CORNERS = 181
+CHORD = RADIUS * (1.0 - math.cos(math.pi / (CORNERS - 1)))
+"""How far the corners cut into the circle [m]"""
+PLANE = np.array([[-0.04, 0.0], [0.04, 0.0]])
 
 
 @cache
 def model_of(config: Path, name: str) -> KneeModel:
-    return build_model(load_parameters([config / one if isinstance(one, str) else one for one in KNEES[name]]))
+    return load_model([config / one if isinstance(one, str) else one for one in KNEES[name]])
 
 
 def pressed(model: KneeModel, angle: float, depth: float = DEPTH) -> Picture:
@@ -70,27 +86,38 @@ def crossings(polygon: np.ndarray) -> int:
 
 @pytest.mark.parametrize("angle", ANGLES)
 @pytest.mark.parametrize("name", KNEES)
-def test_polygons_are_simple_and_on_their_sides(config: Path, name: str, angle: float) -> None:
+def test_polygons_are_simple_on_their_sides_and_overlap_where_both_are(config: Path, name: str, angle: float) -> None:
     model = model_of(config, name)
     picture = pressed(model, angle)
     for polygon in picture[:5]:
         assert np.isfinite(polygon).all()
         assert crossings(polygon) == 0
         assert np.hypot(*np.diff(polygon, axis=0, append=polygon[:1]).T).max() < 0.06  # no side leaps over the knee
-    femur, tibia = Outline(picture.femur_bone), Outline(picture.tibia_bone)
+    bones, covers = (picture.femur_bone, picture.tibia_bone), (picture.femur_cartilage, picture.tibia_cartilage)
     point, normal = np.array(picture.contact_point), np.array(picture.normal)
-    assert femur.contains_point(point + 8e-3 * normal)
-    assert tibia.contains_point(point - 8e-3 * normal)
     # The cartilage: at the contact, between the bones and the surfaces.
     inside = 0.5 * min(anatomy_of(model).thickness, DEPTH)
-    assert Outline(picture.tibia_cartilage).contains_point(point - inside * normal)
-    assert Outline(picture.femur_cartilage).contains_point(point - (DEPTH - inside) * normal)
-    overlap = picture.overlap.mean(axis=0)
-    assert Outline(np.concatenate([picture.overlap, picture.overlap[:1]])).contains_point(overlap)
+    for bone, cover, deep, shallow in zip(bones, covers, (8e-3, -8e-3), (inside - DEPTH, -inside), strict=True):
+        assert Outline(bone).contains_point(point + deep * normal)
+        assert Outline(cover).contains_point(point + shallow * normal)
+    # The overlap, against a count of the points that lie in both closed outlines.
+    low, high = picture.overlap.min(axis=0) - 1e-4, picture.overlap.max(axis=0) + 1e-4
+    x, y = (np.linspace(*ends, number) for *ends, number in zip(low, high, (300, 150), strict=True))
+    grid = np.stack(np.meshgrid(x, y), axis=2).reshape(-1, 2)
+    femur, tibia = (
+        Outline(bone).contains_points(grid) | Outline(cover).contains_points(grid)
+        for bone, cover in zip(bones, covers, strict=True)
+    )
+    counted = (femur & tibia).sum() * (x[1] - x[0]) * (y[1] - y[0])
+    # Both are drawn as polygons whose corners cut some micrometres off 0.7 mm.
+    assert area(picture.overlap) == pytest.approx(counted, rel=0.04)
 
 
 @pytest.mark.parametrize("name", KNEES)
 def test_triangles_cover_the_bones_once(config: Path, name: str) -> None:
+    pytest.importorskip("rerun", reason="needs the extra viewer")
+    from knee_contact_ros.view.scene import triangles_of
+
     picture = pressed(model_of(config, name), 0.3)
     for polygon in (picture.femur_bone, picture.tibia_bone[::-1]):
         triangles = triangles_of(polygon)
@@ -109,65 +136,77 @@ def test_surfaces_are_the_model_s(config: Path, name: str) -> None:
     assert drawn[:, 1].min() == pytest.approx(outline[:, 1].min(), abs=2e-5)
     tibia = anatomy.tibia_cartilage[:SURFACE_POINTS]
     assert (np.diff(tibia[:, 0]) > 0.0).all()
-    reference = model.pair.outline(0.05)
-    assert tibia[:, 1] == pytest.approx(np.interp(tibia[:, 0], *reference.T), abs=2e-5)
+    assert tibia[:, 1] == pytest.approx(np.interp(tibia[:, 0], *model.pair.outline(0.05).T), abs=2e-5)
 
 
 @pytest.mark.parametrize(
     ("changes", "thickness", "is_drawn"),
     [
         ({}, DRAWN_THICKNESS, True),
-        ({"contact.law": "two_layer_elastic", "contact.layer_depth": 1e-3}, 0.5e-3, False),
+        (TWO_LAYERS, 0.5e-3, False),
         ({"contact.law": "elastic_foundation", "contact.foundation_thickness": 3e-3}, 1.5e-3, False),
     ],
 )
 def test_the_law_tells_the_thickness_if_it_can(changes: dict[str, Any], thickness: float, is_drawn: bool) -> None:
-    anatomy = anatomy_of(build_model(load_parameters(changes)))
-    assert anatomy.thickness == pytest.approx(thickness)
-    assert anatomy.thickness_is_drawn is is_drawn
+    anatomy = anatomy_of(load_model(changes))
+    assert (anatomy.thickness, anatomy.thickness_is_drawn) == (pytest.approx(thickness), is_drawn)
     surface, bone = anatomy.tibia_cartilage[:SURFACE_POINTS], anatomy.tibia_bone[:SURFACE_POINTS]
-    middle = SURFACE_POINTS // 2
-    assert np.hypot(*(surface - bone)[middle]) == pytest.approx(thickness)
+    assert np.hypot(*(surface - bone)[SURFACE_POINTS // 2]) == pytest.approx(thickness)
     assert surface[[0, -1]] == pytest.approx(bone[[0, -1]])  # it thins out
 
 
-def test_the_bones_touch_where_the_law_says_so() -> None:
-    model = build_model(load_parameters({"contact.law": "two_layer_elastic", "contact.layer_depth": 1e-3}))
-    for depth, touch in ((0.95e-3, False), (1.05e-3, True)):
-        picture = pressed(model, 0.2, depth)
-        tibia = Outline(picture.tibia_bone)
-        assert tibia.contains_points(picture.femur_bone).any() == touch
-
-
-@pytest.mark.parametrize("angle", ANGLES)
-@pytest.mark.parametrize("name", KNEES)
-def test_the_overlap_is_what_both_cover(config: Path, name: str, angle: float) -> None:
-    """Against a count of the places that lie in both closed outlines."""
-    model = model_of(config, name)
-    picture = pressed(model, angle)
-    low, high = picture.overlap.min(axis=0) - 1e-4, picture.overlap.max(axis=0) + 1e-4
-    steps = (300, 150)
-    x, y = (np.linspace(*ends, number) for *ends, number in zip(low, high, steps, strict=True))
-    places = np.stack(np.meshgrid(x, y), axis=2).reshape(-1, 2)
-    femur, tibia = (
-        Outline(one).contains_points(places) | Outline(other).contains_points(places)
-        for one, other in ((picture.femur_bone, picture.femur_cartilage), (picture.tibia_bone, picture.tibia_cartilage))
-    )
-    cell = (x[1] - x[0]) * (y[1] - y[0])
-    # Both are drawn as polygons whose corners cut some micrometres off 0.7 mm.
-    assert area(picture.overlap) == pytest.approx((femur & tibia).sum() * cell, rel=0.04)
-
-
-def test_the_overlap_of_a_circle_and_a_plane_is_a_segment(config: Path) -> None:
-    picture = pressed(model_of(config, "healthy"), 0.3)
-    radius = 0.034
-    half = math.acos(1.0 - DEPTH / radius)
-    segment = radius**2 * (half - math.sin(half) * math.cos(half))
-    assert area(picture.overlap) == pytest.approx(segment, rel=0.02)  # corners every 2 degrees
-    assert np.ptp(picture.overlap[:, 0]) == pytest.approx(2.0 * radius * math.sin(half), rel=0.01)
+@pytest.mark.parametrize(("depth", "touch"), [(0.95e-3, False), (1.05e-3, True)])
+def test_the_bones_touch_where_the_law_says_so(depth: float, touch: bool) -> None:
+    picture = pressed(load_model(TWO_LAYERS), 0.2, depth)
+    assert Outline(picture.tibia_bone).contains_points(picture.femur_bone).any() == touch
 
 
 def test_there_is_no_overlap_apart() -> None:
-    picture = picture_of(build_model(load_parameters({})), 0.2, 0.035)
+    picture = picture_of(load_model({}), 0.2, 0.035)
     assert picture.depth == pytest.approx(-1e-3)
     assert picture.overlap.shape == (0, 2)
+
+
+def circle(x: float, height: float) -> np.ndarray:
+    angles = np.linspace(0.0, math.tau, CORNERS)
+    return np.stack([x + RADIUS * np.cos(angles), height + RADIUS * np.sin(angles)], axis=1)
+
+
+@given(x=st.floats(-0.01, 0.01), depth=st.floats(1e-5, 3e-3))
+def test_the_overlap_of_a_circle_and_a_plane_is_a_segment(x: float, depth: float) -> None:
+    found = overlaps(np.array([circle(x, RADIUS - depth)]), PLANE, np.array([x]), np.array([depth]), RADIUS)
+    assert found.x.shape == found.lower.shape == found.upper.shape == (1, POINTS)
+    rise = np.sqrt(RADIUS**2 - (found.x[0] - x) ** 2)
+    lower = np.minimum(RADIUS - depth - rise, 0.0)
+    assert (np.abs(found.lower[0] - lower) <= 1.01 * CHORD * RADIUS / rise).all()  # on a slope; 1.01: second order
+    assert found.upper[0] == pytest.approx(0.0, abs=0.0)
+    step = MARGIN * math.sqrt(2.0 * RADIUS * depth) * 2.0 / (SAMPLES - 1)
+    # The outline lies up to a chord's height inside of the circle or outside, and meets the plane there; where it ends
+    # is told by two of the points that were looked at, along a line.
+    half = math.sqrt(2.0 * RADIUS * depth - depth**2)
+    inner, outer = (math.sqrt(2.0 * RADIUS * max(depth + off, 0.0)) for off in (-CHORD, CHORD))
+    assert 2.0 * min(inner, half) - 0.1 * step <= np.ptp(found.x[0]) <= 2.0 * outer + 0.1 * step
+
+
+@pytest.mark.parametrize("tibial_radius", [0.036, 0.04, 0.095])
+def test_it_is_as_wide_as_the_lens_in_a_plateau_that_nearly_fits(tibial_radius: float) -> None:
+    turns, depth = np.linspace(-1.2, 1.2, 2001), 5e-4
+    tibia = tibial_radius * np.stack([np.sin(turns), 1.0 - np.cos(turns)], axis=1)
+    found = overlaps(np.array([circle(0.0, RADIUS - depth)]), tibia, np.array([0.0]), np.array([depth]), RADIUS)
+    apart = tibial_radius - RADIUS + depth  # from centre to centre
+    half = math.sqrt(RADIUS**2 - ((tibial_radius**2 - RADIUS**2 - apart**2) / (2.0 * apart)) ** 2)
+    assert np.ptp(found.x[0]) == pytest.approx(2.0 * half, rel=0.05)
+    assert found.upper[0, [0, -1]] == pytest.approx(found.lower[0, [0, -1]], abs=0.1 * depth)
+
+
+def test_every_picture_is_its_own_and_the_lower_side_counts() -> None:
+    femur = np.array([circle(*pose) for pose in ((0.0, RADIUS - 1e-3), (0.005, RADIUS + 1.0), (-0.01, RADIUS - 2e-3))])
+    middle, depth = np.array([0.0, 0.005, -0.01]), np.array([1e-3, 0.0, 2e-3])
+    together = overlaps(femur, PLANE, middle, depth, RADIUS)
+    for i in range(3):
+        alone = overlaps(femur[[i]], PLANE, middle[[i]], depth[[i]], RADIUS)
+        assert all(np.array_equal(one[0], both[i]) for one, both in zip(alone, together, strict=True))
+    assert [(together.upper > together.lower)[i].any() for i in range(3)] == [True, False, True]
+    outline = circle(0.0, 0.0)[None]
+    assert lowest_at(outline, np.array([[0.0]]))[0, 0] == pytest.approx(-RADIUS, abs=CHORD)
+    assert lowest_at(outline, np.array([[0.1]]))[0, 0] == math.inf

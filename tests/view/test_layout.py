@@ -1,4 +1,4 @@
-"""The layout: the frame that knees share, and what stands beside what."""
+"""The layout: the frame that knees share, what stands beside what, titles and colours."""
 
 from __future__ import annotations
 
@@ -12,72 +12,85 @@ pytest.importorskip("rerun", reason="needs the extra viewer")
 import rerun.blueprint as rrb
 from rerun.blueprint.api import Container
 
+from knee_contact_ros.model.types import Rows
 from knee_contact_ros.parameters.build import load_model
-from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.streams.contact_stream import ContactStream
-from knee_contact_ros.streams.topics import Answer
+from knee_contact_ros.view import layout
 from knee_contact_ros.view.anatomy import KneeOutlines, drawing_of, placed
-from knee_contact_ros.view.layout import blueprint, common, frame_of
+from knee_contact_ros.view.colours import KNEE_COLOURS
+from knee_contact_ros.view.layout import DETAILS, KNEE, READ_OFF, blueprint, title_of
 from tests.view.scenes import SHIPPED, WEIGHT
 
 pytestmark = pytest.mark.xdist_group("the scene")  # what is drawn once is read by several
+Knee = tuple[KneeOutlines, Rows]
 
 
 def test_knees_of_one_scene_have_one_frame(config: Path) -> None:
-    drawings = [
-        drawing_of(
-            ContactStream(load_parameters([config / file for file in files]), compiled=False).model, "knee", WEIGHT
-        )
-        for files in SHIPPED.values()
-    ]
-    frame = common([frame_of(drawing) for drawing in drawings])
+    drawings = [drawing_of(load_model([config / file for file in files]), "knee", WEIGHT) for files in SHIPPED]
+    frame = layout.common([layout.frame_of(drawing) for drawing in drawings])
     for drawing in drawings:
         knee = drawing.anatomy
         lowest = knee.femur_cartilage[:, 1].min()
         for angle in (0.0, 1.0):
             points = 1e3 * np.concatenate([placed(knee.femur_bone, angle, 0.0, -lowest), knee.tibia_bone])
-            assert frame.x[0] < points[:, 0].min()
-            assert points[:, 0].max() < frame.x[1]
-            assert frame.y[0] < -points[:, 1].max()
-            assert -points[:, 1].min() < frame.y[1]
+            for axis, ends in ((points[:, 0], frame.x), (-points[:, 1], frame.y)):
+                assert ends[0] < axis.min() < axis.max() < ends[1]
 
 
-@pytest.mark.parametrize(
-    ("files", "changes"),
-    [
-        (["healthy"], {"tibia.slope": -0.7}),
-        (["healthy"], {"tibia.slope": 0.7}),
-        (["healthy"], {"femur.radius": 0.2}),
-    ],
-)
-def test_a_steep_or_large_knee_is_seen_whole_with_its_words(files: list[str], changes: dict[str, float]) -> None:
-    model = load_model([*files, changes])
+@pytest.mark.parametrize("changes", [{"tibia.slope": -0.7}, {"tibia.slope": 0.7}, {"femur.radius": 0.2}])
+def test_a_steep_or_large_knee_is_seen_whole_with_its_words(changes: dict[str, float]) -> None:
+    model = load_model(["healthy", changes])
     drawing = drawing_of(model, "knee", WEIGHT)
-    frame = frame_of(drawing)
+    frame = layout.frame_of(drawing)
     for angle in (0.0, 1.0):
         x, _ = model.pair.mechanism.translation(angle)
         touching = model.closest(angle, 1.0)
         height = 1.0 + touching.depth / touching.normal_y  # a circle and a plane: the normal stays
         assert frame.y[0] < -1e3 * placed(drawing.anatomy.femur_bone, angle, x, height)[:, 1].max()
-    room = (frame.y[1] - frame.scale[1]) / (frame.y[1] - frame.y[0])
-    assert room > 0.05  # below the marks, where their words stand
+    assert (frame.y[1] - frame.scale[1]) / (frame.y[1] - frame.y[0]) > 0.05  # below the marks, where their words stand
 
 
-@pytest.mark.parametrize("knees", [["left", "right"], ["left_medial", "left_lateral", "right"]])
-def test_narrow_views_of_states_have_short_names(knees: list[str], knee: tuple[KneeOutlines, list[Answer]]) -> None:
+@pytest.mark.parametrize("number", [1, 2, 3, 4])
+def test_two_planes_at_most_stand_side_by_side_and_narrow_views_have_short_names(knee: Knee, number: int) -> None:
     def views(container: Any) -> list[Any]:
         within = isinstance(container, Container)
         return [view for part in container.contents for view in views(part)] if within else [container]
 
-    drawn = blueprint([knee[0]._replace(knee=name) for name in knees])
+    names = [f"knee_{one}" for one in range(number)]
+    drawn = blueprint([knee[0]._replace(knee=name) for name in names])
+    planes = drawn.root_container.contents[0].contents[0]
+    assert (len(planes.contents), planes.grid_columns) == (number, min(number, 2))
     states = [view.name for view in views(drawn.root_container) if isinstance(view, rrb.StateTimelineView)]
-    assert states == ([f"{name}: contact and level" for name in knees] if len(knees) == 2 else knees)
+    assert states == [f"{name}{': contact and level' if number <= 2 else ''}" for name in names]
 
 
-@pytest.mark.parametrize(("knees", "columns"), [(1, 1), (2, 2), (3, 2), (4, 2)])
-def test_two_planes_at_most_stand_side_by_side(
-    knee: tuple[KneeOutlines, list[Answer]], knees: int, columns: int
-) -> None:
-    layout = blueprint([knee[0]._replace(knee=f"knee_{number}") for number in range(knees)])
-    planes = layout.root_container.contents[0].contents[0]
-    assert (len(planes.contents), planes.grid_columns) == (knees, columns)
+def test_several_knees_are_told_apart_by_their_colours(knee: Knee) -> None:
+    drawing, _ = knee
+    both = [drawing._replace(knee="left"), drawing._replace(knee="right", body_weight=800.0)]
+    assert title_of(both, KNEE[1]).endswith("[BW of 737 or 800 N]: left blue, right orange")
+    still = drawing._replace(knee="circle", contact_range=(0.0, 0.0))
+    assert title_of([still, drawing], KNEE[3]).endswith("[mm]: knee orange")
+    assert len({one.colour for one in KNEE_COLOURS}) == len(KNEE_COLOURS)
+    four = [drawing._replace(knee=f"{side}_{of}") for side in ("left", "right") for of in ("medial", "lateral")]
+    assert title_of(four, KNEE[0]) == (
+        "Flexion angle [deg]: left_medial blue, left_lateral orange, right_medial green, right_lateral violet"
+    )
+    for plot in (*KNEE, *DETAILS, *READ_OFF):
+        title = title_of(four, plot)
+        assert len(title) <= layout.LONGEST_TITLE
+        assert title.endswith((": colours as of the flexion angle", "right_lateral violet"))
+
+
+def test_curves_can_be_seen_in_a_dark_and_in_a_light_viewer() -> None:
+    """Rerun follows the user's theme; in a browser that is mostly the light one."""
+
+    def luminance(colour: tuple[int, int, int]) -> float:
+        """Relative luminance of the web's contrast formula (WCAG 2)."""
+        parts = [part / 255.0 for part in colour]
+        linear = [part / 12.92 if part <= 0.03928 else ((part + 0.055) / 1.055) ** 2.4 for part in parts]
+        return float(np.dot([0.2126, 0.7152, 0.0722], linear))
+
+    series = {series.colour for plot in (*KNEE, *DETAILS) for series in plot.series}
+    for colour in {layout.LAYER_COLOUR, *(one.colour for one in KNEE_COLOURS), *series}:
+        light = luminance(colour)
+        assert 1.05 / (light + 0.05) > 2.5, colour
+        assert (light + 0.05) / (luminance((16, 17, 20)) + 0.05) > 2.5, colour

@@ -12,7 +12,7 @@ from knee_contact_ros.commands.main import main
 from knee_contact_ros.view.colours import BONE, CARTILAGE, COVER, DEPTH, FEMUR, FORCE, TIBIA
 from knee_contact_ros.view.layout import DETAILS, KNEE, READ_OFF
 from tests.helpers.viewer import pixels_of, rendered
-from tests.view.rrd import entities, lists
+from tests.view.scenes import entities, lists
 
 PEAK = 2_430_000_000
 STAMPS = (530_000_000, 2_460_000_000)

@@ -33,7 +33,7 @@ from knee_contact_ros.view.output import Serving, open_output
 from tests.helpers.messages import raw_inputs
 from tests.helpers.processes import has_ended
 from tests.helpers.viewer import rendered, wait_for
-from tests.view.rrd import column, entities, lists
+from tests.view.scenes import column, entities, lists
 
 PLOTS = (*KNEE, *DETAILS)
 TOPICS = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}

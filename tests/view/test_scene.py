@@ -1,63 +1,64 @@
-"""The scene: what is in it, where and when."""
+"""The scene: what is in it, where and when; curves, states and events."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rerun", reason="needs the extra viewer")
 
-from knee_contact_ros.model.types import ROW
+from knee_contact_ros.model.types import ROW, Rows
+from knee_contact_ros.offline.notebooks import solve
+from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.results import DATES_FROM
 from knee_contact_ros.streams.contact_stream import ContactStream
-from knee_contact_ros.streams.topics import Answer
+from knee_contact_ros.streams.strides import impulse_per_stride
 from knee_contact_ros.view.anatomy import POINTS, KneeOutlines, drawing_of
-from knee_contact_ros.view.output import RerunFile
-from knee_contact_ros.view.scene import PICTURE_PERIOD, Scene
-from tests.helpers.answers import contact, rows_of
-from tests.view.rrd import column, entities, lists
-from tests.view.scenes import WEIGHT, answered, at, written
+from knee_contact_ros.view.layout import DETAILS, FORCES, KNEE, plane_title, plots_of, title_of
+from knee_contact_ros.view.scene import PICTURE_PERIOD, Remarks
+from knee_contact_ros.view.viewer import peak_of
+from tests.helpers.answers import contact
+from tests.view.scenes import SHIPPED, WEIGHT, answered, at, column, constant, entities, lists, told, written
 
 pytestmark = pytest.mark.xdist_group("the scene")  # what is drawn once is read by several
+Knee = tuple[KneeOutlines, Rows]
+SECOND = 1_000_000_000
 
 
 def test_what_is_drawn_is_where_the_answers_say(right_bag: Path, tmp_path: Path) -> None:
     names = {"translation.mechanism": "parallel_mechanism", "tibia.geometry": "circle", "load.share": 1.0}
-    pipeline = ContactStream(load_parameters(names), compiled=False)
-    answers = answered(pipeline, right_bag, 240)
-    model = pipeline.model
-    path = written(tmp_path / "knee.rrd", drawing_of(model, "knee", WEIGHT), [rows_of(answers)])
+    stream = ContactStream(load_parameters(names), compiled=False)
+    rows, model = answered(stream, right_bag, 240), stream.model
+    path = written(tmp_path / "knee.rrd", drawing_of(model, "knee", WEIGHT), [rows])
 
     def drawn(entity: str, component: str) -> np.ndarray:
         """One vector per tick, y turned from the screen's direction (down) to the tibia's (up)."""
-        vectors = column(path, f"/knee/sagittal/{entity}", component).reshape(len(answers), -1)
+        vectors = column(path, f"/knee/sagittal/{entity}", component).reshape(len(rows), -1)
         return vectors * np.where(np.arange(vectors.shape[1]) == 1, -1.0, 1.0)
 
-    contacts = list(rows_of(answers))
-    angles = np.array([contact.flexion_angle for contact in contacts])
-    height = [1e3 * contact.femoral_height for contact in contacts]
-    x = [1e3 * model.pair.mechanism.translation(angle)[0] for angle in angles.tolist()]
-    point = [(1e3 * contact.contact_point.x, 1e3 * contact.contact_point.y) for contact in contacts]
-    closest = [model.closest(contact.flexion_angle, contact.femoral_height) for contact in contacts]
-    force = np.array([contact.contact_force for contact in contacts])
+    angles, force = rows["flexion_angle"], rows["contact_force"]
+    x = np.array([1e3 * model.pair.mechanism.translation(angle)[0] for angle in angles.tolist()])
+    point = 1e3 * np.stack([rows["contact_point"]["x"], rows["contact_point"]["y"]], axis=1)
+    closest = [model.closest(*pose) for pose in zip(angles.tolist(), rows["femoral_height"].tolist(), strict=True)]
     arrow = np.array([(where.normal_x, where.normal_y) for where in closest]) * force[:, None] / 50.0  # N per mm
     # Rerun keeps single precision: 6e-8 of lengths of 40 mm, and of quaternions of 1.
-    assert drawn("femur", "Transform3D:translation") == pytest.approx(np.stack([x, height, 0.0 * angles], 1), abs=1e-5)
-    assert drawn("contact_point", "Points2D:positions") == pytest.approx(np.array(point), abs=1e-5)
-    assert drawn("contact_path", "Points2D:positions") == pytest.approx(np.array(point), abs=1e-5)
-    assert drawn("contact_force_on_femur", "Arrows2D:origins") == pytest.approx(np.array(point), abs=1e-5)
+    place = np.stack([x, 1e3 * rows["femoral_height"], 0.0 * angles], axis=1)
+    assert drawn("femur", "Transform3D:translation") == pytest.approx(place, abs=1e-5)
+    for entity, component in (("contact_point", "Points2D:positions"), ("contact_path", "Points2D:positions"),
+                              ("contact_force_on_femur", "Arrows2D:origins")):  # fmt: skip
+        assert drawn(entity, component) == pytest.approx(point, abs=1e-5)
     assert drawn("contact_force_on_femur", "Arrows2D:vectors") == pytest.approx(arrow, abs=1e-5)
-    told = [text[0] for _, text in lists(path, "/knee/sagittal/contact_force", "Points2D:labels")]
-    assert told == [f"{newtons:.0f} N\n{newtons / WEIGHT:.2f} BW" for newtons in force.tolist()]
+    words = [f"{newtons:.0f} N\n{newtons / WEIGHT:.2f} BW" for newtons in force.tolist()]
+    assert told(path, "sagittal/contact_force", "Points2D:labels") == words
     in_front, behind = (column(path, f"/knee/{root}/femur", "Transform3D:quaternion") for root in ("sagittal", "body"))
     assert np.array_equal(in_front, behind)
-    quaternion = in_front.reshape(len(answers), 4)
+    quaternion = in_front.reshape(len(rows), 4)
     # Flexion turns the femur from anterior to superior, which is backwards on a screen whose y points down.
     assert 2.0 * np.arctan2(quaternion[:, 2], quaternion[:, 3]) == pytest.approx(-angles, abs=1e-6)
     assert quaternion[:, :2] == pytest.approx(0.0, abs=0.0)
@@ -65,44 +66,34 @@ def test_what_is_drawn_is_where_the_answers_say(right_bag: Path, tmp_path: Path)
     assert min(np.ptp(angles), np.ptp(x), np.abs(arrow[:, 0]).max()) > 0.4
 
 
-def test_the_overlap_is_as_deep_as_the_answers_say(knee: tuple[KneeOutlines, list[Answer]], drawn: Path) -> None:
-    _, answers = knee
-    contacts = rows_of(answers)
+def test_the_overlap_is_as_deep_as_the_answers_say(knee: Knee, drawn: Path) -> None:
+    rows = knee[1]
     corners = column(drawn, "/knee/body/overlap", "Mesh3D:vertex_positions")
     # As it is, and magnified: its cartilage, its bone; each along the tibia and along the femur.
-    assert corners.shape == (len(answers), 3 * 2 * POINTS, 3)
-    upper, lower, top, cartilage, bone, bottom = corners.reshape(len(answers), 6, POINTS, 3).transpose(1, 0, 2, 3)
-    depth = 1e3 * contacts["penetration_depth"]
-    # 13 places: the deepest is within half a step, 1/24 of the width, and a parabola is 1/144 lower there; the
+    assert corners.shape == (len(rows), 3 * 2 * POINTS, 3)
+    upper, lower, top, cartilage, bone, bottom = corners.reshape(len(rows), 6, POINTS, 3).transpose(1, 0, 2, 3)
+    depth, point = 1e3 * rows["penetration_depth"], 1e3 * rows["contact_point"]["x"]
+    # 13 points: the deepest is within half a step, 1/24 of the width, and a parabola is 1/144 lower there; the
     # outline's corners cut some micrometres off. On the screen y points down.
-    near = {"rel": 0.01, "abs": 2e-3}
-    assert (lower - upper)[..., 1].max(axis=1) == pytest.approx(depth, **near)
+    assert (lower - upper)[..., 1].max(axis=1) == pytest.approx(depth, rel=0.01, abs=2e-3)
     assert np.array_equal(upper, top)
     assert (bottom - top)[..., 1].max(axis=1) == pytest.approx(10.0 * depth, rel=0.01, abs=2e-2)
     assert (cartilage - top)[..., 1].max(axis=1) == pytest.approx(10.0 * np.minimum(depth, 0.5), rel=0.01, abs=2e-2)
     assert np.array_equal(cartilage, bone)
-    point = 1e3 * contacts["contact_point"]["x"]
-    assert (upper[:, 0, 0] < point).all()
-    assert (point < upper[:, -1, 0]).all()
-    told = [text[0] for _, text in lists(drawn, "/knee/sagittal/depth", "Points2D:labels")]
-    assert told == [f"{one:.2f} mm deep\ndrawn × 10" for one in depth.tolist()]
+    assert ((upper[:, 0, 0] < point) & (point < upper[:, -1, 0])).all()
+    words = [f"{one:.2f} mm deep\ndrawn × 10" for one in depth.tolist()]
+    assert told(drawn, "sagittal/depth", "Points2D:labels") == words
 
 
-def test_apart_there_is_no_overlap(tmp_path: Path) -> None:
-    model = ContactStream(load_parameters({}), compiled=False).model
-    rows = np.frombuffer(contact(penetration_depth=0.0, gap=1e-3, femoral_height=0.035).tobytes(), ROW)
-    path = written(tmp_path / "knee.rrd", drawing_of(model, "knee", WEIGHT), [rows])
-    corners = column(path, "/knee/body/overlap", "Mesh3D:vertex_positions")
-    assert corners.shape == (1, 2 * 2 * POINTS, 3)
-    assert np.ptp(corners[0], axis=0) == pytest.approx([0.0, 0.0, 0.0])
-    assert [text[0] for _, text in lists(path, "/knee/sagittal/depth", "Points2D:labels")] == ["1.00 mm apart"]
-
-
-def test_apart_the_force_is_told_on_the_tibia_and_else_above_its_arrow(tmp_path: Path) -> None:
-    model = ContactStream(load_parameters({}), compiled=False).model
+def test_apart_there_is_no_overlap_and_the_force_is_told_on_the_tibia(tmp_path: Path) -> None:
     flying = contact(penetration_depth=0.0, contact_force=0.0, gap=14e-3, femoral_height=0.048)
     rows = np.frombuffer(flying.tobytes() + contact(contact_force=700.0).tobytes(), ROW)
-    path = written(tmp_path / "knee.rrd", drawing_of(model, "knee", WEIGHT), [at(rows, [0, PICTURE_PERIOD])])
+    drawing = drawing_of(load_model({}), "knee", WEIGHT)
+    path = written(tmp_path / "knee.rrd", drawing, [at(rows, [0, PICTURE_PERIOD])])
+    corners = column(path, "/knee/body/overlap", "Mesh3D:vertex_positions")
+    assert corners.shape == (2, 2 * 2 * POINTS, 3)
+    assert np.ptp(corners[0], axis=0) == pytest.approx([0.0, 0.0, 0.0])
+    assert told(path, "sagittal/depth", "Points2D:labels")[0] == "14.00 mm apart"
     words, point = (
         column(path, f"/knee/sagittal/{name}", "Points2D:positions").reshape(2, 2)
         for name in ("contact_force", "contact_point")
@@ -111,38 +102,110 @@ def test_apart_the_force_is_told_on_the_tibia_and_else_above_its_arrow(tmp_path:
     assert words[1, 1] < point[1, 1] - 700.0 / 50.0  # N per mm; the screen's y points down
 
 
-def test_how_answers_are_cut_into_batches_makes_no_difference(
-    knee: tuple[KneeOutlines, list[Answer]], drawn: Path, tmp_path: Path
-) -> None:
-    (drawing, answers), whole = knee, drawn
-    cuts = [0, 1, 2, 40, 41, 200, 387]
-    parts = [rows_of(answers[begin:end]) for begin, end in pairwise(cuts)]
-    cut = written(tmp_path / "cut.rrd", drawing, parts)
-    assert entities(whole) == entities(cut)
-    for entity, components in entities(whole).items():
+def test_how_answers_are_cut_into_batches_makes_no_difference(knee: Knee, drawn: Path, tmp_path: Path) -> None:
+    drawing, rows = knee
+    cut = written(tmp_path / "cut.rrd", drawing, np.split(rows, [1, 2, 40, 41, 200]))
+    assert entities(drawn) == entities(cut)
+    for entity, components in entities(drawn).items():
         if entity != "/knee/curves/layer":  # two points of a level line a batch
             for component in components:
-                assert lists(whole, entity, component) == lists(cut, entity, component), (entity, component)
+                assert lists(drawn, entity, component) == lists(cut, entity, component), (entity, component)
 
 
-def test_no_more_pictures_than_a_screen_can_show(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
-    drawing, answers = knee
-    whole = rows_of(answers)
-    fast = at(whole, whole["stamp"][0] + 1_000_000 * np.arange(len(whole)))
+def test_no_more_pictures_than_a_screen_can_show(knee: Knee, tmp_path: Path) -> None:
+    drawing, rows = knee
+    fast = at(rows, rows["stamp"][0] + 1_000_000 * np.arange(len(rows)))
     path = written(tmp_path / "knee.rrd", drawing, [fast[:100], fast[100:]])
-    assert len(column(path, "/knee/curves/flexion", "Scalars:scalars")) == 387
-    stamps = [stamp for stamp, _ in lists(path, "/knee/sagittal/femur", "Transform3D:translation")]
-    assert len(stamps) == math.ceil(387 * 1_000_000 / PICTURE_PERIOD)
+    assert len(column(path, "/knee/curves/flexion")) == 387
+    pictures = lists(path, "/knee/sagittal/femur", "Transform3D:translation")
+    assert len(pictures) == math.ceil(387 * 1_000_000 / PICTURE_PERIOD)
 
 
-def test_states_are_written_where_they_change(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
-    drawing, answers = knee
-    path = written(tmp_path / "knee.rrd", drawing, [rows_of(answers[:100]), rows_of(answers[100:])])
-    told = [state[0] for _, state in lists(path, "/knee/states/contact", "StateChange:state")]
-    names = ["apart", "cartilage", "bone"]
-    states = [names[contact.contact_state] for contact in rows_of(answers)]
-    assert told == [state for i, state in enumerate(states) if i == 0 or state != states[i - 1]]
-    assert len(told) > 3
+def test_every_curve_holds_every_tick(knee: Knee, drawn: Path) -> None:
+    (drawing, rows), near = knee, {"rel": 1e-12}  # the same arithmetic in another order: a few roundings of 1e-16
+    curves = {plot.path: column(drawn, f"/knee/curves/{plot.path}") for plot in (*KNEE, *DETAILS) if not plot.live}
+    for plot in (*KNEE, *DETAILS):
+        assert plot.live or curves[plot.path].shape == (387, len(plot.series)), plot
+        assert all("[" in series.name or series.name == "evaluations per tick" for series in plot.series)
+    error, force, uncertain = (rows[name] for name in ("error_estimate", "contact_force", "force_error_estimate"))
+    depth, more = rows["penetration_depth"] - rows["gap"], force - rows["load"]
+    assert curves["depth"] == pytest.approx(1e3 * np.stack([depth - error, depth + error, depth], 1), **near)
+    excess = np.where(np.abs(more) > np.maximum(3.0 * uncertain, 0.01 * WEIGHT), more, 0.0)
+    assert 0 < np.count_nonzero(excess) < len(excess)
+    bands = np.stack([force - uncertain, force + uncertain, force, rows["load"], excess], 1)
+    assert curves["force"] == pytest.approx(bands / WEIGHT, **near)
+    assert np.ptp(1e3 * rows["sliding_velocity"]) > 100.0
+    for name, values in (
+        ("flexion", np.degrees(rows["flexion_angle"])), ("contact_point", 1e3 * rows["contact_point"]["x"]),
+        ("sliding_velocity", 1e3 * rows["sliding_velocity"]), ("evaluations", rows["evaluations"]),
+    ):  # fmt: skip
+        assert curves[name][:, 0] == pytest.approx(values, **near)
+    assert curves["error"] == pytest.approx(np.stack([uncertain, 1e6 * error], 1), nan_ok=True, **near)
+    assert column(drawn, "/knee/curves/layer").ravel() == pytest.approx([0.5, 0.5])
+    assert "/knee/curves/latency" not in entities(drawn)
+    assert drawing.patch is not None
+    read = drawing.patch.readouts(drawing.law, rows)
+    pressure = 1e-6 * np.stack([read["mean_pressure"], read["peak_pressure"]], axis=1)
+    np.testing.assert_array_equal(column(drawn, "/knee/curves/pressure"), pressure)
+    for name, field, factor in (("patch", "half_width", 1e3), ("strain", "strain", 100.0)):
+        np.testing.assert_array_equal(column(drawn, f"/knee/curves/{name}")[:, 0], factor * read[field])
+    rates = column(drawn, "/knee/curves/loading_rate")
+    np.testing.assert_array_equal(rates[:, 0], 1e-3 * read["loading_rate"][1:])
+
+
+@pytest.mark.parametrize("files", SHIPPED, ids=" ".join)
+def test_no_plot_is_flat_and_no_title_empty_for_any_shipped_knee(
+    config: Path, right_bag: Path, tmp_path: Path, files: list[str]
+) -> None:
+    stream = ContactStream(load_parameters([config / file for file in files]), compiled=False)
+    drawing = drawing_of(stream.model, "knee", WEIGHT)
+    rows = answered(stream, right_bag, 150).copy()
+    rows["latency"] = 1e-4 * (1.0 + np.arange(len(rows)) % 7)
+    path = written(tmp_path / "knee.rrd", drawing, [rows], latency=True)
+    with_bone, moving = "osteoarthritis.yaml" in files, len(files) > 1
+    plots = plots_of(drawing, latency=True)
+    assert [plot.path for plot in plots if plot in KNEE] == ["flexion", "force", "depth", "contact_point"][: 3 + moving]
+    for plot in plots:
+        curve = column(path, f"/knee/curves/{plot.path}")
+        assert np.isfinite(curve).all()
+        assert np.ptp(curve, axis=0).max() > 0.0, plot.path
+        assert ("bone" in title_of([drawing], plot)) == (with_bone and plot.path == "depth")
+    assert column(path, "/knee/curves/latency").ravel() == pytest.approx(1e3 * rows["latency"])
+    curves = {entity for entity in entities(path) if entity.startswith("/knee/curves/")}
+    assert curves == {f"/knee/curves/{name}" for name in [*(plot.path for plot in plots), *["layer"][:with_bone]]}
+    assert ("drawn only" in plane_title(drawing)) != with_bone
+    assert {"/knee/states/contact", "/knee/states/level"} <= set(entities(path))
+
+
+def test_where_the_height_drives_no_load_is_drawn(tmp_path: Path) -> None:
+    model = load_model({"drive": "displacement"})
+    time, angle = np.arange(0.0, 0.2, 0.01), np.full(20, 0.3)
+    rows = np.asarray(model.run(time, angle, 0.0 * time, 0.0335 - 1e-4 * np.sin(30.0 * time)))
+    drawing = drawing_of(model, "knee", WEIGHT)
+    (forces,) = (plot for plot in plots_of(drawing, latency=False) if plot.path == FORCES)
+    assert title_of([drawing], forces) == "Contact force ± error [BW of 737 N]"
+    assert not any("load" in series.name for series in forces.series)
+    path = written(tmp_path / "knee.rrd", drawing, [rows])
+    assert column(path, f"/knee/curves/{FORCES}").shape == (20, 3)
+    assert peak_of(path) == (rows["stamp"][int(rows["contact_force"].argmax())], False)  # where the force is largest
+
+
+def test_a_single_answer_is_seen_in_every_plot(knee: Knee, tmp_path: Path) -> None:
+    drawing, rows = knee
+    shown = {f"/knee/curves/{plot.path}" for plot in plots_of(drawing, latency=False)} | {"/knee/curves/layer"}
+    one = written(tmp_path / "one.rrd", drawing, [rows[:1]])
+    assert constant(one, "SeriesPoints:marker_sizes") == shown
+    assert told(one)[0].endswith(" s  no events")
+    assert not constant(written(tmp_path / "two.rrd", drawing, [rows[:1], rows[1:2]]), "SeriesPoints:marker_sizes")
+
+
+def test_states_are_written_where_they_change(knee: Knee, tmp_path: Path) -> None:
+    drawing, rows = knee
+    path = written(tmp_path / "knee.rrd", drawing, [rows[:100], rows[100:]])
+    states = [("apart", "cartilage", "bone")[state] for state in rows["contact_state"]]
+    changes = [state for i, state in enumerate(states) if i == 0 or state != states[i - 1]]
+    assert told(path, "states/contact", "StateChange:state") == changes
+    assert len(changes) > 3
 
 
 @pytest.mark.parametrize(
@@ -151,56 +214,59 @@ def test_states_are_written_where_they_change(knee: tuple[KneeOutlines, list[Ans
     ids=["for long", "after stamps went back"],
 )
 def test_states_are_repeated_where_what_is_old_gets_lost(
-    knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path, seconds: Sequence[int], repeated: list[int]
+    knee: Knee, tmp_path: Path, seconds: Sequence[int], repeated: list[int]
 ) -> None:
-    drawing, answers = knee
-    outlet = RerunFile(tmp_path / "knee.rrd", [drawing])
-    scene = Scene(outlet.recording, drawing, forgetful=True)
-    for second in seconds:
-        scene.show(at(rows_of(answers[:1]), 1_000_000_000 * second))
-    outlet.close()
-    told = lists(outlet.path, "/knee/states/contact", "StateChange:state")
-    assert [stamp // 1_000_000_000 for stamp, _ in told] == repeated
-    assert {state[0] for _, state in told} == {"cartilage"}
+    drawing, rows = knee
+    parts = [at(rows[:1], SECOND * second) for second in seconds]
+    path = written(tmp_path / "knee.rrd", drawing, parts, forgetful=True)
+    states = lists(path, "/knee/states/contact", "StateChange:state")
+    assert [(stamp // SECOND, state[0]) for stamp, state in states] == [(second, "cartilage") for second in repeated]
 
 
-def test_a_new_layer_depth_moves_the_line_and_is_told(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
-    drawing, answers = knee
-    outlet = RerunFile(tmp_path / "knee.rrd", [drawing])
-    scene = Scene(outlet.recording, drawing)
-    scene.show(rows_of(answers[:10]))
-    scene.note("parameters_changed", {"tick": "10", "contact.layer_depth": "0.001"})
-    scene.show(rows_of(answers[10:20]))
-    scene.note("reset", {"tick": "20"})
-    outlet.close()
-    assert column(outlet.path, "/knee/curves/layer", "Scalars:scalars").ravel() == pytest.approx([0.5, 0.5, 1.0, 1.0])
-    told = [text[0] for _, text in lists(outlet.path, "/knee/events", "TextLog:text")]
-    assert "0.575 s  parameters changed: contact.layer_depth = 0.001" in told
-    assert len(column(outlet.path, "/knee/curves/pressure", "Scalars:scalars")) == 10  # of another law nothing is said
-    assert len(column(outlet.path, "/knee/curves/loading_rate", "Scalars:scalars")) == 19
-    assert "0.625 s  reset" in told
+def test_a_new_layer_depth_moves_the_line_and_is_told(knee: Knee, tmp_path: Path) -> None:
+    drawing, rows = knee
+    changed = ("parameters_changed", {"tick": "10", "contact.layer_depth": "0.001"})
+    path = written(tmp_path / "knee.rrd", drawing, [rows[:10], changed, rows[10:20], ("reset", {"tick": "20"})])
+    assert column(path, "/knee/curves/layer").ravel() == pytest.approx([0.5, 0.5, 1.0, 1.0])
+    assert {"0.575 s  parameters changed: contact.layer_depth = 0.001", "0.625 s  reset"} <= set(told(path))
+    assert len(column(path, "/knee/curves/pressure")) == 10  # of another law nothing is said
+    assert len(column(path, "/knee/curves/loading_rate")) == 19
 
 
-def test_a_note_before_the_first_answer_waits_for_its_stamp(
-    knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path
+def test_stamps_of_today_are_dates_and_a_note_before_the_first_answer_waits_for_its_stamp(
+    knee: Knee, tmp_path: Path
 ) -> None:
     """A timeline has one kind of time: it is not known before."""
-    drawing, answers = knee
-    outlet = RerunFile(tmp_path / "knee.rrd", [drawing])
-    scene = Scene(outlet.recording, drawing)
-    scene.note("reset", {"tick": "0"})
-    scene.show(at(rows_of(answers[:1]), DATES_FROM * 5))
-    outlet.close()
-    told = lists(outlet.path, "/knee/events", "TextLog:text")
-    assert told == [(DATES_FROM * 5, ["2019-12-20 00:00:00.000  reset"])]
+    (drawing, rows), today = knee, DATES_FROM * 5
+    dated = at(rows, today + rows["stamp"])
+    path = written(tmp_path / "knee.rrd", drawing, [("reset", {"tick": "0"}), dated])
+    assert [stamp for stamp, _ in lists(path, "/knee/curves/flexion", "Scalars:scalars")] == dated["stamp"].tolist()
+    assert lists(path, "/knee/events", "TextLog:text")[0] == (dated["stamp"][0], ["2019-12-20 00:00:00.530  reset"])
+    assert "2019-12-20 00:00:02.430  load peak 2.19 BW (1613.8 N)" in told(path)
 
 
-def test_stamps_of_today_are_dates(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
-    drawing, answers = knee
-    today, whole = DATES_FROM * 5, rows_of(answers)
-    path = written(tmp_path / "knee.rrd", drawing, [at(whole, today + whole["stamp"])])
-    stamps = [stamp for stamp, _ in lists(path, "/knee/curves/flexion", "Scalars:scalars")]
-    assert stamps == (today + whole["stamp"]).tolist()
-    assert "2019-12-20 00:00:02.430  load peak 2.19 BW (1613.8 N)" in [
-        text[0] for _, text in lists(path, "/knee/events", "TextLog:text")
-    ]
+def test_events_are_told_with_their_times(knee: Knee, drawn: Path) -> None:
+    texts = told(drawn)
+    assert {"2.015 s  load peak 1.81 BW (1337.7 N)", "2.430 s  load peak 2.19 BW (1613.8 N)",
+            "1.955 s  bone contact begins", "2.125 s  bone contact ends"} <= set(texts)  # fmt: skip
+    assert [sum(words in text for text in texts) for words in ("heel strike", "toe-off", "stride")] == [2, 1, 1]
+    (one,) = impulse_per_stride(knee[1], WEIGHT)
+    words = f"stride of {one.span.duration:.2f} s: impulse {one.impulse:.1f} N s, stance {one.stance_impulse:.1f} N s"
+    assert f"{one.span.end / 1e9:.3f} s  {words}" in texts
+
+
+def test_every_stride_has_its_impulse_though_old_samples_go(right_bag: Path) -> None:
+    """The shipped gait eight times without a pause, and once more from the beginning on."""
+    gait: Any = np.asarray(solve(right_bag))
+    length = int(gait["stamp"][-1] - gait["stamp"][0]) + 5_000_000
+    walked = np.concatenate([at(gait, gait["stamp"] + place * length) for place in range(8)])
+    expected = impulse_per_stride(walked, WEIGHT)
+    assert len(expected) >= 8
+    whole = np.concatenate([walked, walked])
+    for batches in ([whole], np.array_split(whole, 57), np.array_split(whole, 1000)):
+        remarks = Remarks(WEIGHT)
+        texts = [remark for batch in batches for remark in remarks.take(batch)] + remarks.finish()
+        strides = sorted(remark for remark in texts if remark.text.startswith("stride"))
+        for remark, one in zip(strides, [one for one in expected for _ in range(2)], strict=True):
+            assert remark.stamp == one.span.end
+            assert f"impulse {one.impulse:.1f} N s, stance {one.stance_impulse:.1f} N s" in remark.text

@@ -16,13 +16,12 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.commands.main import main
+from knee_contact_ros.model.types import Rows
 from knee_contact_ros.results import DATES_FROM
-from knee_contact_ros.streams.topics import Answer
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.view.anatomy import KneeOutlines
 from knee_contact_ros.view.output import RerunFile
 from knee_contact_ros.view.viewer import NOT_INSTALLED, executable, peak_of, viewer
-from tests.helpers.answers import rows_of
 from tests.helpers.needs import needs_viewer
 from tests.helpers.processes import NO_BYTECODE
 
@@ -59,11 +58,10 @@ def test_the_command_tells_what_to_install(
 
 
 @needs_viewer
-def test_the_cursor_goes_to_the_largest_load(knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path) -> None:
+def test_the_cursor_goes_to_the_largest_load(knee: tuple[KneeOutlines, Rows], tmp_path: Path) -> None:
     from tests.view.scenes import at, written
 
-    drawing, answers = knee
-    whole = rows_of(answers)
+    drawing, whole = knee
     level, missing = whole.copy(), whole.copy()
     level["load"] = 350.0  # as where the height drives: then the largest force counts
     missing["load"][:100] = np.nan
@@ -79,10 +77,10 @@ def test_the_cursor_goes_to_the_largest_load(knee: tuple[KneeOutlines, list[Answ
 
 @needs_viewer
 def test_a_full_disk_is_told_and_holds_nobody(
-    knee: tuple[KneeOutlines, list[Answer]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    knee: tuple[KneeOutlines, Rows], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     full = Path("/dev/full")
-    monkeypatch.setattr("knee_contact_ros.view.output.open_claimed", lambda _: full.open("wb"))
+    monkeypatch.setattr("knee_contact_ros.system.output_files.open_claimed", lambda _: full.open("wb"))
     file = RerunFile(tmp_path / "knee.rrd", [knee[0]])
     with pytest.raises(OSError, match="No space left") as told:
         file.close()
