@@ -254,10 +254,9 @@ def compute_block(block: Block) -> tuple[int, tuple[str, ...]]:
     cases = [dict(zip(block.names, row, strict=True)) for row in block.rows]
     compiled = worth_compiling(block.number * len(knees.recording.steps))
     computed = compute(knees, cases, series=block.series, compiled=compiled)
-    try:
-        shards.write(_table(block, knees, cases, computed), _series(block.keys, computed) if block.series else None)
-    except OSError as error:
-        raise shards.error_of(error) from None
+    table, series = _table(block, knees, cases, computed), _series(block.keys, computed) if block.series else None
+    with shards.errors():
+        shards.write(table, series)
     _freeze()
     return sum(map(bool, computed.failed)), knees.recording.damage
 
@@ -302,20 +301,14 @@ def _table(block: Block, knees: Knees, cases: Sequence[Mapping[str, Any]], compu
 
 def _series(keys: Sequence[str], computed: Computed) -> pa.Table:
     """Make the table of all answers of the cases: key, compartment, stamp [ns], and the fields of the message."""
-    sides = [("medial", computed.has(0)), ("lateral", computed.has(1))]
-    parts = [
-        (key, side, rows[i])
-        for i, key in enumerate(keys)
-        for (side, known), rows in zip(sides, computed.series, strict=False)
-        if known[i]
-    ]
-    rows = np.concatenate([rows for *_, rows in parts]).view(FLAT) if parts else np.zeros(0, FLAT)
-    lengths = [len(rows) for *_, rows in parts]
-    columns: dict[str, Any] = {
-        "case": pa.array(np.repeat([key for key, *_ in parts], lengths).tolist(), pa.string()),
-        "compartment": pa.array(np.repeat([side for _, side, _ in parts], lengths).tolist(), pa.string()),
-    }
-    return pa.table(columns | {name: np.ascontiguousarray(rows[name]) for name in ("stamp", *TOLD)})
+    parts = []
+    for place, (side, answers) in enumerate(zip(("medial", "lateral"), computed.series, strict=False)):
+        known = computed.has(place)
+        rows = answers[known].ravel().view(FLAT)
+        cases, compartments = np.repeat(np.array(keys)[known], answers.shape[1]), np.repeat([side], len(rows))
+        columns = {name: np.ascontiguousarray(rows[name]) for name in ("stamp", *TOLD)}
+        parts.append(pa.table({"case": cases, "compartment": compartments, **columns}))
+    return pa.concat_tables(parts)
 
 
 def note_of(study: Study) -> tuple[str, str]:
@@ -333,11 +326,9 @@ class Shards:
         Raises:
             UsageError: the address cannot be used.
         """
-        try:
-            self._files, self._folder = fsspec.core.url_to_fs(url, use_listings_cache=False)
-        except Exception as error:  # a boundary: each kind of store has errors of its own
-            raise UsageError(f"output {url}: {reason(error)}") from None
         self.url, self.run = url, run
+        with self.errors():
+            self._files, self._folder = fsspec.core.url_to_fs(url, use_listings_cache=False)
 
     def make(self, note: str, text: str) -> None:
         """Make the folder, if it does not exist, and write the note (`note_of`) into it.
@@ -346,24 +337,31 @@ class Shards:
             UsageError: the folder cannot be made or written.
             IncompleteError: the disk is full.
         """
-        new = not self.has("")
-        try:
-            self._files.makedirs(self._folder, exist_ok=True)
-            self.put(note, text.encode())
-        except Exception as error:  # a boundary, likewise
-            with suppress(Exception):
-                if new:
-                    self._files.rmdir(self._folder)
-            raise self.error_of(error) from None
+        with self.errors():
+            new = not self.has("")
+            try:
+                self._files.makedirs(self._folder, exist_ok=True)
+                self.put(note, text.encode())
+            except Exception:
+                with suppress(Exception):
+                    if new:
+                        self._files.rmdir(self._folder)
+                raise
 
     def has(self, name: str) -> bool:
         """Whether the folder has a file."""
         return bool(self._files.exists(f"{self._folder}/{name}".rstrip("/")))
 
-    def error_of(self, error: BaseException) -> ToldError:
-        """Give the error to raise for one that came with reading or writing the folder."""
-        full = isinstance(error, OSError) and error.errno in FULL
-        return (IncompleteError if full else UsageError)(f"output {self.url}: {reason(error)}")
+    @contextmanager
+    def errors(self) -> Iterator[None]:
+        """Let errors that come with reading or writing the folder name it, in a line."""
+        try:
+            yield
+        except ToldError:
+            raise
+        except Exception as error:  # a boundary: each kind of store has errors of its own
+            full = isinstance(error, OSError) and error.errno in FULL
+            raise (IncompleteError if full else UsageError)(f"output {self.url}: {reason(error)}") from None
 
     def finished(self, *, series: bool) -> set[str]:
         """Give the keys of all finished cases; with `series`, only of those whose answers are kept, too.
@@ -395,16 +393,12 @@ class Shards:
             UsageError: the folder holds something else.
         """
         place = f"{self._folder}/{folder}".rstrip("/")
-        try:
+        with self.errors():
             if not self._files.exists(place):
                 return []
             if not self._files.isdir(place):
                 raise UsageError(f"output {self.url}: it is no folder")
             entries = [PurePosixPath(name.rstrip("/")).name for name in self._files.ls(place, detail=False)]
-        except ToldError:
-            raise
-        except Exception as error:  # a boundary, likewise
-            raise self.error_of(error) from None
         names = sorted(name for name in entries if not name.startswith(("_", ".")))
         for name in names:
             if not (name.startswith("cases-") and name.endswith(".parquet")):
@@ -482,13 +476,12 @@ class Shards:
 
     def sweep_up(self) -> None:
         """Remove the unfinished files of this run, and those that another has left long ago."""
-        for folder in (self._folder, f"{self._folder}/{SERIES}"):
-            with suppress(Exception):
-                for entry in self._files.ls(folder, detail=True) if self._files.exists(folder) else []:
-                    name = PurePosixPath(entry["name"]).name
-                    old = time.time() - float(entry.get("mtime") or time.time()) > LONG_AGO
-                    if name.startswith(f"{UNFINISHED}{self.run}-") or (name.startswith(UNFINISHED) and old):
-                        self._files.rm(entry["name"])
+        with suppress(Exception):
+            for path, entry in self._files.find(self._folder, maxdepth=2, detail=True).items():
+                name, written = PurePosixPath(path).name, float(entry.get("mtime") or time.time())
+                old = name.startswith(UNFINISHED) and time.time() - written > LONG_AGO
+                if old or name.startswith(f"{UNFINISHED}{self.run}-"):
+                    self._files.rm(path)
 
 
 class Plan:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import base64
 import io
+import itertools
 import math
 import textwrap
 import uuid
@@ -21,7 +22,7 @@ import pandas as pd
 from knee_contact_ros import __version__
 from knee_contact_ros.lab import sensitivity as analysis
 from knee_contact_ros.lab.run_study import Plan, Shards, run_study
-from knee_contact_ros.lab.sensitivity import BOUNDS, LEADING, WIDEST, Analysed, Index, SalibDesign, SensitivityStudy
+from knee_contact_ros.lab.sensitivity import BOUNDS, LEADING, WIDEST, Analysed, SalibDesign, SensitivityStudy
 from knee_contact_ros.lab.study import Case, Study
 from knee_contact_ros.parameters.files import known_parameters
 from knee_contact_ros.system.errors import IncompleteError
@@ -39,9 +40,9 @@ CASES, PAGE, TABLE = "cases", "sensitivity.html", "indices.csv"
 """Names in the command's output folder: the folder with the results of all cases, the page and the table"""
 KINDS = {"bars": "What matters for", "plane": "Morris's plane of", "convergence": "Convergence for"}
 """Kinds of figures, which begin their files' names, and their titles; those of an earlier run are removed"""
-LOOKS = [{"color": colour, "marker": marker} for colour, marker in zip(
-    ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000"), "osD^vP*", strict=True)]  # fmt: skip
-"""Colours of Okabe and Ito, which colour-blind readers can tell apart, and markers beside them"""
+COLOURS = ["#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000"]
+"""Of Okabe and Ito, which colour-blind readers can tell apart"""
+MARKERS = "osD^vP*"
 DARK, LIGHT = "#0072B2", "#A6CEE8"
 PANELS, COLUMNS = 6, 2
 """The largest number of panels of a figure, and of panels side by side"""
@@ -209,24 +210,17 @@ class Figure(NamedTuple):
     """Content of the PNG file"""
 
 
-class Panel(NamedTuple):
-    """An outcome of a combination, which is a panel of each figure."""
-
-    label: str
-    analysed: Analysed
-
-
 class Drawing:
-    """Figures of an outcome; a panel for each combination."""
+    """Figures of an outcome; a panel for each combination that has indices."""
 
-    def __init__(self, design: SalibDesign, panels: Sequence[Panel]) -> None:
-        """Take panels of the same outcome, all of which have indices."""
+    def __init__(self, design: SalibDesign, panels: Mapping[str, Analysed]) -> None:
+        """Take the outcome of each combination, by label."""
         self.panels, self.kind, self.morris = panels, LEADING[design.method], design.method == "morris"
-        self.own = analysis.display_of(panels[0].analysed.outcome)
-        self.factor = self.own.factor if self.morris else 1.0
+        self.own = analysis.display_of(next(iter(panels.values())).outcome)
+        self.factor, self.what = (self.own.factor, self.own.label) if self.morris else (1.0, self.own.title)
         weights = dict.fromkeys(design.ranges, 0.0)
-        for panel in panels:
-            final = panel.analysed.final(self.kind)
+        for analysed in panels.values():
+            final = analysed.final(self.kind)
             for index in final:
                 weights[index.parameter] += index.value / max(abs(final[0].value), 1e-300)
         self.names = sorted(weights, key=lambda name: -weights[name])
@@ -237,7 +231,7 @@ class Drawing:
         yield "bars", self._draw(BAR * len(self.names) + EDGES, self._bars)
         if self.morris:
             yield "plane", self._draw(HEIGHT, self._plane)
-        if any(len({index.n for index in panel.analysed.indices}) > 1 for panel in self.panels):
+        if any(len({index.n for index in analysed.indices}) > 1 for analysed in self.panels.values()):
             yield "convergence", self._draw(HEIGHT, self._course)
 
     def _draw(self, height: float, paint: Callable[[Any, Analysed], None]) -> bytes:
@@ -250,9 +244,9 @@ class Drawing:
             width, height = columns * WIDTH + LETTER * max(map(len, self.names)), rows * height
             canvas = Canvas(figsize=(width, height), layout="constrained")
             axes = canvas.subplots(rows, columns, squeeze=False, sharey=not self.morris or paint == self._bars).ravel()
-            for axis, panel in zip(axes, self.panels, strict=False):
-                paint(axis, panel.analysed)
-                axis.set_title(textwrap.fill(panel.label.replace("$", r"\$"), WRAP))
+            for axis, (label, analysed) in zip(axes, self.panels.items(), strict=False):
+                paint(axis, analysed)
+                axis.set_title(textwrap.fill(label.replace("$", r"\$"), WRAP))
             for axis in axes[len(self.panels) :]:
                 axis.set_visible(False)
             handles, texts = axes[0].get_legend_handles_labels()
@@ -264,84 +258,70 @@ class Drawing:
             canvas.savefig(file, format="png", metadata={"Software": None})
         return file.getvalue()
 
+    def _table(self, analysed: Analysed, rows: str, columns: str) -> tuple[pd.DataFrame, pd.DataFrame]:
+        """Give values, and how far their intervals reach above them, as tables of two fields of `Index`."""
+        indices = pd.DataFrame(analysed.indices)
+        indices = indices[indices["kind"] == self.kind if rows == "n" else indices["n"] == indices["n"].max()]
+        table = self.factor * indices.pivot(index=rows, columns=columns, values=["value", "high"])
+        return table["value"], table["high"] - table["value"]
+
     def _bars(self, axis: Any, analysed: Analysed) -> None:
         kinds = {"mu_star": "µ*"} if self.morris else {"S1": "S1: alone", "ST": "ST: with all interactions"}
-        columns = [[analysed.by_parameter(kind)[name] for name in self.names] for kind in kinds]
-        values = pd.DataFrame(self.factor * _numbers(columns, "value").T, self.names, list(kinds.values()))
-        values.plot.barh(ax=axis, xerr=[self._ends(column) for column in columns], color=[DARK, LIGHT], width=0.75,
-                         legend=False, error_kw={"ecolor": "0.15", "elinewidth": 1.2, "capsize": 2.5})  # fmt: skip
+        values, ends = (one.loc[self.names, list(kinds)] for one in self._table(analysed, "parameter", "kind"))
+        values.rename(columns=kinds).plot.barh(
+            ax=axis, xerr=ends.T.to_numpy(), color=[DARK, LIGHT], width=0.75, legend=False, xlabel="", ylabel="",
+            error_kw={"ecolor": "0.15", "elinewidth": 1.2, "capsize": 2.5},
+        )  # fmt: skip
         if not axis.yaxis_inverted():
             axis.invert_yaxis()
         axis.grid(visible=False, axis="y")
-        if not self.morris:
-            axis.set_xlim(right=max(1.03, axis.get_xlim()[1]))
-        axis.set_xlabel(f"µ* of {self.own.label}" if self.morris else f"share of the variance of {self.own.title}")
+        axis.set_xlabel(f"µ* of {self.what}" if self.morris else f"share of the variance of {self.what}")
 
     def _course(self, axis: Any, analysed: Analysed) -> None:
-        numbers = sorted({index.n for index in analysed.indices})
-        for i, name in enumerate(self.names):
-            course = analysed.course(self.kind, name)
-            shift = 1.0 + 0.05 * (i - 0.5 * (len(self.names) - 1)) / max(len(self.names) / 4, 1.0)  # side by side
-            across, up = shift * _numbers(course, "n"), self.factor * _numbers(course, "value")
-            axis.errorbar(across, up, self._ends(course), label=name, **_look(i), lw=1.2, capsize=2.0, ms=4.5)
+        values, ends = self._table(analysed, "n", "parameter")
+        for look, name in zip(_looks(), self.names, strict=False):
+            axis.errorbar(values.index, values[name], ends[name], label=name, **look, lw=1.2, capsize=2.0, ms=4.5)
+        last = values.index[-1]
         axis.set_xscale("log", base=2)
-        axis.set_xlim(0.8 * numbers[0], numbers[-1] * 1.35)
-        axis.set_xticks(numbers, [str(number) for number in numbers])
-        axis.minorticks_off()
-        if self.morris:
-            axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]))
-        else:
+        axis.set_xlim(0.8 * values.index[0], last * 1.35)
+        axis.set_xticks(values.index, values.index.astype(str))
+        if not self.morris:
             first = analysed.final("ST")[0].value
-            axis.plot([1.25 * numbers[-1]] * 2, [first - WIDEST / 2, first + WIDEST / 2], color="0.5", lw=4,
-                      solid_capstyle="butt")  # fmt: skip
-            shares = [index.value for one in self.panels for index in one.analysed.indices if index.kind == "ST"]
-            axis.set_ylim(-0.05, 1.05 * max(1.0, *shares))
+            axis.plot([1.25 * last] * 2, [first - WIDEST / 2, first + WIDEST / 2], "0.5", lw=4, solid_capstyle="butt")
+            most = max(index.value for one in self.panels.values() for index in one.indices if index.kind == "ST")
+            axis.set_ylim(-0.05, 1.05 * max(1.0, most))
         axis.set_xlabel("n, trajectories" if self.morris else "n, base samples")
-        self._name_left(axis, f"µ* of {self.own.label}" if self.morris else f"ST of {self.own.title}")
+        axis.set_ylabel(f"{'µ*' if self.morris else 'ST'} of {self.what}")
+        axis.label_outer()
 
     def _plane(self, axis: Any, analysed: Analysed) -> None:
         effects, spreads = analysed.by_parameter("mu_star"), analysed.by_parameter("sigma")
-        for i, name in enumerate(self.names):
-            across, up = [effects[name]], [spreads[name]]
-            axis.errorbar(
-                self.factor * _numbers(across, "value"), self.factor * _numbers(up, "value"), self._ends(up),
-                self._ends(across), label=name, **(_look(i) | {"ls": "none"}), elinewidth=1.0, capsize=2.0, ms=6,
-            )  # fmt: skip
+        for look, name in zip(_looks(), self.names, strict=False):
+            across, up = (self.factor * np.array(one[name][3:]) for one in (effects, spreads))
+            ends = ([[one[0] - one[1]], [one[2] - one[0]]] for one in (up, across))
+            axis.errorbar(across[0], up[0], *ends, label=name, **(look | {"ls": "none"}), capsize=2.0, ms=6)
         for slope, dashes in ((1.0, "--"), (0.1, ":")):
             axis.axline((0.0, 0.0), slope=slope, color="0.55", lw=1.0, ls=dashes, zorder=1)
-        axis.set_xlabel(f"µ* of {self.own.label}")
-        self._name_left(axis, f"σ of {self.own.label}")
-
-    def _name_left(self, axis: Any, text: str) -> None:
-        if axis.get_subplotspec().is_first_col():
-            axis.set_ylabel(text)
-
-    def _ends(self, indices: Sequence[Index]) -> Any:
-        """Give how far the intervals reach below and above the values, shape (2, indices)."""
-        low, value, high = (_numbers(indices, name) for name in ("low", "value", "high"))
-        return self.factor * np.maximum([value - low, high - value], 0.0)
+        axis.set_xlabel(f"µ* of {self.what}")
+        axis.set_ylabel(f"σ of {self.what}")
 
 
-def _numbers(indices: Sequence[Any], name: str) -> Any:
-    """Give an entry of indices as an array; of nested lists as a matrix."""
-    return np.array([_numbers(one, name) if isinstance(one, list) else getattr(one, name) for one in indices])
-
-
-def _look(place: int) -> dict[str, Any]:
-    """Give the colour, the marker and the line style of a parameter."""
-    again, number = divmod(place, len(LOOKS))
-    return {"color": LOOKS[number]["color"], "marker": LOOKS[(number + again) % len(LOOKS)]["marker"],
-            "ls": ("-", "--", ":")[again % 3]}  # fmt: skip
+def _looks() -> Iterator[dict[str, Any]]:
+    """Give colour, marker and line style of one parameter after another."""
+    number = len(COLOURS)
+    for i in itertools.count():
+        marker = MARKERS[(i + i // number) % number]
+        yield {"color": COLOURS[i % number], "marker": marker, "ls": ("-", "--", ":")[i // number % 3]}
 
 
 def figures(design: SalibDesign, combinations: Sequence[Combination], place: int) -> Iterator[Figure]:
     """Draw the figures of the outcome with the index `place`; none if it has no indices in any combination."""
-    panels = [Panel(each.label, each.analysed[place]) for each in combinations if each.analysed[place].indices]
+    panels = [(each.label, each.analysed[place]) for each in combinations if each.analysed[place].indices]
     for number, begin in enumerate(range(0, len(panels), PANELS), 1):
         suffix, which = (f"_{number}", f", part {number}") if len(panels) > PANELS else ("", "")
-        drawing = Drawing(design, panels[begin : begin + PANELS])
+        drawing = Drawing(design, dict(panels[begin : begin + PANELS]))
         for kind, png in drawing.figures():
-            name = f"{kind}_{panels[0].analysed.outcome}{suffix}.png"
+            name = f"{kind}_{panels[0][1].outcome}{suffix}.png"
             yield Figure(kind, name, f"{KINDS[kind]} {drawing.own.title}{which}", png)
 
 

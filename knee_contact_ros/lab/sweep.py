@@ -500,8 +500,7 @@ def _cases(values: Mapping[str, ArrayLike]) -> list[dict[str, Any]]:
 def _recording(gait: Mapping[str, ArrayLike]) -> Recording:
     """Make a recording from arrays; refuse those that are missing or do not fit."""
     known = {"time", "flexion_angle", "axial_load", "frontal_moment", "femoral_height"}
-    unknown = sorted(set(gait) - known)
-    if unknown or not {"time", "flexion_angle"} <= set(gait):
+    if not {"time", "flexion_angle"} <= set(gait) <= known:
         raise UsageError(f"gait: {', '.join(gait) or 'nothing'} is not allowed; time, flexion_angle, axial_load")
     columns = {name: np.array(column, dtype=float) for name, column in gait.items()}
     time = columns["time"]
