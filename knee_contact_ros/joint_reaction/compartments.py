@@ -22,6 +22,8 @@ RULES = ("total", "fixed_share", "moment_balance", "measured_share")
 """Names of the rules by which a compartment's load follows from the joint reaction; see `LoadRule`"""
 SPLITS = RULES[1:]
 """Names of the rules that leave a load to the lateral compartment"""
+LARGEST_LOAD_IN_BW = 30.0
+"""Largest axial load of a knee [BW]; larger numbers must be in N"""
 BOTH = "both"
 """Value of `load.compartment` for medial and lateral contact at once; a rule of `SPLITS` gives the medial load"""
 
@@ -35,6 +37,30 @@ class ShareTable(NamedTuple):
     """Axial loads [BW], increasing, shape (n,), two or more"""
     share: NDArray[np.float64]
     """Medial shares from 0 to 1, shape (m, n)"""
+
+    @staticmethod
+    def of(rows: NDArray[np.float64]) -> ShareTable:
+        """Make a table of rows of flexion angle [rad], axial load [BW] and share, shape (k, 3), one at least.
+
+        Raises:
+            ValueError: an angle lacks a load, or a value is none that a knee has, as a load in N.
+        """
+        least, most = rows[:, 1].min(), rows[:, 1].max()
+        if least < 0.0 or most > LARGEST_LOAD_IN_BW:
+            allowed = f"allowed: 0 to {LARGEST_LOAD_IN_BW:g} body weights, not N"
+            raise ValueError(f"has loads from {least:g} to {most:g} BW; {allowed}")
+        wrong = rows[(rows[:, 2] < 0.0) | (rows[:, 2] > 1.0), 2]
+        if len(wrong):
+            raise ValueError(f"has a share of {wrong[0]:g}; allowed: 0 to 1")
+        flexion, load = np.unique(rows[:, 0]), np.unique(rows[:, 1])
+        if min(len(flexion), len(load)) < 2:
+            raise ValueError("must have two or more flexion angles, and two or more loads")
+        order = np.lexsort((rows[:, 1], rows[:, 0]))
+        grid = np.stack(np.meshgrid(flexion, load, indexing="ij"), axis=-1).reshape(-1, 2)
+        if len(grid) != len(rows) or (rows[order, :2] != grid).any():
+            count = f"every one of its {len(flexion)} angles needs every one of its {len(load)} loads once"
+            raise ValueError(f"has {len(rows)} rows; {count}")
+        return ShareTable(flexion, load, rows[order, 2].reshape(len(flexion), len(load)))
 
 
 class MeasuredShare:

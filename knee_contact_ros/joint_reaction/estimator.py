@@ -98,10 +98,19 @@ LARGEST_PULL = 1.0
 """Largest force [body weights] by which a swinging leg pulls at its knee"""
 LARGEST_UPSIDE_DOWN = 0.25
 """Largest force [body weights] by which the ground may seem to pull at the foot, as sensors drift"""
+LIGHTEST = 150.0
+"""Body weight [N] below which the number must be in kg: the weight of 15 kg"""
 STIFF = math.radians(3.5)
 """Range of motion [rad] below which a joint does not move, or its angles in rad were taken for degrees"""
 LEAST_PEAK, MOST_PEAK = 0.75, 8.0
 """Plausible range of load peaks [BW]: measured ones are from 1.07 on two legs to some 6 in stumbling (OrthoLoad)"""
+
+
+def weight_doubt(weight: float) -> str:
+    """Sentence about a body weight [N] that is likely in kg; empty if it is not."""
+    if weight >= LIGHTEST:
+        return ""
+    return f"body_weight {weight:.7g} N: is it kg? {weight:.7g} kg weigh {weight * GRAVITY:.1f} N"
 
 
 def is_implausible(joints: Joints, ground: Ground, axial: float, weight: float) -> bool:

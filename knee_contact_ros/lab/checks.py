@@ -12,10 +12,9 @@ from typing import NoReturn
 
 import numpy as np
 
-from knee_contact_ros.joint_reaction.estimator import LEAST_PEAK, MOST_PEAK, STIFF
+from knee_contact_ros.joint_reaction.estimator import LEAST_PEAK, LIGHTEST, MOST_PEAK, STIFF, weight_doubt
 from knee_contact_ros.lab.tables import BODY_WEIGHT, FORCE, UNITS, Floats, Series, Table
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_LOAD
-from knee_contact_ros.parameters.build import LIGHTEST, weight_doubt
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 

@@ -13,7 +13,7 @@ from types import MappingProxyType
 from typing import Any, cast
 
 from knee_contact_ros.joint_reaction.compartments import LoadRule, MeasuredShare
-from knee_contact_ros.joint_reaction.leg import GRAVITY
+from knee_contact_ros.joint_reaction.estimator import weight_doubt
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw, check, hertz_stiffness, relative_radius
 from knee_contact_ros.model.mechanisms import MECHANISMS, Mechanism
@@ -36,8 +36,6 @@ from knee_contact_ros.results import Results
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS
 
-LIGHTEST = 150.0
-"""Body weight [N] below which the number must be in kg: the weight of 15 kg"""
 SHARES = {"total": 1.0, "moment_balance": 0.5, "measured_share": 0.6}
 """Part of the body weight that a compartment is tried with, by the rule of its load; see also `load.share`"""
 MM = 1e3
@@ -214,13 +212,6 @@ def parameter_doubts(parameters: Parameters, model: KneeModel) -> list[str]:
             "every force is answered before its angle has come (INPUT_HELD)"
         )
     return [doubt for doubt in doubts if doubt]
-
-
-def weight_doubt(weight: float) -> str:
-    """Sentence about a body weight [N] that is likely in kg; empty if it is not."""
-    if weight >= LIGHTEST:
-        return ""
-    return f"body_weight {weight:.7g} N: is it kg? {weight:.7g} kg weigh {weight * GRAVITY:.1f} N"
 
 
 def _stiffness_doubt(parameters: Parameters, model: KneeModel) -> str:

@@ -55,8 +55,6 @@ SHARE_FILE = "load.share_file"
 """Parameter that names the file with a table of shares"""
 SHARE_COLUMNS = ("flexion_angle", "axial_load", "medial_share")
 """Columns of that file, in rad, body weights and 1"""
-LARGEST_LOAD_IN_BW = 30.0
-"""Largest axial load of a knee [BW]; larger numbers must be in N"""
 Part = NodeSection | Mapping[str, Any] | str | Path
 Source = Part | Sequence[Part]
 """Source of parameters: a file, a mapping, or several of these, of which the later one wins"""
@@ -175,7 +173,7 @@ def check_value(name: str, value: Any) -> None:
     Raises:
         UsageError: the parameter is unknown, or the value is not allowed whatever the others are.
     """
-    _made(_nested({name: value}, "", Parameters), "", Parameters)
+    _checked(_nested({name: value}, "", Parameters), "", Parameters, together=False)
 
 
 def variations_of(parameters: Parameters) -> Callable[[Mapping[str, Any]], Parameters]:
@@ -238,18 +236,13 @@ def _nested(values: Mapping[str, Any], where: str, schema: type[NodeSection]) ->
     return nested
 
 
-def _made(nested: Mapping[str, Any], where: str, schema: type[P]) -> P:
-    """Parameters from values by section and name, each checked alone; errors begin with `where`."""
+def _checked(nested: Mapping[str, Any], where: str, schema: type[P], together: bool = True) -> P:
+    """Parameters from values by section and name, checked each alone and, `together`, in combination."""
     try:
-        return schema.model_validate(nested)
+        parameters = schema.model_validate(nested)
     except ValidationError as error:
         raise UsageError(f"{where}parameter {first_error(error)}") from None
-
-
-def _checked(nested: Mapping[str, Any], where: str, schema: type[P]) -> P:
-    """Parameters from values by section and name, checked alone and in combination; errors begin with `where`."""
-    parameters = _made(nested, where, schema)
-    if problem := parameters.problem():
+    if together and (problem := parameters.problem()):
         raise UsageError(f"{where}parameter {problem}")
     return parameters
 
@@ -401,32 +394,16 @@ def read_share_table(name: str, text: str) -> ShareTable:
     every load once, with one line of column names or none.
 
     Raises:
-        UsageError: the text holds anything else, or a value that no knee has, as an angle in degrees or a load in N.
+        UsageError: the text holds anything else, or a value that no knee has; see `ShareTable.of`.
     """
-
-    def unusable(reason: str) -> UsageError:
-        return UsageError(f"parameter {SHARE_FILE}: {name} {reason}")
-
     rows = _columns(SHARE_FILE, name, text, SHARE_COLUMNS)
     if not len(rows) or not np.isfinite(rows).all():
         raise _no_columns(SHARE_FILE, name, SHARE_COLUMNS)
     _refuse_degrees(SHARE_FILE, name, rows[:, 0])
-    least, most = rows[:, 1].min(), rows[:, 1].max()
-    if least < 0.0 or most > LARGEST_LOAD_IN_BW:
-        allowed = f"allowed: 0 to {LARGEST_LOAD_IN_BW:g} body weights, not N"
-        raise unusable(f"has loads from {least:g} to {most:g} BW; {allowed}")
-    wrong = rows[(rows[:, 2] < 0.0) | (rows[:, 2] > 1.0), 2]
-    if len(wrong):
-        raise unusable(f"has a share of {wrong[0]:g}; allowed: 0 to 1")
-    flexion, load = np.unique(rows[:, 0]), np.unique(rows[:, 1])
-    if min(len(flexion), len(load)) < 2:
-        raise unusable("must have two or more flexion angles, and two or more loads")
-    order = np.lexsort((rows[:, 1], rows[:, 0]))
-    grid = np.stack(np.meshgrid(flexion, load, indexing="ij"), axis=-1).reshape(-1, 2)
-    if len(grid) != len(rows) or (rows[order, :2] != grid).any():
-        count = f"every one of its {len(flexion)} angles needs every one of its {len(load)} loads once"
-        raise unusable(f"has {len(rows)} rows; {count}")
-    return ShareTable(flexion, load, rows[order, 2].reshape(len(flexion), len(load)))
+    try:
+        return ShareTable.of(rows)
+    except ValueError as error:
+        raise UsageError(f"parameter {SHARE_FILE}: {name} {error}") from None
 
 
 def _columns(by: str, name: str, text: str, columns: tuple[str, ...]) -> NDArray[np.float64]:
