@@ -49,13 +49,6 @@ def test_a_curve_has_so_many_points_at_most(parameter: str, tmp_path: Path) -> N
         knee_contact_ros.load_model(naming(NAMED[parameter], path))
 
 
-def test_a_curve_of_so_many_points_is_read(tmp_path: Path) -> None:
-    path = tmp_path / "curve.csv"
-    path.write_text("".join(f"{number * 1e-3:g},{0.01 * (number % 2):g}\n" for number in range(MOST_POINTS)))
-    model = knee_contact_ros.load_model(naming(TABLE, path))
-    assert model.pair.mechanism.translation(1e-3)[0] == pytest.approx(0.01)
-
-
 @pytest.mark.parametrize("command", ["solve", pytest.param("view", marks=needs_viewer), "report"])
 def test_no_file_is_opened_that_a_recording_names(
     command: str, right_bag: Path, config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]

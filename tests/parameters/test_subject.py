@@ -118,10 +118,3 @@ def test_commands_say_what_is_missing(tmp_path: Path, capsys: pytest.CaptureFixt
     assert "no BAG: give one, or --subject with a file that names one" in capsys.readouterr().err
     assert main(["solve", "--subject", "none.yaml", "--output", str(tmp_path / "a.mcap")]) == 2
     assert "none.yaml: cannot read the subject file" in capsys.readouterr().err
-
-
-def test_only_profiles_are_scaled() -> None:
-    with pytest.raises(UsageError, match=r"femur\.scale: 1\.1 is not allowed; only femur\.geometry profile"):
-        load_parameters({"femur.scale": 1.1})
-    with pytest.raises(UsageError, match=r"tibia\.scale: 1\.1 is not allowed; only tibia\.geometry profile"):
-        load_parameters({"tibia.scale": 1.1})
