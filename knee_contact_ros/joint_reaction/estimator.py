@@ -8,7 +8,17 @@ from collections.abc import Callable
 from enum import IntEnum
 from typing import NamedTuple, get_type_hints
 
-from knee_contact_ros.joint_reaction.leg import UNKNOWN, Ground, Joints, Leg, Motion, NetMoments, leg_of, net_moments
+from knee_contact_ros.joint_reaction.leg import (
+    GRAVITY,
+    UNKNOWN,
+    Ground,
+    Joints,
+    Leg,
+    Motion,
+    NetMoments,
+    leg_of,
+    net_moments,
+)
 from knee_contact_ros.joint_reaction.muscles import Person, reaction_of
 
 

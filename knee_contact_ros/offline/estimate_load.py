@@ -20,7 +20,7 @@ from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.joint_reaction.leg import Ground, Joints, Motion
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms
-from knee_contact_ros.offline.solve import SOURCE_DAMAGE
+from knee_contact_ros.offline.solve import mark_damage
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.load_stream import LoadStream
@@ -118,9 +118,7 @@ def estimate_load(
         summary.refused, summary.damage = pipeline.synchroniser.refused, list(inputs.reader.damage)
         if recorder:
             recorder.finish(pipeline.ending())
-            if summary.damage:
-                faults = {"source": bag.name, "faults": "\n".join(summary.damage)}
-                recorder.bag.add_metadata(SOURCE_DAMAGE, faults)
+            mark_damage(recorder, bag, summary.damage)
         if summary.peak is None:
             reasons = ", ".join(f"{count} x {reason}" for reason, count in summary.refused.items())
             damage = f"; the bag is damaged: {in_a_line(summary.damage)}" if summary.damage else ""

@@ -8,7 +8,6 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
@@ -108,7 +107,8 @@ def solve(
         prepare(pipeline)
         summary, *others = (Summary(parameters.body_weight, one.doubts) for one in pipeline.compartments)
         summary.lateral = others[0] if others else None
-        run, done = Run(pipeline, recorder, (summary.add_each, keep), changes, opened.enter_context(Behind())), 0
+        thread, done = opened.enter_context(ThreadPoolExecutor(1)), 0
+        run = Run(pipeline, recorder, (summary.add_each, keep), changes, thread)
         for block in inputs.blocks(BLOCK):
             run.take(block)
             done += len(block)
@@ -121,8 +121,8 @@ def solve(
         if recording:
             late = ["what changed in the node meanwhile may come too late, as ticks before it are missing"]
             damage = [*recording.damage, *damage, *(late if damage and recording.changes else []), *_order(pipeline)]
-        if damage and recorder:
-            recorder.bag.add_metadata(SOURCE_DAMAGE, {"source": bag.name, "faults": "\n".join(damage)})
+        if recorder:
+            mark_damage(recorder, bag, damage)
         summary.refused, summary.damage = pipeline.synchroniser.refused, damage
         summary.split = pipeline.split if pipeline.varies else None
         if not summary.ticks:
@@ -130,6 +130,12 @@ def solve(
             why = f"; the bag is damaged: {in_a_line(damage)}" if damage else ""
             raise UsageError(f"bag {bag}: no tick could be computed ({reasons}; {pipeline.last_refusal}){why}")
     return summary
+
+
+def mark_damage(recorder: AnswerWriter, bag: Path, damage: Sequence[str]) -> None:
+    """Write the damage of the bag that a recording was computed from into it, if there is any."""
+    if damage:
+        recorder.bag.add_metadata(SOURCE_DAMAGE, {"source": bag.name, "faults": "\n".join(damage)})
 
 
 def parameters_in(basis: Parameters | Provenance) -> Parameters:
@@ -165,8 +171,9 @@ class Run:
     """Functions that are called with the rows of answers, an array for each compartment"""
     changes: Changes
     """Changes that are made at their ticks"""
-    behind: Behind
+    thread: ThreadPoolExecutor
     """Thread that writes blocks which were computed at once; when `keep` returns, all is written"""
+    _writing: Future[None] | None = None
 
     def take(self, block: Batch) -> None:
         """Compute the ticks of a block of angles (number 0) and forces (number 1), at once if possible."""
@@ -176,7 +183,7 @@ class Run:
     def keep(self, answers: Iterable[Answer]) -> None:
         """Record answers and pass their rows on; make the changes that are due between them."""
         rows = []
-        self.behind.wait()
+        self._wait()
         for answer in answers:
             if self.pipeline.frame.turn_note:
                 self._note(FORCE_TURNED, self.pipeline.frame.take_turn_note())
@@ -194,9 +201,16 @@ class Run:
             return False
         if self.recorder:
             parts = [part._replace(topic=f"/{part.topic}") for part in answers.messages]
-            self.behind.do(write_messages, self.recorder.bag, parts)
+            self._wait()
+            self._writing = self.thread.submit(write_messages, self.recorder.bag, parts)
         self._pass_on(answers.rows)
         return True
+
+    def _wait(self) -> None:
+        """Wait until the last block is written; an error of it is raised here."""
+        writing, self._writing = self._writing, None
+        if writing:
+            writing.result()
 
     def _pass_on(self, rows: Sequence[Rows]) -> None:
         for taker in self.takers:
@@ -334,30 +348,3 @@ class Subject:
         path = expanded(name)
         beside = self.path.parent / path
         return path if path.is_absolute() else beside if beside.exists() else find_file(name)
-
-
-class Behind:
-    """Background thread that makes one call at a time, in order; a context manager that ends with the thread."""
-
-    def __init__(self) -> None:
-        self._thread = ThreadPoolExecutor(1, "behind")
-        self._last: Future[Any] | None = None
-
-    def do(self, function: Callable[..., object], *arguments: Any) -> None:
-        """Call a function in the thread, after waiting for the previous call; an error of that one is raised here."""
-        self.wait()
-        self._last = self._thread.submit(function, *arguments)
-
-    def wait(self) -> None:
-        """Wait for the last call; an error of it is raised here."""
-        last, self._last = self._last, None
-        if last:
-            last.result()
-
-    def __enter__(self) -> Behind:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._thread.shutdown()

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +28,7 @@ from knee_contact_ros.streams.frames import (
     encode_transforms,
 )
 from knee_contact_ros.streams.load_stream import LoadStream
-from knee_contact_ros.streams.messages import JointState, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.streams.messages import encode_wrench_stamped
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
 from knee_contact_ros.streams.topics import LOAD_INPUTS, LOAD_RECORDED, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
@@ -251,82 +249,6 @@ def test_what_a_power_failure_leaves_of_a_recording_is_recovered(tmp_path: Path)
     assert metadata(whole)[LOAD_PROVENANCE] == metadata(output)[LOAD_PROVENANCE]
     solve(whole, load_parameters({}), None, silent)
     estimate(whole, None)
-
-
-def test_an_output_is_replaced_only_when_asked(walking: Path, tmp_path: Path) -> None:
-    output = tmp_path / "out.mcap"
-    output.write_text("precious")
-    with pytest.raises(UsageError, match="exists already"):
-        estimate(walking, output)
-    with pytest.raises(UsageError, match="no bag"):
-        estimate(tmp_path / "missing", output, overwrite=True)
-    assert output.read_text() == "precious"
-    estimate(walking, output, overwrite=True)
-    assert len(raw(output)) == 960
-
-
-def test_the_input_is_never_replaced(walking: Path, tmp_path: Path) -> None:
-    bag = tmp_path / "bag.mcap"
-    shutil.copy(walking, bag)
-    with pytest.raises(UsageError, match="is the input"):
-        estimate(bag, bag, overwrite=True)
-    assert bag.read_bytes() == walking.read_bytes()
-
-
-def only(topic: str) -> list[RawMessage]:
-    return [message for message in WALK if message.topic == topic]
-
-
-def elbow() -> list[RawMessage]:
-    states = [JointState(m.log_time, "", ("elbow", "hip"), (0.1, 0.2), (), ()) for m in only(ANGLES)]
-    return [*[RawMessage(ANGLES, each.stamp, encode_joint_state(each)) for each in states], *only(FORCE)]
-
-
-@pytest.mark.parametrize(
-    ("make", "values", "words"),
-    [
-        (lambda folder: folder / "missing", {}, "no bag at"),
-        (lambda folder: walking_bag(folder / "b.mcap", []), {}, "topic /joint_states has no messages"),
-        (
-            lambda folder: walking_bag(folder / "b.mcap", only(ANGLES)),
-            {},
-            "topic /ground_reaction_force has no messages",
-        ),
-        (
-            lambda folder: walking_bag(folder / "b.mcap", elbow()),
-            {},
-            r"joint_states has no joint 'knee'; it has elbow, hip \(parameter knee\.joint_name\)$",
-        ),
-        (
-            lambda folder: walking_bag(folder / "b.mcap", WALK),
-            {"hip.joint_name": "hips"},
-            r"has no joint 'hips'; it has hip, knee, ankle \(parameter hip\.joint_name\)$",
-        ),
-        (
-            lambda folder: walking_bag(folder / "b.mcap", WALK),
-            {"knee.assisted": True},
-            r"could be estimated \(240 x joint_missing, 240 x no_angle_before; .* gives no effort for joint 'knee'\)$",
-        ),
-        (
-            lambda folder: walking_bag(folder / "b.mcap", WALK),
-            {"frame.ground": "lab"},
-            r"\(240 x frame_unknown; .* 'plate', and no static transform leads to 'lab'\)$",
-        ),
-        (
-            lambda folder: walking_bag(folder / "b.mcap", [*only(ANGLES)[100:], *only(FORCE)[:50]]),
-            {},
-            r"no joint reaction could be estimated \(50 x no_angle_before\)$",
-        ),
-    ],
-)
-def test_bags_that_cannot_be_used_leave_nothing_behind(
-    tmp_path: Path, make: Callable[[Path], Path], values: dict[str, Any], words: str
-) -> None:
-    bag, output = make(tmp_path), tmp_path / "o" / "out.mcap"
-    with pytest.raises(UsageError, match=words) as caught:
-        estimate(bag, output, values)
-    assert "\n" not in str(caught.value)
-    assert not output.parent.exists() or list(output.parent.iterdir()) == []
 
 
 def test_ctrl_c_leaves_nothing_behind(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: Any) -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import shutil
 from pathlib import Path
 from typing import Any
 
@@ -99,31 +98,6 @@ def test_the_recording_holds_inputs_and_outputs(config: Path, right_bag: Path, t
     assert [(m.topic, m.log_time) for m in inputs] == [(m.topic, m.log_time) for m in read_bag(right_bag, INPUT_TYPES)]
 
 
-def test_an_output_is_replaced_only_when_asked(config: Path, right_bag: Path, tmp_path: Path) -> None:
-    output, parameters = tmp_path / "out.mcap", load_parameters(config / "healthy.yaml")
-    output.write_text("precious")
-    with pytest.raises(UsageError, match="exists already"):
-        solve(right_bag, parameters, output, silent)
-    with pytest.raises(UsageError, match="no bag"):
-        solve(tmp_path / "missing", parameters, output, silent, overwrite=True)
-    assert output.read_text() == "precious"
-    assert solve(right_bag, parameters, output, silent, overwrite=True).ticks == 387
-    assert read_summary(output, parameters.body_weight).ticks == 387
-
-
-@pytest.mark.parametrize("way", ["itself", "a link", "a file of the folder"])
-def test_the_input_is_never_replaced(way: str, right_bag: Path, tmp_path: Path) -> None:
-    bag = tmp_path / "bag"
-    shutil.copytree(right_bag, bag)
-    (file,) = bag.glob("*.mcap")
-    (tmp_path / "link.mcap").symlink_to(file)
-    before = file.read_bytes()
-    output = tmp_path / "link.mcap" if way == "a link" else file
-    with pytest.raises(UsageError, match="is the input"):
-        solve(file if way == "itself" else bag, load_parameters({}), output, silent, overwrite=True)
-    assert file.read_bytes() == before
-
-
 def test_a_bag_with_heights_drives_the_displacement(tmp_path: Path) -> None:
     rows = [(i * 5_000_000, 0.1 + 0.01 * i, 800.0) for i in range(20)]
     heights = 0.034 - 6e-4 - 1e-4 * np.sin(np.arange(20.0))
@@ -211,55 +185,3 @@ def test_forces_after_the_last_angle_are_answered_as_held(config: Path, tmp_path
     summary = solve(bag, load_parameters(config / "healthy.yaml"), tmp_path / "o" / "out.mcap", silent)
     assert summary.ticks == 3
     assert summary.flagged["INPUT_HELD"] == 1
-
-
-@pytest.mark.parametrize(
-    ("make", "words"),
-    [
-        (lambda folder: folder / "missing", "no bag at"),
-        (lambda folder: folder, "it has no metadata.yaml"),
-        (
-            lambda folder: make_bag(folder / "a" / "b.mcap", [(0, 0.1, 1.0)], joint="elbow"),
-            "no joint 'knee'; it has elbow",
-        ),
-        (lambda folder: make_bag(folder / "a" / "b.mcap", [(0, float("nan"), 1.0)]), "is nan"),
-        (lambda folder: make_bag(folder / "a" / "b.mcap", []), "no messages"),
-    ],
-)
-def test_bags_that_cannot_be_used_leave_nothing_behind(config: Path, tmp_path: Path, make, words: str) -> None:
-    bag = make(tmp_path)
-    output = tmp_path / "o" / "out.mcap"
-    with pytest.raises(UsageError, match=words) as caught:
-        solve(bag, load_parameters(config / "healthy.yaml"), output, silent)
-    assert "\n" not in str(caught.value)
-    assert not output.parent.exists() or list(output.parent.iterdir()) == []
-
-
-def test_a_bag_without_the_topics_names_those_it_has(config: Path, right_bag: Path, tmp_path: Path) -> None:
-    with BagWriter(tmp_path / "other.mcap") as bag:
-        bag.add_topic("/imu", "geometry_msgs/msg/WrenchStamped")
-    with pytest.raises(UsageError, match=r"no topic /joint_states .* its topics: /imu"):
-        solve(tmp_path / "other.mcap", load_parameters({}), tmp_path / "out.mcap", silent)
-
-
-def test_a_topic_of_another_type_is_named(tmp_path: Path) -> None:
-    with BagWriter(tmp_path / "other.mcap") as bag:
-        bag.add_topic("/joint_states", "geometry_msgs/msg/WrenchStamped")
-    with pytest.raises(UsageError, match="must be a sensor_msgs/msg/JointState"):
-        solve(tmp_path / "other.mcap", load_parameters({}), tmp_path / "out.mcap", silent)
-
-
-def test_a_bad_profile_leaves_no_folder(right_bag: Path, tmp_path: Path) -> None:
-    parameters = load_parameters({"femur.geometry": "profile", "femur.profile": "nowhere.csv"})
-    with pytest.raises(UsageError, match=r"cannot read nowhere\.csv"):
-        solve(right_bag, parameters, tmp_path / "new" / "out.mcap", silent)
-    assert list(tmp_path.iterdir()) == []
-
-
-@pytest.mark.parametrize("content", [b"", b"not a bag", b"\x89MCAP0\r\n" + b"\x00" * 64])
-def test_files_that_are_no_bags_are_refused(tmp_path: Path, content: bytes) -> None:
-    path = tmp_path / "broken.mcap"
-    path.write_bytes(content)
-    with pytest.raises(UsageError, match=r"broken\.mcap"):
-        solve(path, load_parameters({}), tmp_path / "out.mcap", silent)
-    assert not (tmp_path / "out.mcap").exists()
