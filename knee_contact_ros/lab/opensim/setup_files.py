@@ -255,7 +255,7 @@ def static_setup(base: Setup, path: Path, interval: int) -> Setup:
         "lowpass_cutoff_frequency_for_coordinates": str(cutoff if cutoff > 0.0 else -1.0),
     }
     analyses = {"StaticOptimization": {"step_interval": str(interval)}}
-    return _write(STATIC, path, f"{base.name}_static", _shared(base, "ResultsStatic") | own, analyses)
+    return _write(STATIC, path, f"{base.name}_static", _shared(base, "ResultsStatic"), analyses, own)
 
 
 def reactions_setup(base: Setup, path: Path, states: str | None, forces: str) -> Setup:
@@ -274,7 +274,7 @@ def reactions_setup(base: Setup, path: Path, states: str | None, forces: str) ->
         "BodyKinematics": {"bodies": "center_of_mass"},
         "JointReaction": {"forces_file": forces, "joint_names": "ALL", **child_frame},
     }
-    return _write(REACTIONS, path, "knee_contact", _shared(base, "ResultsReactions") | own, analyses)
+    return _write(REACTIONS, path, "knee_contact", _shared(base, "ResultsReactions"), analyses, own)
 
 
 def dynamics_setup(base: Setup, path: Path, coordinates: str, window: tuple[float, float]) -> Setup:
@@ -285,7 +285,7 @@ def dynamics_setup(base: Setup, path: Path, coordinates: str, window: tuple[floa
         "external_loads_file": base.text("external_loads_file"), "coordinates_file": coordinates,
         "lowpass_cutoff_frequency_for_coordinates": "-1", "output_gen_force_file": "moments.sto",
     }  # fmt: skip
-    return _write(DYNAMICS, path, "knee_contact", properties, {})
+    return _write(DYNAMICS, path, "knee_contact", properties, {}, {})
 
 
 def _shared(base: Setup, results: str) -> dict[str, str]:
@@ -298,14 +298,17 @@ def _shared(base: Setup, results: str) -> dict[str, str]:
     return {tag: base.text(tag) for tag in SHARED} | own
 
 
-def _write(step: str, path: Path, name: str, properties: dict[str, str], analyses: dict[str, dict[str, str]]) -> Setup:
-    """Write a set-up file with a tool and its analyses."""
+def _write(
+    step: str, path: Path, name: str, first: dict[str, str], analyses: dict[str, dict[str, str]], last: dict[str, str]
+) -> Setup:
+    """Write a set-up file with a tool: its first properties, its analyses, its last properties."""
     document = ET.Element("OpenSimDocument", Version="40000")
     tool = ET.SubElement(document, TOOLS[step], name=name)
+    _add(tool, first)
     objects = ET.SubElement(ET.SubElement(tool, "AnalysisSet", name="Analyses"), "objects") if analyses else tool
     for kind, own in analyses.items():
         _add(ET.SubElement(objects, kind, name=kind), own)
-    _add(tool, properties)
+    _add(tool, last)
     ET.indent(document)
     ET.ElementTree(document).write(path, encoding="UTF-8", xml_declaration=True)
     return Setup(step, path, tool)

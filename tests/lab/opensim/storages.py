@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
+
+from knee_contact_ros.system.errors import UsageError
 
 AXES = ("fx", "fy", "fz", "mx", "my", "mz", "px", "py", "pz")
 TIBIA = "knee_{0}_on_tibia_{0}_in_tibia_{0}_"
@@ -103,3 +105,11 @@ def write_model(path: Path, joints: Sequence[tuple[str, str]] = (), bounds: str 
     both = [(f"{joint}_{side}", f"{angle}_{side}") for side in "rl" for joint, angle in JOINTS]
     path.write_text(MODEL.format("".join(JOINT.format(*names, bounds) for names in joints or both)))
     return path
+
+
+def outcome(function: Callable[..., object], *arguments: object) -> object:
+    """What comes of it, or the words of a refusal."""
+    try:
+        return function(*arguments)
+    except UsageError as fault:
+        return str(fault)

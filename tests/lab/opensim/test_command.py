@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 from mcap.reader import make_reader
 
@@ -12,7 +13,8 @@ from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
-from tests.lab.opensim.storages import kinematics, reactions
+from knee_contact_ros.system.files import not_installed
+from tests.lab.opensim.storages import kinematics, plate, reactions, write_model, write_storage
 from tests.offline.test_solve import silent
 
 
@@ -87,6 +89,8 @@ def test_a_bag_is_replaced_only_when_asked_and_nothing_else_ever(
     assert (bag / "thesis.docx").exists()
 
 
+MISSING = not_installed("opensim", "opensim")
+MODEL = ["--model", "m.osim"]
 ONE_SIDE = ["--kinematics", "q.sto", "--reactions", "jr.sto", "--side", "right", "--output", "walk"]
 
 
@@ -107,15 +111,27 @@ ONE_SIDE = ["--kinematics", "q.sto", "--reactions", "jr.sto", "--side", "right",
         ([*ONE_SIDE, "--output", "walk.mcap"], "a bag's folder is written; give its name without .mcap"),
         ([*ONE_SIDE, "--output", "jr.sto", "--overwrite"], "is a file and no bag's folder"),
         ([*ONE_SIDE[:4], *ONE_SIDE[6:]], "--side"),
+        ([*ONE_SIDE, "--ground", "late.mot"], "--ground needs --model M.osim, which tells where the ankle is"),
+        ([*ONE_SIDE, "--ground", *MODEL], "--ground FILE is missing; only with --setup it is found"),
+        ([*ONE_SIDE, "--ground", "late.mot", *MODEL], MISSING),
+        ([*ONE_SIDE, "--ground", "none.mot", *MODEL], "cannot read none.mot"),
+        ([*ONE_SIDE, "--ground", "none.xml", *MODEL], "cannot read none.xml"),
+        ([*ONE_SIDE, "--ground", "q.sto", *MODEL], "has no ground force, as ground_force_vx, but hip_flexion_r"),
+        ([*ONE_SIDE, "--ground", "late.mot", *MODEL], "late.mot spans 10 to 11 s, and the kinematics 0 to 1.2 s"),
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(
     results: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str],
     arguments: list[str], says: str,
 ) -> None:  # fmt: skip
+    """As if OpenSim were installed, or, without, with a line that says what to install."""
     monkeypatch.chdir(tmp_path)
+    write_model(tmp_path / "m.osim")
+    write_storage(tmp_path / "late.mot", np.linspace(10.0, 11.0, 241), plate("ground_force_r_"), "yes")
+    files = sorted(path.name for path in tmp_path.iterdir())
+    monkeypatch.setattr("knee_contact_ros.system.files.find_spec", lambda name: None if says == MISSING else name)
     assert main(["import-opensim", *arguments]) == 2
     said = capsys.readouterr().err
     assert says in said
     assert said.count("\n") == 1
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["jr.sto", "q.sto"]
+    assert sorted(path.name for path in tmp_path.iterdir()) == files

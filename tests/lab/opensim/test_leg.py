@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -15,19 +17,18 @@ from knee_contact_ros.lab.opensim.leg import FootForce, GroundFile, Places, data
 from knee_contact_ros.lab.tables import Table, read_storage
 from knee_contact_ros.streams.topics import GROUND_REACTION_FORCE, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import not_installed
 from tests.lab.opensim.storages import (
     FREE,
     PLATE_TIME,
     STANDS,
     external,
     kinematics,
+    outcome,
     plate,
     reactions,
     write_loads,
     write_model,
     write_plates,
-    write_storage,
 )
 from tests.lab.opensim.test_command import origin
 
@@ -83,51 +84,43 @@ def test_the_data_lie_beside_their_loads_or_where_a_tool_runs(data: Path) -> Non
         data_file(write_loads(loads, "", []))
 
 
-@pytest.mark.parametrize(
-    ("stems", "torques", "found"),
-    [
-        (("ground_force_", "1_ground_force_"), ("ground_torque_", "1_ground_torque_"), (0, 1)),
-        (("ground_force_l_", "ground_force_r_"), ("ground_moment_l_m", "ground_moment_r_m"), (1, 0)),
-        (("left_ground_force_", "right_ground_force_"), ("", ""), (1, 0)),
-        (
-            tuple(f"ground_force_{n}_" for n in range(3)),
-            ("",) * 3,
-            r"which of ground_force_0_vx, .* of the right foot\?",
-        ),
-        (("f_",), ("",), "has no ground force, as ground_force_vx, but f_vx"),
-    ],
-)
+PLATES = [
+    (("ground_force_", "1_ground_force_"), ("ground_torque_", "1_ground_torque_"), (0, 1)),
+    (("ground_force_l_", "ground_force_r_"), ("ground_moment_l_m", "ground_moment_r_m"), (1, 0)),
+    (("left_ground_force_", "right_ground_force_"), ("", ""), (1, 0)),
+    (tuple(f"ground_force_{n}_" for n in range(3)), ("",) * 3, r"which of ground_force_0_vx, .* of the right foot\?"),
+    (("f_",), ("",), "has no ground force, as ground_force_vx, but f_vx"),
+]
+REFUSED_LOADS = [
+    (external("calcn_l"), r"applies no force to the right foot; its forces act on calcn_l"),
+    (external("calcn_r", more="<force_expressed_in_body>calcn_r</force_expressed_in_body>"),
+     "force 'calcn_r': force_expressed_in_body is calcn_r, and must be ground"),
+    (external("calcn_r", more="<point_expressed_in_body>calcn_r</point_expressed_in_body>"),
+     "point_expressed_in_body is calcn_r, and must be ground"),
+    (external("calcn_r").replace("ground_force_p", ""), "has no point_identifier"),
+    (external("calcn_r", stem="2_force_"), "has no column 2_force_vx, 2_force_vy, 2_force_vz, 2_force_px"),
+    (external("calcn_r", torque="t"), "has no column tx, ty, tz; it has ground_force_vx"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("stems", "torques", "found"), PLATES)
 def test_names_of_columns_tell_the_foot_or_it_is_asked_for(
-    tmp_path: Path, stems: tuple[str, ...], torques: tuple[str, ...], found: tuple[int, int] | str
+    tmp_path: Path, stems: Any, torques: Any, found: Any
 ) -> None:
     data = write_plates(tmp_path / "grf.mot", *map(plate, stems, torques))
     if isinstance(found, str):
-        with pytest.raises(UsageError, match=found):
-            read_ground(data, data, "right")
+        assert re.search(found, str(outcome(read_ground, data, data, "right")))
         return
     for side, number in zip(("right", "left"), found, strict=True):
         force = FootForce(f"{stems[number]}v", f"{stems[number]}p", torques[number])
         assert read_ground(data, data, side).forces == (force,)
 
 
-@pytest.mark.parametrize(
-    ("force", "says"),
-    [
-        (external("calcn_l"), r"applies no force to the right foot; its forces act on calcn_l"),
-        (external("calcn_r", more="<force_expressed_in_body>calcn_r</force_expressed_in_body>"),
-         "force 'calcn_r': force_expressed_in_body is calcn_r, and must be ground"),
-        (external("calcn_r", more="<point_expressed_in_body>calcn_r</point_expressed_in_body>"),
-         "point_expressed_in_body is calcn_r, and must be ground"),
-        (external("calcn_r").replace("ground_force_p", ""), "has no point_identifier"),
-        (external("calcn_r", stem="2_force_"), "has no column 2_force_vx, 2_force_vy, 2_force_vz, 2_force_px"),
-        (external("calcn_r", torque="t"), "has no column tx, ty, tz; it has ground_force_vx"),
-    ],
-)  # fmt: skip
+@pytest.mark.parametrize(("force", "says"), REFUSED_LOADS)
 def test_loads_that_cannot_be_are_refused(data: Path, force: str, says: str) -> None:
     loads = write_loads(data.parent / "grf.xml", "grf.mot", [force])
-    with pytest.raises(UsageError, match=says) as refused:
-        read_ground(loads, data, "right")
-    assert "\n" not in str(refused.value)
+    assert says in (refused := str(outcome(read_ground, loads, data, "right")))
+    assert "\n" not in refused
 
 
 @pytest.mark.parametrize(
@@ -296,40 +289,3 @@ def test_a_person_who_walks_elsewhere_is_refused() -> None:
     checks.check_heading(np.array([[0.8, 0.0, 0.6]]), Path("q.sto"))
     with pytest.raises(UsageError, match=r"q\.sto: the pelvis points to x -1\.00, z 0\.00 on average"):
         checks.check_heading(np.array([[-1.0, 0.0, 0.0]]), Path("q.sto"))
-
-
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (["--ground", "grf.mot"], "--ground needs --model M.osim, which tells where the ankle is"),
-        (["--ground", "--model", "m.osim"], "--ground FILE is missing; only with --setup it is found"),
-        (["--ground", "none.mot", "--model", "m.osim"], "cannot read none.mot"),
-        (["--ground", "none.xml", "--model", "m.osim"], "cannot read none.xml"),
-        (
-            ["--ground", "q.sto", "--model", "m.osim"],
-            "q.sto has no ground force, as ground_force_vx, but hip_flexion_r",
-        ),
-        (["--ground", "late.mot", "--model", "m.osim"], "late.mot spans 10 to 11 s, and the kinematics 0 to 1.2 s"),
-    ],
-)
-def test_bad_input_is_one_line_and_leaves_nothing(
-    results: list[str], loads: list[str], tmp_path: Path, by_tests: None, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str], arguments: list[str], says: str,
-) -> None:  # fmt: skip
-    monkeypatch.chdir(tmp_path)
-    write_storage(tmp_path / "late.mot", np.linspace(10.0, 11.0, 241), plate("ground_force_r_"), "yes")
-    assert main([*results, "--side", "right", *arguments]) == 2
-    said = capsys.readouterr().err
-    assert says in said
-    assert said.count("\n") == 1
-    assert not list(tmp_path.glob("walk*"))
-
-
-def test_without_opensim_one_line_says_what_to_install(
-    results: list[str], loads: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
-    monkeypatch.setattr("knee_contact_ros.system.files.find_spec", lambda name: None)
-    assert main([*results, *loads, "--side", "right"]) == 2
-    assert capsys.readouterr().err == f"knee-contact: {not_installed('opensim', 'opensim')}\n"
-    assert not (tmp_path / "walk").exists()

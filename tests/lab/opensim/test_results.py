@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -17,7 +16,7 @@ from knee_contact_ros.lab.opensim.results import Reaction, Settings, angle_colum
 from knee_contact_ros.lab.tables import Table
 from knee_contact_ros.system.errors import UsageError
 from tests.lab.opensim import storages
-from tests.lab.opensim.storages import AXES, DURATION, TIBIA, flexion, kinematics, reaction_columns, reactions
+from tests.lab.opensim.storages import AXES, DURATION, TIBIA, flexion, kinematics, outcome, reaction_columns, reactions
 
 DIGITS = 1e-11
 """Files of the tests have twelve decimals"""
@@ -40,14 +39,6 @@ def knee(files: Files, side: str = "right", **settings: object) -> Gait:
 
 def files(folder: Path, **options: object) -> Files:
     return Files(kinematics(folder / "q.sto", **options), reactions(folder / "jr.sto"))  # type: ignore[arg-type]
-
-
-def outcome(function: Callable[..., object], *arguments: object) -> object:
-    """What comes of it, or the words of a refusal."""
-    try:
-        return function(*arguments)
-    except UsageError as fault:
-        return str(fault)
 
 
 UNITS = [
