@@ -1,14 +1,14 @@
 """What a knee can do, and what its sensors can measure: values beyond it point to a wrong unit, sign, column or frame.
 
-All values that are imported pass here. Functions that `refuse` raise; the others return sentences, of which the
-importer decides: what is `impossible` is never imported, what has `doubts` only if the user insists.
+All limits on imported values are here. OpenSim's files say what they hold, so what contradicts that is refused by a
+UsageError. Of a laboratory's files a map says what they hold: what is `impossible` is never imported, what raises
+`doubts` only if the user insists, and both are sentences.
 """
 
 from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import NoReturn
 
 import numpy as np
 
@@ -48,11 +48,6 @@ AHEAD = 0.7
 """Smallest mean x component of the pelvis's forward direction: within 45 degrees of x"""
 
 
-def refuse(fault: str) -> NoReturn:
-    """Raise a UsageError."""
-    raise UsageError(fault)
-
-
 def unit_of(table: Table, column: str, requested: str) -> str:
     """Unit of an angle's column, `deg` or `rad`: the requested one, or with `auto` that of the header, if it can be.
 
@@ -66,11 +61,11 @@ def unit_of(table: Table, column: str, requested: str) -> str:
     if table.degrees is None:
         if reach > LARGEST_RADIANS:
             return "deg"
-        refuse(f"{table.path} does not say inDegrees, and {span}; give --angle-unit deg or rad")
+        raise UsageError(f"{table.path} does not say inDegrees, and {span}; give --angle-unit deg or rad")
     if table.degrees and reach < SMALLEST_DEGREES:
-        refuse(f"{table.path} says inDegrees=yes, but {span}, like rad; give --angle-unit deg or rad")
+        raise UsageError(f"{table.path} says inDegrees=yes, but {span}, like rad; give --angle-unit deg or rad")
     if not table.degrees and reach > LARGEST_RADIANS:
-        refuse(f"{table.path} says inDegrees=no, but {span}, like degrees; give --angle-unit deg or rad")
+        raise UsageError(f"{table.path} says inDegrees=no, but {span}, like degrees; give --angle-unit deg or rad")
     return "deg" if table.degrees else "rad"
 
 
@@ -87,10 +82,10 @@ def sign_of(angle: Floats, where: str, requested: int | None, bounds: tuple[floa
     span = f"{where} goes from {math.degrees(low):.1f} to {math.degrees(high):.1f} deg"
     sign = requested or _clear_sign(low, high) or (_clear_sign(*bounds) if bounds else 0)
     if not sign:
-        refuse(f"{span}: which sign is flexion? Give --angle-sign 1 or -1, or --model")
+        raise UsageError(f"{span}: which sign is flexion? Give --angle-sign 1 or -1, or --model")
     lowest, highest = (low, high) if sign > 0 else (-high, -low)
     if lowest < EXTENDS or highest > FLEXES:
-        refuse(
+        raise UsageError(
             f"{span}; with sign {sign:+d} that is {math.degrees(lowest):.1f} to {math.degrees(highest):.1f} deg of "
             f"flexion, and a knee has {math.degrees(EXTENDS):.0f} to {math.degrees(FLEXES):.0f}: "
             "see --angle-sign and --angle-unit"
@@ -110,7 +105,7 @@ def check_rate(given: Floats, derived: Floats, where: str) -> None:
     power = float(derived @ derived)
     slope = float(given @ derived) / power if power > MOVES**2 * len(derived) else 1.0
     if not FITS[0] <= slope <= FITS[1]:
-        refuse(
+        raise UsageError(
             f"{where} is {slope:.3g} times the rate of the angle; another unit than its inDegrees says, or another "
             "coordinate's?"
         )
@@ -120,18 +115,18 @@ def check_axial(load: Floats, where: str) -> None:
     """Refuse an axial load [N], > 0 in compression, shape (n,), that is mostly tension, or not in N."""
     least, most = float(load.min()), float(load.max())
     if most < -least:
-        refuse(
+        raise UsageError(
             f"{where} pulls the knee apart, by up to {-least:.0f} N, and presses with {most:.0f} N at most: it is not "
             "what acts on the tibia, or its y does not point up"
         )
     if not SMALLEST_FORCE <= most <= LARGEST_FORCE:
-        refuse(f"{where} presses with {most:.3g} at most; it must be in N")
+        raise UsageError(f"{where} presses with {most:.3g} at most; it must be in N")
 
 
 def check_upright(up: Floats, where: str) -> None:
     """Refuse a vertical ground force, shape (n,), that does not act upwards as on a walking foot."""
     if up.max() < max(STANDS, -up.min()):
-        refuse(
+        raise UsageError(
             f"{where} goes from {up.min():.4g} to {up.max():.4g}; it must be in N, upwards, and what the ground does "
             "to the foot"
         )
@@ -145,7 +140,7 @@ def check_near(arm: Floats, up: Floats, where: str) -> None:
     standing = arm[up >= STANDS]
     away = float(np.median(np.hypot(standing[:, 0], standing[:, 2]))) if len(standing) else 0.0
     if away > NEAR:
-        refuse(
+        raise UsageError(
             f"{where} is {away:.2f} m away from the ankle while the foot stands, by the median: the other foot's, not "
             "in m, or in other axes than the model's?"
         )
@@ -155,7 +150,7 @@ def check_heading(forward: Floats, path: Path) -> None:
     """Refuse a person who does not face towards x; `forward` is the direction of the pelvis, shape (n, 3)."""
     x, _, z = forward.mean(axis=0)
     if x < AHEAD:
-        refuse(
+        raise UsageError(
             f"{path}: the pelvis points to x {x:.2f}, z {z:.2f} on average, and a leg's sensors have x forward: turn "
             "markers and ground reactions about y, so that the person walks towards x"
         )

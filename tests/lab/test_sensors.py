@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,48 +19,43 @@ from tests import ROOT
 from tests.helpers.needs import TRIALS, needs_trials
 from tests.lab.opensim.storages import write_storage
 from tests.lab.opensim.test_command import origin
-from tests.lab.trials import MAP, SECONDS, cells, flexion, load, write_csv, write_trial
-
-Told = Callable[..., str]
+from tests.lab.trials import MAP, SECONDS, cells, flexion, load, motion, write_csv
 
 
-def importing(files: list[Path], map_file: Path, output: Path, *more: str) -> int:
-    return main(["import-csv", *map(str, files), "--map", str(map_file), "--output", str(output), *more])
+@pytest.fixture
+def importing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Callable[..., int]:
+    """Imports cells.csv, made of columns or bytes, or other files, by a map into the bag `bag`; gives the exit code."""
+    monkeypatch.chdir(tmp_path)
+
+    def run(
+        made: Mapping[str, Any] | bytes | None = None, text: str = MAP, *more: str, files: tuple[Any, ...] = ()
+    ) -> int:
+        if isinstance(made, bytes):
+            Path("cells.csv").write_bytes(made)
+        elif made:
+            write_csv(Path("cells.csv"), made)
+        Path("map.yaml").write_text(text, encoding="utf-8")
+        return main(["import-csv", *map(str, files or ["cells.csv"]), "--map=map.yaml", "--output=bag", *more])
+
+    return run
 
 
-def content(bag: Path) -> tuple[list, list]:
+Importing = Callable[..., int]
+
+
+def content() -> tuple[list[Any], list[Any]]:
     """Angles and forces."""
-    with BagReader(bag, INPUT_TYPES) as reader:
+    with BagReader(Path("bag"), INPUT_TYPES) as reader:
         messages = list(reader.raw_messages())
     angles = [JOINT_STATE.decode(m.data)[0] for m in messages if m.topic == "/joint_states"]
     return angles, [WRENCH.decode(m.data)[0] for m in messages if m.topic == "/joint_reaction_force"]
 
 
-@pytest.fixture
-def told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Told:
-    """What an import of a file says that is refused; nothing is written then."""
-
-    def tell(path: Path, map_text: str = MAP) -> str:
-        (tmp_path / "map.yaml").write_text(map_text, encoding="utf-8")
-        capsys.readouterr()
-        assert importing([path], tmp_path / "map.yaml", tmp_path / "bag") == 2
-        captured = capsys.readouterr()
-        assert captured.out == ""
-        assert captured.err.count("\n") == 1
-        assert not (tmp_path / "bag").exists()
-        assert not list(tmp_path.glob(".incomplete*"))
-        return captured.err
-
-    return tell
-
-
-def test_columns_become_what_the_node_listens_to(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_columns_become_what_the_node_listens_to(importing: Importing, capsys: pytest.CaptureFixture[str]) -> None:
     table = cells()
-    path = write_csv(tmp_path / "cells.csv", table)
-    (tmp_path / "map.yaml").write_text(MAP, encoding="utf-8")
-    assert importing([path], tmp_path / "map.yaml", tmp_path / "bag") == 0
+    assert importing(table) == 0
     assert "goniometer_deg of cells.csv" in capsys.readouterr().out
-    angles, forces = content(tmp_path / "bag")
+    angles, forces = content()
     stamps = np.rint(1e9 * np.round(table["time_s"], 6)).astype(int).tolist()
     assert [angle.stamp for angle in angles] == [force.stamp for force in forces] == stamps
     assert [angle.name for angle in angles] == [("knee",)] * len(stamps)
@@ -67,34 +63,29 @@ def test_columns_become_what_the_node_listens_to(tmp_path: Path, capsys: pytest.
     np.testing.assert_allclose(found, table["goniometer_deg"], atol=1e-6)
     np.testing.assert_allclose([force.force[1] for force in forces], -load(table["time_s"]), atol=3e-6)
     assert {force.frame_id for force in forces} == {"tibia_r"}
-    assert len(solve(tmp_path / "bag")) == len(stamps)
-    record = origin(tmp_path / "bag")
+    assert len(solve(Path("bag"))) == len(stamps)
+    record = origin(Path("bag"))
     assert json.loads(record["map"])["load"]["columns"] == {"pm_n": 1.0, "am_n": 1.0, "al_n": 1.0, "pl_n": 1.0}
     assert re.fullmatch("[0-9a-f]{64}", record["file 1_sha256"])
 
 
-def test_files_of_one_trial_make_one_bag(tmp_path: Path) -> None:
+def test_files_of_one_trial_make_one_bag(importing: Importing) -> None:
     """Motion in one, the cells in the other; both have a column time_s."""
-    moved, tray, map_file = write_trial(tmp_path)
-    map_file.write_text(MAP.replace("goniometer_deg, unit: deg", "knee_flexion_deg, unit: deg, sign: -1"))
-    assert importing([moved, tray], map_file, tmp_path / "bag") == 0
-    angles, forces = content(tmp_path / "bag")
-    np.testing.assert_allclose(
-        np.degrees([angle.position[0] for angle in angles]),
-        flexion(1e-9 * np.array([angle.stamp for angle in angles])),
-        atol=1e-5,
-    )
+    moved = write_csv(Path("motion.csv"), motion())
+    text = MAP.replace("goniometer_deg, unit: deg", "knee_flexion_deg, unit: deg, sign: -1")
+    assert importing(cells(), text, files=(moved, "cells.csv")) == 0
+    angles, forces = content()
+    found = np.degrees([angle.position[0] for angle in angles])
+    np.testing.assert_allclose(found, flexion(1e-9 * np.array([angle.stamp for angle in angles])), atol=1e-5)
     assert angles[0].stamp == 3_000_000  # every row keeps its stamp
     assert forces[0].stamp == 8_333_000  # the first with an angle before it
 
 
-def test_weights_scale_units_direction_side_and_rate(tmp_path: Path) -> None:
+def test_weights_scale_units_direction_side_and_rate(importing: Importing) -> None:
     table = cells()
     total = load(table["time_s"])
     table |= {"time_s": 1e3 * table["time_s"] + 5000.0, "fy": -total / 4.4482216152605, "m": 0.01 * total}
-    path = write_csv(tmp_path / "cells.csv", table)
-    (tmp_path / "map.yaml").write_text(
-        """
+    text = """
 time: {column: time_s, unit: ms, offset: -5.0}
 angle: {column: goniometer_deg, unit: deg, joint: left_knee}
 load: {column: fy, unit: lbf, direction: tension, scale: 0.5}
@@ -103,9 +94,8 @@ body_weight: 350
 side: left
 rate: 100
 """
-    )
-    assert importing([path], tmp_path / "map.yaml", tmp_path / "bag") == 0
-    angles, forces = content(tmp_path / "bag")
+    assert importing(table, text) == 0
+    angles, forces = content()
     stamps = [force.stamp for force in forces]
     assert stamps == [angle.stamp for angle in angles] == list(range(0, stamps[-1] + 1, 10_000_000))
     expected = np.interp(1e-9 * np.array(stamps), cells()["time_s"], 0.5 * total)
@@ -114,42 +104,38 @@ rate: 100
     assert (forces[0].frame_id, angles[0].name) == ("tibia_l", ("left_knee",))
 
 
-@pytest.mark.parametrize(
-    "form", ["semicolons", "tabs", "spaces", "bom", "utf-16", "crlf", "quotes", "top", "units row"]
-)
-def test_the_ways_in_which_tables_are_written(tmp_path: Path, form: str) -> None:
-    table, more = cells(), ""
-    path = tmp_path / "cells.csv"
-    if form in ("semicolons", "tabs"):
-        write_csv(path, table, {"semicolons": ";", "tabs": "\t"}[form], ",")
-    elif form == "spaces":
-        write_csv(path, table, "  ")
-    elif form == "quotes":
-        write_csv(path, {f'"{name}"': [f'"{cell:.6f}"' for cell in column] for name, column in table.items()})
-    elif form == "top":
-        write_csv(path, table, top="# of the logger\n\nSubject: JW\n")
-        more = "table: {header_line: 4}\n"
-    elif form == "units row":
-        write_csv(path, {name: ["[x]", *(f"{cell:.6f}" for cell in column)] for name, column in table.items()})
-        more = "table: {first_line: 3}\n"
-    else:
-        text = write_csv(path, table).read_text(encoding="utf-8")
-        encoding = {"bom": "utf-8-sig", "utf-16": "utf-16"}.get(form, "utf-8")
-        path.write_bytes((text.replace("\n", "\r\n") if form == "crlf" else text).encode(encoding))
-    (tmp_path / "map.yaml").write_text(more + MAP, encoding="utf-8")
-    assert importing([path], tmp_path / "map.yaml", tmp_path / "bag") == 0
-    angles, forces = content(tmp_path / "bag")
+QUOTED = {f'"{name}"': [f'"{cell:.6f}"' for cell in column] for name, column in cells().items()}
+WITH_UNITS = {name: ["[x]", *(f"{cell:.6f}" for cell in column)] for name, column in cells().items()}
+FORMS: dict[str, tuple[dict[str, Any], str, Callable[[str], bytes]]] = {
+    "semicolons": ({"delimiter": ";", "decimal": ","}, "", str.encode),
+    "tabs": ({"delimiter": "\t", "decimal": ","}, "", str.encode),
+    "spaces": ({"delimiter": "  "}, "", str.encode),
+    "bom": ({}, "", lambda text: text.encode("utf-8-sig")),
+    "utf-16": ({}, "", lambda text: text.encode("utf-16")),
+    "crlf": ({}, "", lambda text: text.replace("\n", "\r\n").encode()),
+    "quotes": ({"columns": QUOTED}, "", str.encode),
+    "top": ({"top": "# of the logger\n\nSubject: JW\n"}, "table: {header_line: 4}\n", str.encode),
+    "units row": ({"columns": WITH_UNITS}, "table: {first_line: 3}\n", str.encode),
+}
+"""How a table is written, what the map says of it, and its bytes"""
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_the_ways_in_which_tables_are_written(importing: Importing, form: str) -> None:
+    options, text, encode = FORMS[form]
+    written = write_csv(Path("as_it_is.csv"), **{"columns": cells(), **options}).read_text(encoding="utf-8")
+    assert importing(encode(written), text + MAP) == 0
+    angles, forces = content()
     assert len(angles) == len(forces) == round(120 * SECONDS)
-    np.testing.assert_allclose([force.force[1] for force in forces], -load(table["time_s"]), atol=3e-6)
+    np.testing.assert_allclose([force.force[1] for force in forces], -load(cells()["time_s"]), atol=3e-6)
 
 
-def test_opensim_files_are_tables_too(tmp_path: Path, told: Told) -> None:
+def test_opensim_files_are_tables_too(importing: Importing) -> None:
     table = cells()
-    names = [name for name in table if name != "time_s"]
-    path = write_storage(tmp_path / "q.mot", table["time_s"], {name: table[name] for name in names}, "yes")
-    (tmp_path / "map.yaml").write_text(MAP, encoding="utf-8")
-    assert importing([path], tmp_path / "map.yaml", tmp_path / "bag") == 0
-    assert len(content(tmp_path / "bag")[0]) == len(table["time_s"])
+    path = write_storage(Path("q.mot"), table.pop("time_s"), table, "yes")
+    text = MAP.replace("{column: time_s}", "{column: time}")
+    assert importing(None, text, files=(path,)) == 0
+    assert len(content()[0]) == round(120 * SECONDS)
 
 
 SPOILT: dict[str, tuple[Callable[[dict], dict], str]] = {
@@ -182,15 +168,6 @@ SPOILT: dict[str, tuple[Callable[[dict], dict], str]] = {
     "milliseconds given as seconds": (lambda t: t | {"time_s": 1e3 * t["time_s"]},
                                       r"0\.12 rows a second: is time\.unit"),
 }  # fmt: skip
-"""What becomes of a table, and what is told"""
-
-
-@pytest.mark.parametrize("fault", SPOILT)
-def test_damaged_and_mislabelled_columns_are_told(tmp_path: Path, told: Told, fault: str) -> None:
-    spoil, words = SPOILT[fault]
-    assert re.search(words, told(write_csv(tmp_path / "cells.csv", spoil(cells()))))
-
-
 MAPS = {
     ("unit: N", "unit: deg"): r"map: load: unit deg cannot be: it is a unit of angle, and force is wanted: N, kN",
     ("unit: N", "unit: newtn"): r"map: load: unit 'newtn' is not known; .*allowed: N",
@@ -207,14 +184,6 @@ MAPS = {
     ("load:", "lode:"): r"lode: is not known; did you mean load\?",
     ("unit: N", "unit: N\n  file: '*.txt'"): r"load\.file: no file is named as \*\.txt; given are cells\.csv",
 }
-
-
-@pytest.mark.parametrize("change", MAPS)
-def test_mistakes_in_the_map_are_told(tmp_path: Path, told: Told, change: tuple[str, str]) -> None:
-    assert change[0] in MAP
-    assert re.search(MAPS[change], told(write_csv(tmp_path / "cells.csv", cells()), MAP.replace(*change, 1)))
-
-
 NAMES = b"time_s,pm_n,am_n,al_n,pl_n,goniometer_deg"
 FILES: dict[str, tuple[bytes, str]] = {
     "empty": (b"", "cells.csv is empty"),
@@ -234,112 +203,99 @@ FILES: dict[str, tuple[bytes, str]] = {
     "one long line": (b"a," * 2**20, "characters; it is no table"),
     "an open quote": (NAMES + b'\n"0,1,2,3,4,5\n' + b"1,2,3,4,5,6\n" * 20000, "line .* cannot be read: field larger"),
 }
-"""What is in a file, and what is told"""
+REFUSED: dict[str, tuple[Any, str, str]] = {
+    **{name: (spoil(cells()), MAP, words) for name, (spoil, words) in SPOILT.items()},
+    **{f"{old} > {new}": (cells(), MAP.replace(old, new, 1), words) for (old, new), words in MAPS.items()},
+    **{name: (data, MAP, words) for name, (data, words) in FILES.items()},
+}
+"""What is in cells.csv, what in the map, and what is told"""
 
 
-@pytest.mark.parametrize("name", FILES)
-def test_files_that_are_no_tables_are_told(tmp_path: Path, told: Told, name: str) -> None:
-    path, (data, words) = tmp_path / "cells.csv", FILES[name]
-    path.write_bytes(data)
-    assert re.search(words, told(path))
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_damaged_or_mislabelled_is_told(
+    importing: Importing, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    made, text, words = REFUSED[name]
+    assert (text != MAP) == (" > " in name)
+    assert importing(made, text) == 2
+    captured = capsys.readouterr()
+    assert re.search(words, captured.err)
+    assert (captured.out, captured.err.count("\n")) == ("", 1)
+    assert {path.name for path in Path().iterdir()} == {"cells.csv", "map.yaml"}
 
 
-def test_files_that_cannot_be_read_are_told(tmp_path: Path, told: Told) -> None:
-    assert "cannot read" in told(tmp_path / "nowhere.csv")
-    assert "cannot read" in told(tmp_path)
+@pytest.mark.parametrize("path", ["nowhere.csv", "."])
+def test_files_that_cannot_be_read_are_told(
+    importing: Importing, capsys: pytest.CaptureFixture[str], path: str
+) -> None:
+    assert importing(files=(path,)) == 2
+    assert "cannot read" in capsys.readouterr().err
 
 
 def test_what_is_likely_a_mistake_is_written_only_if_the_user_insists(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    importing: Importing, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    path = write_csv(tmp_path / "cells.csv", SPOILT["pounds given as newtons"][0](cells()))
-    (tmp_path / "map.yaml").write_text(MAP, encoding="utf-8")
-    assert importing([path], tmp_path / "map.yaml", tmp_path / "bag", "--anyway") == 0
+    assert importing(SPOILT["pounds given as newtons"][0](cells()), MAP, "--anyway") == 0
     assert re.search(r"warning: .* presses with 3\d\d", capsys.readouterr().err.replace("\n", " "))
-    record = origin(tmp_path / "bag")
-    assert "In lbf" in record["doubts"]
-    impossible = write_csv(tmp_path / "cells.csv", SPOILT["another column"][0](cells()))
-    assert importing([impossible], tmp_path / "map.yaml", tmp_path / "other", "--anyway") == 2
+    assert "In lbf" in origin(Path("bag"))["doubts"]
+    assert importing(SPOILT["another column"][0](cells()), MAP, "--anyway", "--overwrite") == 2
 
 
 def test_rows_without_a_number_are_left_out_if_so_asked_and_gaps_stay(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    importing: Importing, capsys: pytest.CaptureFixture[str]
 ) -> None:
     table = cells()
     hole = (table["time_s"] > 2.0) & (table["time_s"] < 2.5)
-    path = write_csv(
-        tmp_path / "cells.csv", table | {"goniometer_deg": np.where(hole, np.nan, table["goniometer_deg"])}
-    )
+    table["goniometer_deg"] = np.where(hole, np.nan, table["goniometer_deg"])
     for rate, number in (("", 720), ("rate: 120\n", 720 - 59)):
-        (tmp_path / "map.yaml").write_text(f"missing: leave_out\n{rate}{MAP}", encoding="utf-8")
-        assert importing([path], tmp_path / "map.yaml", tmp_path / "bag", "--overwrite") == 0
+        assert importing(table, f"missing: leave_out\n{rate}{MAP}", "--overwrite") == 0
         said = " ".join(capsys.readouterr().out.split())
         assert "angle: 59 of 720 rows left out, as a number is missing" in said
         assert "angle: 1 gaps longer than 0.1 s, the longest of 0.5 s at 2 s" in said
-        angles, forces = content(tmp_path / "bag")
-        assert (len(angles), len(forces)) == (720 - 59, number)
+        assert tuple(map(len, content())) == (720 - 59, number)
 
 
-def test_behind_a_gap_a_knee_may_be_anywhere(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    table = cells()
-    kept = np.ones(len(table["time_s"]), dtype=bool)
-    kept[545:574] = False  # a quarter of a second of swing, by 46 degrees
-    jump = np.abs(np.diff(table["goniometer_deg"][kept])).max()
-    assert jump > 30.0
-    path = write_csv(tmp_path / "cells.csv", {name: values[kept] for name, values in table.items()})
-    (tmp_path / "map.yaml").write_text(MAP, encoding="utf-8")
-    assert importing([path], tmp_path / "map.yaml", tmp_path / "bag") == 0
+def test_behind_a_gap_a_knee_may_be_anywhere(importing: Importing, capsys: pytest.CaptureFixture[str]) -> None:
+    without = {name: np.delete(values, slice(545, 574)) for name, values in cells().items()}  # a quarter of a second
+    assert np.abs(np.diff(without["goniometer_deg"])).max() > 30.0
+    assert importing(without) == 0
     assert "angle: 1 gaps longer than 0.1 s" in capsys.readouterr().out
 
 
-def test_columns_in_two_files_are_asked_for(tmp_path: Path, told: Told, capsys: pytest.CaptureFixture[str]) -> None:
-    one, other = (write_csv(tmp_path / f"{name}.csv", cells()) for name in ("a", "b"))
-    (tmp_path / "map.yaml").write_text(MAP, encoding="utf-8")
-    assert importing([one, other], tmp_path / "map.yaml", tmp_path / "bag") == 2
+def test_columns_in_two_files_are_asked_for(importing: Importing, capsys: pytest.CaptureFixture[str]) -> None:
+    both = tuple(write_csv(Path(f"{name}.csv"), cells()) for name in ("a", "b"))
+    assert importing(files=both) == 2
     assert "a.csv and b.csv both have goniometer_deg; say which with angle.file" in capsys.readouterr().err
     named = MAP.replace("unit: deg}", "unit: deg, file: 'a*'}", 1).replace("  unit: N", "  unit: N\n  file: b.csv")
-    (tmp_path / "map.yaml").write_text(named, encoding="utf-8")
-    assert importing([one, other], tmp_path / "map.yaml", tmp_path / "bag") == 0
+    assert importing(None, named, files=both) == 0
 
 
-def test_an_hour_at_1_khz_is_read_row_by_row(tmp_path: Path) -> None:
-    """As large a file as a day of logging makes, with less memory than its text takes."""
-    path = tmp_path / "cells.csv"
+def test_a_long_file_is_read_row_by_row(importing: Importing) -> None:
+    """With less memory than its text takes."""
     table, rows = cells(), 60_000
-    lines = [
-        "{:.3f}," + ",".join(f"{table[name][i]:.3f}" for name in list(table)[1:]) + ',"' + "x" * 200 + '"\n'
-        for i in range(100)
-    ]
-    with path.open("w", encoding="utf-8") as file:
-        file.write(",".join([*table, "comment"]) + "\n")
-        for i in range(rows):
-            file.write(lines[min(i % 200, 199 - i % 200)].format(1e-3 * i))
-    (tmp_path / "map.yaml").write_text(MAP, encoding="utf-8")
-    assert importing([path], tmp_path / "map.yaml", tmp_path / "bag", "--anyway") == 0
-    assert len(content(tmp_path / "bag")[1]) == rows
+    lines = ["{:.3f}," + ",".join(f"{table[name][i]:.3f}" for name in list(table)[1:]) + ',"' + "x" * 200 + '"\n'
+             for i in range(100)]  # fmt: skip
+    text = [lines[min(i % 200, 199 - i % 200)].format(1e-3 * i) for i in range(rows)]
+    assert importing("".join([",".join([*table, "comment"]) + "\n", *text]).encode(), MAP, "--anyway") == 0
+    assert len(content()[1]) == rows
 
 
-def test_the_map_of_the_page_is_one(tmp_path: Path) -> None:
+def test_the_map_of_the_page_is_one(importing: Importing) -> None:
     page = (ROOT / "docs" / "sensors.md").read_text(encoding="utf-8")
     (shown,) = re.findall("```yaml\n(time: .*?)```", page, re.DOTALL)
-    moved, tray, map_file = write_trial(tmp_path)
-    map_file.write_text(shown, encoding="utf-8")
-    assert importing([moved, tray], map_file, tmp_path / "bag") == 0
-    assert len(solve(tmp_path / "bag")) == 720
+    assert importing(cells(), shown, files=("cells.csv", write_csv(Path("motion.csv"), motion()))) == 0
+    assert len(solve(Path("bag"))) == 720
 
 
 @needs_trials
 @pytest.mark.parametrize(("trial", "rows", "peak"), [("og5", 247, 1476), ("tm_fast1", 1760, 1737)])
-def test_measured_trials_as_they_are(tmp_path: Path, trial: str, rows: int, peak: int) -> None:
+def test_measured_trials_as_they_are(importing: Importing, trial: str, rows: int, peak: int) -> None:
     """Columns and peaks as their page says; and the mistakes that a map may make with them are told."""
-    files = [TRIALS / f"ngait_{trial}_{part}.csv" for part in ("motion", "tibia_cells")]
-    map_file = tmp_path / "map.yaml"
+    files = tuple(TRIALS / f"ngait_{trial}_{part}.csv" for part in ("motion", "tibia_cells"))
     right = MAP.replace("700.0", "654.3")
-    map_file.write_text(right, encoding="utf-8")
-    assert importing(files, map_file, tmp_path / "bag") == 0
-    _, forces = content(tmp_path / "bag")
-    assert len(forces) == rows
-    assert round(max(-force.force[1] for force in forces)) == peak
+    assert importing(None, right, files=files) == 0
+    _, forces = content()
+    assert (len(forces), round(max(-force.force[1] for force in forces))) == (rows, peak)
     mistakes = {
         "unit: N": "unit: lbf",
         "unit: N\n": "unit: N\n  scale: 0.2248\n",
@@ -349,5 +305,4 @@ def test_measured_trials_as_they_are(tmp_path: Path, trial: str, rows: int, peak
     }
     for before, after in mistakes.items():
         assert before in right
-        map_file.write_text(right.replace(before, after, 1), encoding="utf-8")
-        assert importing(files, map_file, tmp_path / "other") == 2
+        assert importing(None, right.replace(before, after, 1), "--overwrite", files=files) == 2
