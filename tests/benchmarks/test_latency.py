@@ -16,26 +16,6 @@ from rclpy.qos import QoSProfile
 
 from benchmarks.latency import __main__ as study
 from benchmarks.latency import bare, driver
-from benchmarks.latency.__main__ import NODE, SENDER, SUSTAINED, Moment, Part, Step
-from benchmarks.latency.driver import (
-    BARE,
-    BOTH,
-    BYTES,
-    CANDIDATES,
-    OURS,
-    SINGLE,
-    Figures,
-    Run,
-    Snapshot,
-    Taken,
-    Usage,
-    between,
-    figures,
-    ratios,
-    rotated,
-    samples,
-    snapshot,
-)
 from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.node.inputs import DEPTH
 from knee_contact_ros.node.session import OUTPUT_DEPTH
@@ -47,20 +27,20 @@ from knee_contact_ros.system.processes import child_process
 MS = 1_000_000
 
 
-def run_of(*milliseconds: int, published: int | None = None, sending: float = 1.0, tail: float = 0.0) -> Run:
+def run_of(*milliseconds: int, published: int | None = None, sending: float = 1.0, tail: float = 0.0) -> driver.Run:
     latencies = [each * MS for each in milliseconds]
-    return Run(len(latencies) if published is None else published, latencies, [MS], sending, tail)
+    return driver.Run(len(latencies) if published is None else published, latencies, [MS], sending, tail)
 
 
 def test_figures_and_their_ratios() -> None:
-    assert figures([each * MS for each in range(1001)]) == pytest.approx((500.0, 990.0, 999.0, 1000.0))
-    assert all(map(math.isnan, figures([])))
-    assert ratios(Figures(1.0, 2.0, 3.0, 4.0), Figures(2.0, 2.0, 2.0, 2.0)) == (0.5, 1.0, 1.5, 2.0)
-    assert math.isnan(ratios(Figures(1.0, 1.0, 1.0, 1.0), Figures(0.0, 1.0, 1.0, 1.0)).median)
+    assert driver.figures([each * MS for each in range(1001)]) == pytest.approx((500.0, 990.0, 999.0, 1000.0))
+    assert all(map(math.isnan, driver.figures([])))
+    assert driver.ratios(driver.Figures(1.0, 2.0, 3.0, 4.0), driver.Figures(2.0, 2.0, 2.0, 2.0)) == (0.5, 1.0, 1.5, 2.0)
+    assert math.isnan(driver.ratios(driver.Figures(1.0, 1.0, 1.0, 1.0), driver.Figures(0.0, 1.0, 1.0, 1.0)).median)
 
 
 def test_samples_are_gait_forth_and_back_without_a_leap() -> None:
-    found = list(islice(samples(1000.0, 7), 9000))
+    found = list(islice(driver.samples(1000.0, 7), 9000))
     states, forces = zip(
         *((decode_joint_state(each.angle), decode_wrench_stamped(each.force)) for each in found), strict=True
     )
@@ -76,35 +56,35 @@ def test_samples_are_gait_forth_and_back_without_a_leap() -> None:
 
 
 def test_every_candidate_is_first_in_turn_and_bare_ones_offer_what_the_node_offers() -> None:
-    assert [rotated(CANDIDATES, number)[0] for number in range(6)] == [*CANDIDATES, OURS]
-    assert set(rotated(CANDIDATES, 3)) == set(CANDIDATES)
+    assert [driver.rotated(driver.CANDIDATES, number)[0] for number in range(6)] == [*driver.CANDIDATES, driver.OURS]
+    assert set(driver.rotated(driver.CANDIDATES, 3)) == set(driver.CANDIDATES)
     assert QoSProfile(depth=DEPTH) == bare.INPUT_QOS
     assert QoSProfile(depth=OUTPUT_DEPTH) == bare.OUTPUT_QOS
 
 
-IDLE = Taken(3e-4, 0.0, 0.0, 10.0)
+IDLE = driver.Taken(3e-4, 0.0, 0.0, 10.0)
 
 
-def parts() -> list[Part]:
+def parts() -> list[study.Part]:
     found = []
     for number in (1, 2):
-        found.append(Part(number, OURS, run_of(1, 2, 3, published=4), Taken(4e-4, 2e-4, 0.5, 10.0)))
-        found.append(Part(number, BOTH, run_of(1, 2, 3, published=4), Taken(4e-4, 2e-4, 0.5, 10.0)))
-        found.append(Part(number, BARE, run_of(2 * number, 4 * number, 6 * number), IDLE))
-        found.append(Part(number, SINGLE, run_of(published=3), IDLE))
-        found.append(Part(number, BYTES, run_of(1, 1, 1), IDLE))
+        found.append(study.Part(number, driver.OURS, run_of(1, 2, 3, published=4), driver.Taken(4e-4, 2e-4, 0.5, 10.0)))
+        found.append(study.Part(number, driver.BOTH, run_of(1, 2, 3, published=4), driver.Taken(4e-4, 2e-4, 0.5, 10.0)))
+        found.append(study.Part(number, driver.BARE, run_of(2 * number, 4 * number, 6 * number), IDLE))
+        found.append(study.Part(number, driver.SINGLE, run_of(published=3), IDLE))
+        found.append(study.Part(number, driver.BYTES, run_of(1, 1, 1), IDLE))
     return found
 
 
 def test_a_line_for_every_round_and_for_all() -> None:
     lines = {(line.candidate, line.round): line for line in study.latency_page(parts(), 1000.0, 20.0).lines}
     assert len(lines) == 15
-    ours, bare_one = lines[OURS.name, "all"], lines[BARE.name, "all"]
+    ours, bare_one = lines[driver.OURS.name, "all"], lines[driver.BARE.name, "all"]
     assert (ours.published, ours.lost, ours.median_ms, ours.max_ms) == (8, 2, 2.0, 3.0)
     assert (ours.cpu_us, ours.cpu_children_us) == pytest.approx((100.0, 50.0))
     assert (ours.others_percent, bare_one.others_percent) == (5.0, 0.0)
     assert (bare_one.median_ms, bare_one.max_ms) == (5.0, 12.0)  # of 2, 4, 6, 4, 8, 12
-    assert lines[BARE.name, "2"].median_ms == 8.0
+    assert lines[driver.BARE.name, "2"].median_ms == 8.0
     one_round = [part for part in parts() if part.round == 1]
     assert len(study.latency_page(one_round, 1000.0, 20.0).lines) == 5  # one round says it all
 
@@ -112,8 +92,8 @@ def test_a_line_for_every_round_and_for_all() -> None:
 def test_ratios_by_round_and_of_all() -> None:
     rows = {row[0]: row[1] for row in study.ratio_sheet(parts()).rows}
     assert rows == {
-        f"{OURS.name}, round 1": "0.50", f"{OURS.name}, round 2": "0.25", OURS.name: "0.40",
-        BOTH.name: "0.40", SINGLE.name: "-", BYTES.name: "0.20",
+        f"{driver.OURS.name}, round 1": "0.50", f"{driver.OURS.name}, round 2": "0.25", driver.OURS.name: "0.40",
+        driver.BOTH.name: "0.40", driver.SINGLE.name: "-", driver.BYTES.name: "0.20",
     }  # fmt: skip
 
 
@@ -128,67 +108,67 @@ def test_a_page_and_its_data_are_written(tmp_path: Path) -> None:
         assert len(written[1].read_text(encoding="utf-8").splitlines()) == 1 + len(page.lines)
 
 
-def attempts(limit: float, verdict: str, failing_once: tuple[float, ...] = ()) -> list[Step]:
+def attempts(limit: float, verdict: str, failing_once: tuple[float, ...] = ()) -> list[study.Step]:
     """A search where rates up to a limit are sustained; some fail at the first attempt."""
     left = list(failing_once)
 
-    def attempt(rate: float) -> Step:
+    def attempt(rate: float) -> study.Step:
         fails = rate > limit or (rate in left and left.remove(rate) is None)
-        return Step(1, OURS.name, rate, rate, 10, 0, 1.0, 1.0, verdict if fails else SUSTAINED, 0.0)
+        return study.Step(1, driver.OURS.name, rate, rate, 10, 0, 1.0, 1.0, verdict if fails else study.SUSTAINED, 0.0)
 
     return study.search(attempt)
 
 
-def steps() -> list[Step]:
-    theirs = [step._replace(candidate=BARE.name) for step in attempts(2000.0, SENDER)]
-    return attempts(1000.0, NODE) + theirs
+def steps() -> list[study.Step]:
+    theirs = [step._replace(candidate=driver.BARE.name) for step in attempts(2000.0, study.SENDER)]
+    return attempts(1000.0, study.NODE) + theirs
 
 
 def test_the_search_rises_tries_again_and_bisects() -> None:
-    found = attempts(1000.0, NODE)
+    found = attempts(1000.0, study.NODE)
     rates = [step.rate for step in found]
     assert rates[:6] == [500.0, 625.0, 781.25, 976.5625, 1220.703125, 1220.703125]  # a failure is tried again
     assert rates[6:] == pytest.approx([1091.8, 1091.8, 1032.6, 1032.6], abs=0.1)
-    once = attempts(1000.0, NODE, failing_once=(625.0,))
-    assert [step.verdict for step in once[:3]] == [SUSTAINED, NODE, SUSTAINED]
+    once = attempts(1000.0, study.NODE, failing_once=(625.0,))
+    assert [step.verdict for step in once[:3]] == [study.SUSTAINED, study.NODE, study.SUSTAINED]
 
 
 @pytest.mark.parametrize(
     ("up_to", "rate", "limit"),
-    [(1000.0, 976.56, NODE), (1050.0, 1032.6, NODE), (100.0, 0.0, NODE), (math.inf, 84703.3, "-")],
+    [(1000.0, 976.56, study.NODE), (1050.0, 1032.6, study.NODE), (100.0, 0.0, study.NODE), (math.inf, 84703.3, "-")],
 )
 def test_the_highest_rate_and_what_limits_it(up_to: float, rate: float, limit: str) -> None:
-    found = attempts(up_to, NODE)
-    assert study.highest(found, OURS, 1) == pytest.approx(rate, abs=0.1)
-    assert study.limit(found, OURS, 1) == limit
+    found = attempts(up_to, study.NODE)
+    assert study.highest(found, driver.OURS, 1) == pytest.approx(rate, abs=0.1)
+    assert study.limit(found, driver.OURS, 1) == limit
 
 
 def test_rates_over_those_of_the_bare_node() -> None:
     rows = {row[0]: row for row in study.sustained_page(steps()).sections[0].rows}
-    assert rows[OURS.name][3:5] == [NODE, f"{976.5625 / study.highest(steps(), BARE, 1):.2f}"]
-    assert rows[BARE.name][3:] == [SENDER, "1.00", "0 %"]
-    assert rows[BYTES.name][1] == "0"
+    assert rows[driver.OURS.name][3:5] == [study.NODE, f"{976.5625 / study.highest(steps(), driver.BARE, 1):.2f}"]
+    assert rows[driver.BARE.name][3:] == [study.SENDER, "1.00", "0 %"]
+    assert rows[driver.BYTES.name][1] == "0"
 
 
 @pytest.mark.parametrize(
     ("run", "verdict"),
     [
-        (run_of(*[1] * 101), SUSTAINED),
-        (run_of(*[1] * 100, published=101), NODE),
-        (run_of(*[1] * 101, tail=0.06), NODE),
-        (run_of(*[60] * 101), NODE),
-        (run_of(*[1] * 101, sending=1.01), SUSTAINED),
-        (run_of(*[1] * 101, sending=1.03), SENDER),
-        (run_of(published=101), NODE),
+        (run_of(*[1] * 101), study.SUSTAINED),
+        (run_of(*[1] * 100, published=101), study.NODE),
+        (run_of(*[1] * 101, tail=0.06), study.NODE),
+        (run_of(*[60] * 101), study.NODE),
+        (run_of(*[1] * 101, sending=1.01), study.SUSTAINED),
+        (run_of(*[1] * 101, sending=1.03), study.SENDER),
+        (run_of(published=101), study.NODE),
     ],
 )
-def test_what_sustained_means(run: Run, verdict: str) -> None:
+def test_what_sustained_means(run: driver.Run, verdict: str) -> None:
     assert study.judged(run, 100.0) == verdict
 
 
 CHILDREN = "11: 80.0, 12: 120.0"
 MOMENTS = [
-    Moment(ticks, memory, CHILDREN, 0, 2000.0, 0.3, 1.0, 2.0, 3.0, 5.0)
+    study.Moment(ticks, memory, CHILDREN, 0, 2000.0, 0.3, 1.0, 2.0, 3.0, 5.0)
     for ticks, memory in ((10_000, 100.0), (50_000, 120.0), (60_000, 123.5), (70_000, 121.0))
 ]
 
@@ -218,32 +198,32 @@ def test_recordings_are_compared_byte_by_byte(tmp_path: Path) -> None:
 def test_usage_of_a_process_and_its_child() -> None:
     script = "import subprocess, sys; subprocess.run([sys.executable, '-c', 'input()'])"
     with subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
-        while len(family := snapshot(process.pid).family) < 2:
+        while len(family := driver.snapshot(process.pid).family) < 2:
             assert process.poll() is None
         assert [usage.process for usage in family[:1]] == [process.pid]
         assert [usage.parent for usage in family] == [os.getpid(), process.pid]
         assert process.stdin
         process.stdin.write(b"\n")
-    assert snapshot(process.pid).family == []
-    assert snapshot(os.getpid()).family[0].resident > 10e6  # Python and NumPy
+    assert driver.snapshot(process.pid).family == []
+    assert driver.snapshot(os.getpid()).family[0].resident > 10e6  # Python and NumPy
 
 
 def test_cpu_time_of_all_has_that_of_what_has_ended() -> None:
-    before = snapshot(0)
+    before = driver.snapshot(0)
     work = "import time\nwhile time.process_time() < 0.5: pass"
     subprocess.run([sys.executable, "-c", work], check=True)
-    assert between(before, snapshot(0)).others >= 0.4  # the kernel counts in hundredths
+    assert driver.between(before, driver.snapshot(0)).others >= 0.4  # the kernel counts in hundredths
 
 
 def test_cpu_time_is_that_of_processes_that_were_there_all_the_time() -> None:
-    def of(*taken: tuple[int, float]) -> list[Usage]:
-        return [Usage(process, 0, cpu, 0.0, 0) for process, cpu in taken]
+    def of(*taken: tuple[int, float]) -> list[driver.Usage]:
+        return [driver.Usage(process, 0, cpu, 0.0, 0) for process, cpu in taken]
 
-    before = Snapshot(of((1, 1.0), (2, 5.0), (3, 1.0)), 100.0, 10.0, 0.0)
-    after = Snapshot(of((1, 1.5), (2, 5.25), (4, 9.0)), 103.0, 11.0, 2.0)
-    assert between(before, after)[:3] == (0.5, 0.25, 1.25)
-    assert between(before, after).machine == 2.0 * (os.cpu_count() or 0)
-    assert between(before, after._replace(family=[]))[:2] == (0.0, 0.0)
+    before = driver.Snapshot(of((1, 1.0), (2, 5.0), (3, 1.0)), 100.0, 10.0, 0.0)
+    after = driver.Snapshot(of((1, 1.5), (2, 5.25), (4, 9.0)), 103.0, 11.0, 2.0)
+    assert driver.between(before, after)[:3] == (0.5, 0.25, 1.25)
+    assert driver.between(before, after).machine == 2.0 * (os.cpu_count() or 0)
+    assert driver.between(before, after._replace(family=[]))[:2] == (0.0, 0.0)
 
 
 STANDS_IN = """

@@ -11,25 +11,6 @@ from click.testing import CliRunner
 
 from benchmarks.peers import __main__ as command
 from benchmarks.peers import measure, ours, page, picture
-from benchmarks.peers.measure import (
-    LEAST_TURNS,
-    LOOP,
-    PEERS,
-    RUNS,
-    STREAM,
-    WHOLE,
-    YARDSTICK,
-    Row,
-    Run,
-    Setting,
-    Task,
-    Worker,
-    entries,
-    runs_for,
-    stopwatch,
-    summed_up,
-    turns_for,
-)
 from benchmarks.peers.problems import Problem, problems
 from knee_contact_ros.system.files import not_installed
 
@@ -37,8 +18,8 @@ PROBLEMS = {problem.name: problem for problem in problems()}
 OURS, PEER = "knee-contact dynamic", "SciPy DOP853"
 
 
-def row(solver: str, peer: str, error: float, time: float, mode: str = STREAM) -> Row:
-    return Row("gait", solver, peer, mode, "1e-6", error, time, 4.0)
+def row(solver: str, peer: str, error: float, time: float, mode: str = measure.STREAM) -> measure.Row:
+    return measure.Row("gait", solver, peer, mode, "1e-6", error, time, 4.0)
 
 
 ROWS = [
@@ -47,20 +28,20 @@ ROWS = [
     row(PEER, "SciPy", 1e-6, 50.0),
     row(PEER, "SciPy", 1e-9, 400.0),
     row(PEER, "SciPy", 1e-10, 300.0),
-    row(PEER, "SciPy", 1e-9, 20.0, WHOLE),
+    row(PEER, "SciPy", 1e-9, 20.0, measure.WHOLE),
     row(PEER, "SciPy", math.nan, math.nan)._replace(failure="diverged"),
 ]
 
 
 def test_a_streamed_run_is_also_a_whole_run_but_not_the_other_way() -> None:
-    assert len(page.of(ROWS, "gait", WHOLE)) == 6
-    assert len(page.of(ROWS, "gait", STREAM)) == 5
-    rows = [*ROWS, row("CyRK RK45", "CyRK", 1e-9, 2.0, LOOP)]
-    assert [len(page.of(rows, "gait", mode)) for mode in (WHOLE, LOOP, STREAM)] == [7, 6, 5]
+    assert len(page.of(ROWS, "gait", measure.WHOLE)) == 6
+    assert len(page.of(ROWS, "gait", measure.STREAM)) == 5
+    rows = [*ROWS, row("CyRK RK45", "CyRK", 1e-9, 2.0, measure.LOOP)]
+    assert [len(page.of(rows, "gait", mode)) for mode in (measure.WHOLE, measure.LOOP, measure.STREAM)] == [7, 6, 5]
 
 
 def test_the_cheapest_run_is_not_the_one_that_comes_closest() -> None:
-    peers = [each for each in page.of(ROWS, "gait", STREAM) if each.peer == "SciPy"]
+    peers = [each for each in page.of(ROWS, "gait", measure.STREAM) if each.peer == "SciPy"]
     assert page.cheapest(peers, 1e-8) == 300.0
     assert math.isnan(page.cheapest(peers, 1e-12))
 
@@ -75,7 +56,7 @@ def test_targets_are_judged_by_their_ratios() -> None:
 
 
 def test_a_peer_that_is_quicker_is_said_to_be() -> None:
-    rows = [*ROWS, row("CyRK RK45", "CyRK", 1e-9, 2.0, LOOP)]
+    rows = [*ROWS, row("CyRK RK45", "CyRK", 1e-9, 2.0, measure.LOOP)]
     judged = {line[0]: line[1] for line in page.judged(rows, ["gait"])}
     compiled = "less time than the best of CyRK, numbalsoda, diffrax"
     # Ours needs 10 µs for 1e-8 m, in every way to run.
@@ -90,18 +71,18 @@ def test_a_peer_that_is_quicker_is_said_to_be() -> None:
 
 def test_a_curve_is_the_mean_over_problems_where_all_are_solved() -> None:
     pair = [row(OURS, "knee-contact", 1e-9, 1.0), row(OURS, "knee-contact", 1e-7, 4.0)._replace(problem="bag, right")]
-    errors, times = picture.curves(pair, ["gait", "bag, right"], STREAM)["knee-contact"]
+    errors, times = picture.curves(pair, ["gait", "bag, right"], measure.STREAM)["knee-contact"]
     assert min(errors) == pytest.approx(1e-7)
     # The geometric mean of 1 and 4.
     assert times == pytest.approx([2.0] * len(errors))
-    assert picture.curves(pair, ["gait", "bag, right", "bag, left"], STREAM) == {}
+    assert picture.curves(pair, ["gait", "bag, right", "bag, left"], measure.STREAM) == {}
 
 
 def test_a_sweep_tells_what_failed_and_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
     problem = small_problem()
     monkeypatch.setattr(measure, "LIMIT", 2.0)
     monkeypatch.setattr(measure, "GRACE", 0.0)
-    rows = measure.measure([problem], entries("tests.benchmarks.faulty"), 1).rows
+    rows = measure.measure([problem], measure.entries("tests.benchmarks.faulty"), 1).rows
     failures = {(each.solver, each.failure) for each in rows}
     assert ("raises", "ZeroDivisionError: ") in failures
     assert ("ends", "ended the process") in failures
@@ -125,14 +106,14 @@ def test_the_command_writes_its_three_files(tmp_path: Path, monkeypatch: pytest.
         assert expected in text
     with (tmp_path / "trade.csv").open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
-    assert {each["mode"] for each in rows} == {WHOLE, LOOP, STREAM}
+    assert {each["mode"] for each in rows} == {measure.WHOLE, measure.LOOP, measure.STREAM}
     ours_there = [each for each in rows if each["solver"] == OURS and each["setting"] == "1e-8"]
     assert all(float(each["error"]) < 1e-8 for each in ours_there)
     assert (tmp_path / "trade.png").read_bytes().startswith(b"\x89PNG")
 
 
 def test_what_is_not_installed_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(measure, "PEERS", (PEERS[0]._replace(name="Nothing", module="no_such_module"),))
+    monkeypatch.setattr(measure, "PEERS", (measure.PEERS[0]._replace(name="Nothing", module="no_such_module"),))
     found, absent = command.chosen_solvers(())
     assert {entry.solver.peer for entry in found} == {"knee-contact"}
     assert absent == [not_installed("Nothing", "peers")]
@@ -160,45 +141,46 @@ def small_problem() -> Problem:
 
 
 @pytest.mark.parametrize(
-    ("seconds", "most", "expected"), [(1e-4, 5, 5), (0.3, 5, 3), (7.0, 5, LEAST_TURNS), (7.0, 1, 1), (0.0, 5, 5)]
+    ("seconds", "most", "expected"),
+    [(1e-4, 5, 5), (0.3, 5, 3), (7.0, 5, measure.LEAST_TURNS), (7.0, 1, 1), (0.0, 5, 5)],
 )
 def test_long_runs_have_fewer_turns_and_no_run_more_than_asked_for(seconds: float, most: int, expected: int) -> None:
-    assert turns_for(seconds, most) == expected
+    assert measure.turns_for(seconds, most) == expected
 
 
 def test_short_runs_are_repeated_within_a_turn() -> None:
-    assert runs_for(1e-4) == runs_for(0.0) == RUNS
-    assert runs_for(0.02) == 2
-    assert runs_for(3.0) == 1
+    assert measure.runs_for(1e-4) == measure.runs_for(0.0) == measure.RUNS
+    assert measure.runs_for(0.02) == 2
+    assert measure.runs_for(3.0) == 1
 
 
 def test_turns_come_to_least_median_and_spread() -> None:
-    times = summed_up([4.0, 2.0, 3.0])
+    times = measure.summed_up([4.0, 2.0, 3.0])
     assert (times.least, times.median, times.turns) == (2.0, 3.0, 3)
     assert times.spread_percent == pytest.approx(100.0 * 2.0 / 3.0)
-    assert summed_up([2.0]).spread_percent == 0.0
+    assert measure.summed_up([2.0]).spread_percent == 0.0
 
 
 def test_a_row_tells_its_turns_in_microseconds_per_tick_and_a_failed_run_is_not_timed_again() -> None:
     problem = PROBLEMS["impact"]
-    before = Row("impact", "a", "b", "whole", "1e-6", 1e-9, math.nan, 4.0)
-    task = Task("", "a", WHOLE, problem, Setting("", 0.0))
-    run, ticks = Run(before, task), len(problem.time) - 1
+    before = measure.Row("impact", "a", "b", "whole", "1e-6", 1e-9, math.nan, 4.0)
+    task = measure.Task("", "a", measure.WHOLE, problem, measure.Setting("", 0.0))
+    run, ticks = measure.Run(before, task), len(problem.time) - 1
     run.turns += [8e-3, 4e-3]
     assert run.row.microseconds_per_tick == pytest.approx(4e3 / ticks)
     assert run.row.median_microseconds == pytest.approx(6e3 / ticks)
     assert run.row.turns == 2
     assert run.due(4, 5)
     assert not run.due(5, 5)
-    failed = Run(before._replace(failure="diverged"), task)
+    failed = measure.Run(before._replace(failure="diverged"), task)
     assert not failed.due(1, 5)
     assert failed.row == before._replace(failure="diverged")
 
 
 def test_the_yardstick_takes_processor_time() -> None:
-    worker = Worker()
-    assert worker.run(YARDSTICK, 60.0).seconds > 0.0
+    worker = measure.Worker()
+    assert worker.run(measure.YARDSTICK, 60.0).seconds > 0.0
     worker.stop()
-    with stopwatch() as watch:
+    with measure.stopwatch() as watch:
         assert sum(range(100_000)) > 0
     assert watch.seconds > 0.0

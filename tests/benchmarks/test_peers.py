@@ -9,31 +9,17 @@ import numpy as np
 import pytest
 
 from benchmarks.peers import measure, ours
-from benchmarks.peers.measure import (
-    MODES,
-    PEERS,
-    STREAM,
-    Entry,
-    FailedRunError,
-    GivenUpError,
-    LostProcessError,
-    Setting,
-    Solver,
-    Task,
-    Worker,
-    entries,
-)
 from benchmarks.peers.motion import contact_force, force_gradient, load_at
 from benchmarks.peers.problems import BASE, PEAK, Problem, exact_depth, problems, start_depth
 from knee_contact_ros.system.files import not_installed
 
 PROBLEMS = {problem.name: problem for problem in problems()}
-STEPS = Setting("20 per tick", 20.0)
-TOLERANCE = Setting("1e-8", 1e-8)
+STEPS = measure.Setting("20 per tick", 20.0)
+TOLERANCE = measure.Setting("1e-8", 1e-8)
 LOOSE = {"MuJoCo Euler": 1e-4, "Exudyn trapezoidal": 1e-4, "MuJoCo RK4": 1e-4, "Exudyn RK44": 1e-4, "Exudyn RK67": 1e-4}
 """Errors [m] of solvers whose steps go across lift-off and landing; 1 mm of depth is large"""
-DRIVERS = [ours.__name__, *(peer.driver for peer in PEERS if peer.installed)]
-ENTRIES = {entry.solver.name: entry for driver in DRIVERS for entry in entries(driver)}
+DRIVERS = [ours.__name__, *(peer.driver for peer in measure.PEERS if peer.installed)]
+ENTRIES = {entry.solver.name: entry for driver in DRIVERS for entry in measure.entries(driver)}
 del ENTRIES["knee-contact quasi_static"]  # it solves other equations than the reference
 
 
@@ -48,36 +34,36 @@ PARTS = [short("gait", 0.2, 0.25), short("lift-off", 0.38, 0.5), short("osteoart
 EXACT = [exact_depth(problem) for problem in PARTS]
 
 
-def fine_setting(solver: Solver) -> Setting:
+def fine_setting(solver: measure.Solver) -> measure.Setting:
     """Fine enough for the errors below."""
     return STEPS if "per tick" in solver.settings[0].label else TOLERANCE
 
 
 @pytest.fixture(scope="module")
-def workers() -> Iterator[dict[str, Worker]]:
+def workers() -> Iterator[dict[str, measure.Worker]]:
     """A process per peer."""
-    running: dict[str, Worker] = defaultdict(Worker)
+    running: dict[str, measure.Worker] = defaultdict(measure.Worker)
     yield running
     for worker in running.values():
         worker.stop()
 
 
 @pytest.mark.parametrize("entry", ENTRIES.values(), ids=ENTRIES)
-@pytest.mark.parametrize("mode", MODES)
-def test_the_reference_is_met(workers: dict[str, Worker], entry: Entry, mode: str) -> None:
+@pytest.mark.parametrize("mode", measure.MODES)
+def test_the_reference_is_met(workers: dict[str, measure.Worker], entry: measure.Entry, mode: str) -> None:
     solver = entry.solver
     run = solver.run_in(mode)
     if run is None:
         pytest.skip("not this way")
     for problem, exact in zip(PARTS, EXACT, strict=True):
-        task = Task(entry.driver, solver.name, mode, problem, fine_setting(solver))
+        task = measure.Task(entry.driver, solver.name, mode, problem, fine_setting(solver))
         outcome = workers[solver.peer].run(task, 90.0)  # the first run of a level compiles it
         assert outcome.seconds > 0.0
         assert not outcome.note
         assert np.abs(outcome.depth - exact).max() < LOOSE.get(solver.name, 2e-6)
 
 
-@pytest.mark.parametrize("peer", [peer for peer in PEERS if not peer.installed], ids=lambda peer: peer.name)
+@pytest.mark.parametrize("peer", [peer for peer in measure.PEERS if not peer.installed], ids=lambda peer: peer.name)
 def test_the_reference_is_met_by_what_is_absent(peer: measure.Peer) -> None:
     pytest.skip(not_installed(peer.name, peer.extra))
 
@@ -101,18 +87,20 @@ def test_the_load_is_linear_between_ticks() -> None:
 
 
 def test_a_worker_says_what_a_tool_raised_or_ended_and_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
-    worker = Worker()
+    worker = measure.Worker()
     problem = PARTS[0]
     try:
-        with pytest.raises(FailedRunError, match="ZeroDivisionError"):
-            worker.run(Task("tests.benchmarks.faulty", "raises", STREAM, problem, TOLERANCE), 20.0)
-        with pytest.raises(LostProcessError):
-            worker.run(Task("tests.benchmarks.faulty", "ends", STREAM, problem, TOLERANCE), 20.0)
-        outcome = worker.run(Task("tests.benchmarks.faulty", "answers", STREAM, problem, TOLERANCE), 20.0)
+        with pytest.raises(measure.FailedRunError, match="ZeroDivisionError"):
+            worker.run(measure.Task("tests.benchmarks.faulty", "raises", measure.STREAM, problem, TOLERANCE), 20.0)
+        with pytest.raises(measure.LostProcessError):
+            worker.run(measure.Task("tests.benchmarks.faulty", "ends", measure.STREAM, problem, TOLERANCE), 20.0)
+        outcome = worker.run(
+            measure.Task("tests.benchmarks.faulty", "answers", measure.STREAM, problem, TOLERANCE), 20.0
+        )
         assert outcome.depth.shape == problem.time.shape
         monkeypatch.setattr(measure, "GRACE", 0.0)
-        with pytest.raises(GivenUpError, match=r"0\.5 s"):
-            worker.run(Task("tests.benchmarks.faulty", "hangs", STREAM, problem, TOLERANCE), 0.5)
+        with pytest.raises(measure.GivenUpError, match=r"0\.5 s"):
+            worker.run(measure.Task("tests.benchmarks.faulty", "hangs", measure.STREAM, problem, TOLERANCE), 0.5)
     finally:
         worker.stop()
 
