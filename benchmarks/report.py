@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import platform
+import re
 from collections.abc import Sequence
 from datetime import datetime
 from importlib.metadata import PackageNotFoundError, version
@@ -55,6 +56,12 @@ def machine(*distributions: str) -> str:
 def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """Format a table in Markdown."""
     return tabulate(rows, header, tablefmt="pipe", disable_numparse=True)
+
+
+def words(path: Path) -> dict[str, str]:
+    """Texts of a Markdown file by the names of its sections (`## name`), to be filled in with `str.format`."""
+    _, *parts = re.split(r"^## (\w+)\n", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
+    return {name: text.strip() for name, text in zip(parts[::2], parts[1::2], strict=True)}
 
 
 def save(path: Path, title: str, command: str, sections: Sequence[Section], measured_on: str) -> None:

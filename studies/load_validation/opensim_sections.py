@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
-from benchmarks.report import Section
+from benchmarks.report import Section, words
 from knee_contact_ros.joint_reaction.estimator import LEVELS
 from knee_contact_ros.joint_reaction.leg import SHANK_LENGTH
 from studies.load_validation.answers import BY_DEFAULT, Answer, fitted_together, score
@@ -21,6 +22,8 @@ from studies.load_validation.sections import (
     variant_rows,
 )
 from studies.load_validation.walks import DEFAULTS, MASS, TALL, Floats, Leg, Walk, axial, nets_in
+
+WORDS = words(Path(__file__).with_name("words.md"))
 
 MODEL_SHANK = 0.425
 """Distance [m] between the centres of knee and ankle of the scaled model, on average over the walk"""
@@ -48,18 +51,13 @@ def dynamics_section(legs: Sequence[Leg]) -> Section:
         names = ("knee, extension", "ankle, plantarflexion", "knee, frontal")
         for name, ours, theirs in zip(names, nets_in(leg.walk), (leg.knee, leg.ankle, leg.frontal), strict=True):
             rows.append([leg.walk.name, name, off(ours[used], theirs[used])])
-    text = (
-        f"The walk that is shipped with gait2354 ({MASS} kg, {TALL} m), both legs. Our sensors are made of it: hip, "
-        "knee and ankle angles of the motion, the plates' wrench about the ankle joint's centre. Ours: proportions of "
-        "Winter from mass and height, in the sagittal plane, causal, accelerations from the last 0.05 s. OpenSim's: "
-        "`InverseDynamicsTool` on the scaled model, with the whole body in three dimensions and motion that was "
-        "filtered to and fro at 6 Hz. The frontal moment is compared with that of the plates' wrench about the knee's "
-        "centre in three dimensions, about x of the tibia. In stance our knee extends by "
-        f"{more[0]:.0f} and {more[1]:.0f} N m more than OpenSim's on average: by Winter's proportions the shank is "
-        f"{SHANK_LENGTH * TALL:.3f} m long, and the model's {MODEL_SHANK} m, so the knee lies 5 to 7 mm farther "
-        "ahead of the ground force.\n\n"
-        "![Ours and OpenSim's](images/load_validation_opensim.png)\n\n"
-        "*Black: OpenSim. Grey: the foot is on the ground.*"
+    text = WORDS["dynamics"].format(
+        MASS=MASS,
+        TALL=TALL,
+        more_0=more[0],
+        more_1=more[1],
+        shank=SHANK_LENGTH * TALL,
+        MODEL_SHANK=MODEL_SHANK,
     )
     return Section("9. OpenSim: inverse dynamics", text, ("leg", "moment", "ours less OpenSim's, RMS; both"), rows)
 
@@ -71,17 +69,14 @@ def force_section(legs: Sequence[Leg], found: Sequence[Answer]) -> Section:
         score(each.walk, each.force).rms for each in found if each.how == BY_DEFAULT and each.level in IN_DETAIL
     ]
     together = fitted_together([leg.walk for leg in legs], IN_DETAIL, DEFAULTS.moment_arm_scale)
-    text = (
-        "The reference is `knee_on_tibia`, axial, of OpenSim's JointReaction. **Its muscles are those of computed "
-        "muscle control, a model, and not a measurement**: the forces of this walk reach "
-        f"{largest[0]:.1f} BW in the right leg and {largest[1]:.1f} in the left one. Implants measured {MEASURED} BW "
-        "on average in five persons who walked on the level (Kutzner et al. 2010, doi:10.1016/j.jbiomech.2010.03.046). "
-        "So a difference is not an error of ours, nor of OpenSim's alone. What it shows: from sensors to force, by "
-        "moments of our own, the course is that of another model (r); constants of one leg do not even fit the other "
-        "leg of the same model; and with the defaults ours is far below it, "
-        f"{min(defaults):.1f} to {max(defaults):.1f} BW RMS where moments are known, three times its error on the "
-        f"instrumented knee. (To fit both legs with the arms of the defaults takes {together.co_contraction:.1f} of "
-        f"co-contraction and {together.tone:.1f} of tone.)"
+    text = WORDS["force_2"].format(
+        largest_0=largest[0],
+        largest_1=largest[1],
+        MEASURED=MEASURED,
+        min_defaults=min(defaults),
+        max_defaults=max(defaults),
+        together_co_contraction=together.co_contraction,
+        together_tone=together.tone,
     )
     return Section("10. OpenSim: the total force", text, FORCE_HEADER, [force_row(each) for each in found])
 

@@ -4,10 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 
-from benchmarks.report import Section
+from benchmarks.report import Section, words
 from knee_contact_ros.joint_reaction.estimator import LEVELS, Deviation
 from studies.load_validation.answers import (
     BY_DEFAULT,
@@ -45,6 +46,8 @@ from studies.load_validation.walks import (
 )
 from studies.validation.data import BODY_WEIGHT, ON_PLATE
 
+WORDS = words(Path(__file__).with_name("words.md"))
+
 ROWS = (
     ("Grand Challenge 2010 to 2012, four winners (Kinney et al. 2013, doi:10.1115/1.4023255)",
      "motion, ground reaction, some with EMG; blinded",
@@ -66,12 +69,7 @@ def field_section(found: Sequence[Answer]) -> Section:
         bodies = " and ".join(f"{each:.2f}" for each in scores)
         given = "ground reaction and knee angle" if level == "ground_force" else "net moments of inverse dynamics"
         rows.append([f"ours, `{level}`", f"{given}; fitted to another trial", f"total {newtons} N, {bodies} BW"])
-    text = (
-        "Not of one kind. In the competition nobody had seen a force of the trial; ours with constants of another "
-        "trial has three numbers from the measured knee of the same man. The others use whole musculoskeletal models "
-        "or many persons' data; ours is a few lines. Medial and lateral errors do not add up to that of the total; "
-        "the winners' are 0.35 to 0.50 of this man's weight, per compartment. Figures are as in the abstracts."
-    )
+    text = WORDS["field"]
     return Section("7. The field", text, ("source", "given", "RMS error"), rows)
 
 
@@ -227,29 +225,21 @@ def introduction(pair: Sequence[Walk]) -> str:
     """Section that introduces the person, the inputs, and what was left out."""
     overground, treadmill = pair
     knee, ankle = (max(each) for each in zip(*(largest_moments(walk) for walk in pair), strict=True))
-    return (
-        "`knee-contact load` estimates the joint reaction from what a leg's sensors tell ([how](load.md)). Here the "
-        f"estimate is held against the same man as in [validation.md](validation.md) (right knee, {BODY_WEIGHT} N; "
-        "Fregly et al. 2012, J Orthop Res 30:503; Kinney et al. 2013, doi:10.1115/1.4023255): **the sum of the four "
-        "force cells in his tibial tray**, in two walking trials; and against OpenSim, whose muscles are a model's. "
-        "The data are not part of this project: without them the command makes nothing, and says so.\n\n"
-        "**What is tested, and what is not.** The centre of pressure is not in the data, so net moments cannot be "
-        "computed again: those of knee (extension positive) and ankle (there dorsiflexion positive, here the other "
-        "way round) are of the inverse dynamics that came with them, by optical motion capture and plates. So this "
-        "tests the way from moments to force: muscles. What sensors add to the moments' error is not in it; for our "
-        "own inverse dynamics see OpenSim, below. Compression without muscles is the vertical ground force less the "
-        f"weight of shank and foot. His height is not in the data; {HEIGHT} m is taken, which `ground_force` alone "
-        "needs. The angle of the ankle is taken to be 0.\n\n"
-        f"**What is left out.** Overground, all after {ON_THE_PLATE_UNTIL} s: the next step is on a plate that is not "
-        f"in the data ({int(overground.used.sum())} of {len(overground.time)} samples stay, with "
-        f"{len(overground.steps())} stance). On the treadmill moments have spikes where the feet change plates: a "
-        f"sample beyond {LARGEST_KNEE:.0f} N m at the knee or {LARGEST_ANKLE:.0f} N m at the ankle is none of his "
-        f"walking (the others reach {knee:.0f} and {ankle:.0f} N m), and {MARGIN} s on both sides go with it: "
-        f"{int((~treadmill.used).sum())} of {len(treadmill.time)} samples, and {len(treadmill.steps())} whole stances "
-        "stay. The same samples are judged at every level.\n\n"
-        "**What is fitted.** `moment_arm_scale` (0.5 to 2), `co_contraction` (0 to 2) and `tone` (0 to 1), by least "
-        "squares of the force **on the other trial**. No row of this page was fitted to what it is judged by; but "
-        "the defaults were chosen with both trials in view."
+    return WORDS["introduction"].format(
+        BODY_WEIGHT=BODY_WEIGHT,
+        HEIGHT=HEIGHT,
+        ON_THE_PLATE_UNTIL=ON_THE_PLATE_UNTIL,
+        overground_used=int(overground.used.sum()),
+        overground_samples=len(overground.time),
+        overground_steps=len(overground.steps()),
+        LARGEST_KNEE=LARGEST_KNEE,
+        LARGEST_ANKLE=LARGEST_ANKLE,
+        knee=knee,
+        ankle=ankle,
+        MARGIN=MARGIN,
+        treadmill_left_out=int((~treadmill.used).sum()),
+        treadmill_samples=len(treadmill.time),
+        treadmill_steps=len(treadmill.steps()),
     )
 
 
@@ -267,10 +257,17 @@ def in_short(found: Sequence[Answer]) -> str:
         )  # fmt: skip
         yes = [word(verdict) for verdict in verdicts]
         rows.append(
-            f"- `{level}`: RMS {shown([each.rms for each in scores])} BW ({yes[0]}), r "
-            f"{shown([each.r for each in scores])} ({yes[1]}), first peak "
-            f"{shown([PERCENT * walk[0] for walk in off], '+.0f')} % ({yes[2]}), second peak "
-            f"{shown([PERCENT * walk[1] for walk in off], '+.0f')} % ({yes[3]})"
+            WORDS["in_short"].format(
+                level=level,
+                rms=shown([each.rms for each in scores]),
+                rms_verdict=yes[0],
+                r=shown([each.r for each in scores]),
+                r_verdict=yes[1],
+                first=shown([PERCENT * walk[0] for walk in off], "+.0f"),
+                first_verdict=yes[2],
+                second=shown([PERCENT * walk[1] for walk in off], "+.0f"),
+                second_verdict=yes[3],
+            )
         )
     return (
         f"Asked for was, on a trial that was not fitted: total force within {GOAL_RMS} BW RMS with r of {GOAL_R} or "
@@ -287,13 +284,7 @@ def conclusion(found: Sequence[Answer]) -> str:
         np.mean([score(each.walk, each.force).rms for each in found if (each.level, each.how) == (level, FITTED)])
         for level in IN_DETAIL
     )
-    return (
-        "So no level has all of it. Once net moments are known, the total, its course and the second peak are as good "
-        "as was asked for, and the first peak is off by a fifth, in opposite directions (section 3). With the ground "
-        "force alone both peaks are within reach, and the rest of the stride is not. Knowing the ankle adds nothing "
-        f"here ({ankle:.2f} against {knee:.2f} BW on average): what its moment says the calf pulls, it takes from the "
-        "hamstrings."
-    )
+    return WORDS["conclusion"].format(ankle=ankle, knee=knee)
 
 
 def word(verdict: bool) -> str:
@@ -310,17 +301,7 @@ def force_section(found: Sequence[Answer], yardstick: Sequence[Answer]) -> Secti
     """Section on the force: RMS, r, mean, stance and swing."""
     rows = [force_row(each) for walk in dict.fromkeys(each.walk.name for each in found)
             for each in (*found, *yardstick) if each.walk.name == walk]  # fmt: skip
-    text = (
-        "Ours less measured. In swing the foot's plate tells less than "
-        f"{ON_PLATE:.0f} N; the peak of 1 to 1.6 kN right before the heel strikes, when hamstrings stop a leg that "
-        "is stretched beyond straight, counts there. "
-        f"Fits end at a `moment_arm_scale` of {MOST.moment_arm_scale:g} wherever the knee's moment is known: nobody's "
-        "moment arms are twice the published ones. The constant takes up what the rule does not know, and should be "
-        "read as how much of the net moment shows in the force, not as anatomy.\n\n"
-        "![Measured and estimated force](images/load_validation_forces.png)\n\n"
-        "*Ours with constants of the other trial, and the defaults. Grey: the foot is on its plate or belt. Blue band: "
-        "one standard deviation of `knee_moment`, as the node tells it (section 4).*"
-    )
+    text = WORDS["force"].format(ON_PLATE=ON_PLATE, largest_arms=MOST.moment_arm_scale)
     return Section("1. The total force", text, FORCE_HEADER, rows)
 
 
@@ -328,14 +309,7 @@ def peak_section(found: Sequence[Answer], yardstick: Sequence[Answer]) -> Sectio
     """Section on both peaks, in size and time."""
     rows = [peak_row(each) for walk in dict.fromkeys(each.walk.name for each in found)
             for each in (*found, *yardstick) if each.walk.name == walk]  # fmt: skip
-    text = (
-        "The largest force in the first and in the second half of every whole stance, ours less measured in percent "
-        "of the measured one; mean ± standard deviation over the stances. The first "
-        f"{PERCENT * LANDING:.0f} % of a stance are left out: there the force still falls from the peak before the "
-        "heel strike. A sample is 8.3 ms; peaks are flat, so a small error moves them far.\n\n"
-        "![Peaks, measured and estimated](images/load_validation_peaks.png)\n\n"
-        "*Every stance's peaks, with constants of the other trial. Dashed: 15 % off. Filled: first peaks.*"
-    )
+    text = WORDS["peak"].format(landing=PERCENT * LANDING)
     return Section("2. Peaks", text, PEAK_HEADER, rows)
 
 
@@ -352,16 +326,7 @@ def limit_section(pair: Sequence[Walk]) -> Section:
                 walk.name, name, f"{force:.2f} BW", f"{ground:.2f} BW", f"{force / ground:.2f}",
                 f"{moments.extension[at].mean():+.0f} N m", f"{moments.plantarflexion[at].mean():+.0f} N m",
             ])  # fmt: skip
-    text = (
-        f"At the first peak this man's knee bore {ratios[0]:.2f} times the ground force overground and "
-        f"{ratios[2]:.2f} times on the treadmill, while the extension moment was **smaller** overground. A rule that "
-        "grows with both and is right in one trial is off by a fifth or more in the other, low overground and high on "
-        "the treadmill. `ground_force` stays within 15 % because it does not know that moment, and is wrong by half "
-        "of the difference in each trial; a regression on both moments gives the extension moment a negative weight, "
-        "which no muscle has, and is off by a fifth overground all the same. Something differed that neither plates "
-        "nor moments tell: his muscles, or the data (one stance overground). To have it would take another sensor, "
-        "EMG for instance."
-    )
+    text = WORDS["limit"].format(overground_ratio=ratios[0], treadmill_ratio=ratios[2])
     header = ("walk", "peak", "measured force", "ground force", "ratio", "extension moment", "plantarflexion moment")
     return Section("3. Why the first peak is off", text, header, rows)
 
@@ -379,23 +344,13 @@ def deviation_section(pair: Sequence[Walk], found: Sequence[Answer]) -> Section:
             for walk in pair]  # fmt: skip
     largest = max(score(each.walk, each.force).rms for each in arms)
     held = min(covered(each.walk, each.force, deviations(each, each.deviation), each.walk.stance)[1] for each in arms)
-    text = (
-        "As one number the standard deviation would be the larger RMS error of both trials, in BW, with constants of "
-        f"the other trial and with the defaults: {'; '.join(single)}. With moments known that is too large while "
-        "the leg swings freely and too small at the peaks (and most too small where the heel strikes). So the node "
-        "tells two: a floor as part of the body weight, and a part of the axial force, as of errors that do not know "
-        f"of each other: {'; '.join(told)}. A normal error is within one standard deviation of it for 68 % of the "
-        "samples and within two for 95 %.\n\n"
-        f"How they were chosen. Calibrated: near what makes the errors of both trials likeliest, {'; '.join(best)}, "
-        "with a larger floor and a smaller part where moments are known, since half of the swing overground would be "
-        "outside one else. Not calibrated: the defaults were chosen on this man, so their errors here say little of "
-        "another one. Taken instead is what is left with moment arms as published instead of "
-        f"{DEFAULTS.moment_arm_scale:g} times that, {largest:.2f} BW RMS at the most; two standard deviations then "
-        f"still hold {PERCENT * held:.0f} % of every trial's stance. For `ground_force` a floor is nearly all; the "
-        "heel strike's peak, of which a plate knows nothing, is what exceeds two.\n\n"
-        "![Error over the estimated force](images/load_validation_spread.png)\n\n"
-        "*Every used sample's error over what was estimated, `knee_moment` with constants of the other trial. Lines: "
-        "one and two standard deviations as the node tells them; dashed: as one number.*"
+    text = WORDS["deviation"].format(
+        single="; ".join(single),
+        told="; ".join(told),
+        best="; ".join(best),
+        default_arms=DEFAULTS.moment_arm_scale,
+        largest=largest,
+        held=PERCENT * held,
     )
     return Section("4. How sure an estimate is", text, COVER_HEADER, rows)
 
@@ -407,16 +362,7 @@ def two(deviation: Deviation) -> str:
 
 def rule_section(pair: Sequence[Walk]) -> Section:
     """Section on other rules of the muscles."""
-    text = (
-        "Each was fitted to one trial and judged on the other, as above: overground and treadmill (and in section 12 "
-        "on OpenSim's legs). Larger bounds for the moment arms, and tendons that lie askew, gain up to 0.01 BW: both "
-        "let the net moment count for less, the one farther from anatomy, the other by a constant that the next fit "
-        "takes back; the first peak stays missed. All others lose somewhere, so the rule stayed. One floor for all "
-        "muscles together is better "
-        "overground and worse elsewhere. A passive moment of healthy knees, which would be large in this knee's "
-        "hyperextension of 5° to 10°, is contradicted by the force before the heel strikes: what holds the knee there "
-        "does press it. Leaving out 0.05 or 0.4 s around the spikes instead changed r by 0.003."
-    )
+    text = WORDS["rule"]
     return Section("5. Other rules, which were tried", text, VARIANT_HEADER, variant_rows(pair, IN_DETAIL))
 
 
@@ -427,13 +373,12 @@ def by_default(pair: Sequence[Walk]) -> str:
     treadmill = pair[1]
     first, _ = halves(peaks(treadmill, axial(treadmill, "knee_moment", PUBLISHED)))
     large = f"{PERCENT * mean_error(first):.0f} %"
-    return (
-        f"Defaults are {told} (moment arms, co-contraction, tone). The arms: half way between what is published and "
-        f"{MOST.moment_arm_scale:g}, where the fits end; at 1 the first peak comes out {large} too large on the "
-        "treadmill (`knee_moment`). Co-contraction and tone: what then fits both trials best, each counted alike, at "
-        f"the two levels with moments ({best.co_contraction:.2f} and {best.tone:.2f}), rounded. `ground_force` would "
-        "ask for more (section 1), and is too low with them. One man is no population: whoever has a reference should "
-        "calibrate."
+    return WORDS["by_default"].format(
+        told=told,
+        largest_arms=MOST.moment_arm_scale,
+        large=large,
+        best_co_contraction=best.co_contraction,
+        best_tone=best.tone,
     )
 
 
@@ -443,9 +388,7 @@ def limits() -> str:
         (
             "- **Other people**: two trials of one man with an implant, of whom the defaults know. How far an "
             "estimate is off for somebody who was never measured is a guess here, the one in section 4.",
-            "- **Other movements**: level walking alone. Stairs, squats, sitting down and an actuator's torque were "
-            "not in the data; assistance is taken off the net moment, and what it does to co-contraction is not "
-            "known.",
+            WORDS["limits"],
             "- **Sensors**: moments come from a laboratory. A shoe's wrench and encoders are worse; their error comes "
             "on top.",
             "- **Which muscle**: the cells measure the sum. Nothing here says that quadriceps, hamstrings and "

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from benchmarks.report import Section, machine, save
+from benchmarks.report import Section, machine, save, words
 from studies.reproduction.healthy import (
     both_legs,
     contact_points_section,
@@ -25,21 +25,11 @@ from studies.reproduction.osteoarthritis import (
     ringing_section,
 )
 
+WORDS = words(Path(__file__).with_name("words.md"))
+
 TITLE = "Reproduction of the paper's numbers"
 COMMAND = "python -m studies.reproduction"
-INTRODUCTION = (
-    "The planar knee contact model of a paper (The prediction of knee contact forces with the novel two-dimensional "
-    "dynamic model of human knee, accepted 3 December 2025) against this implementation. Inputs: the bags "
-    "`bags/gait2354_right` and `bags/gait2354_left` (OpenSim 4.6, gait2354, subject01 walking; 0.53 to 2.46 s, 5 "
-    "ms), half of the axial joint reaction, body weight 75.16 kg x 9.80665 m/s². Models: `config/healthy.yaml`, "
-    "`config/osteoarthritis.yaml`, with `config/mri_femur.yaml` for the fitted curve, solved to 1e-9 m. The MRI "
-    "profile is of another knee than the paper's.\n\n"
-    "**Nothing is tuned to match.** Every parameter is the paper's, or derived from the paper's, or stated in "
-    "sections 2 and 5. Where a value is solved for backwards, to say what a printed number would need, the text "
-    "says so. The paper's numbers are those of its text and its table; its figures were not digitised. Differences "
-    "are ours less the paper's. The model describes one compartment in the plane; nothing here is a medical "
-    "statement."
-)
+INTRODUCTION = WORDS["introduction"]
 
 
 def sections() -> list[Section]:

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import math
 from itertools import product
+from pathlib import Path
 
 import numpy as np
 
 from benchmarks.gait import BODY_WEIGHT
-from benchmarks.report import Section
+from benchmarks.report import Section, words
 from knee_contact_ros.lab.report.figures import COMPUTED, Range
 from knee_contact_ros.model.laws import hertz_stiffness, relative_radius
 from studies.reproduction.scenes import (
@@ -44,6 +45,8 @@ from studies.reproduction.scenes import (
     within,
 )
 
+WORDS = words(Path(__file__).with_name("words.md"))
+
 PAPER_PEAKS = (1.81, 2.19)
 """Load peaks of the paper [BW]"""
 SUBJECT_WEIGHT = 72.6 * 9.80665
@@ -61,13 +64,10 @@ def loads_section() -> Section:
                   f"{_newton(time)}; another step of the same walk")
         for name, time in zip(("first", "second"), load_peaks("right")[:2], strict=True)
     ]  # fmt: skip
-    text = (
-        "The load is half of the axial joint reaction of gait2354's right knee. Its peaks after the second heel "
-        "strike (1.853 s) are the paper's to the two decimals printed, so the paper's \"medial\" force is a fixed "
-        "share of one half and not a computed medial share (in vivo, 60 to 80 % are reported). The body weight of "
-        f"{BODY_WEIGHT:.1f} N belongs to the unscaled model of 75.16 kg. The walk is that of the scaled model of "
-        f"72.6 kg, and in its own body weight the two peaks are {_own(second_stance()[0])} and "
-        f"{_own(second_stance()[1])} BW."
+    text = WORDS["loads"].format(
+        BODY_WEIGHT=BODY_WEIGHT,
+        own_first=_own(second_stance()[0]),
+        own_second=_own(second_stance()[1]),
     )
     return Section("1. Loads (Fig. 6c)", text, COMPARISON, rows)
 
@@ -80,13 +80,7 @@ def both_legs() -> Section:
     )  # fmt: skip
     left = load_peaks("left")
     rows = [_loads_line(side, time) for side in ("right", "left") for time in load_peaks(side)]
-    text = (
-        "All load peaks of both bags; force and depth are the largest within 0.05 s of the load's. The paper treats "
-        "one leg and does not say which; its two numbers fit the right one only. The left leg's second peaks of "
-        f"{load_peak(left[0], 'left'):.2f} and {load_peak(left[2], 'left'):.2f} BW lie above the range that the "
-        "paper cites (computed, of healthy people), in the same simulation of the same walk. The left bag begins "
-        "within a stance, shortly before its first peak listed here."
-    )
+    text = WORDS["both_legs"].format(left_one=load_peak(left[0], "left"), left_other=load_peak(left[2], "left"))
     return Section("8. Both legs", text, header, rows)
 
 
@@ -141,14 +135,7 @@ def table1_section() -> Section:
         ["femur's mass M", "not printed", "`femur.mass`", f"{femur.mass:g} kg", "femur of the 75.16 kg gait2354"],
     ]  # fmt: skip
     soft = cartilage_stiffness() * N_MM
-    text = (
-        "The paper says that the contact parameters were derived from the materials. For bone this can be followed. "
-        f"For cartilage the same formula, K = 4/3 E* √R with 1/R = 1/34 mm - 1/95 mm, gives {soft:.0f} N/mm^1.5 and "
-        f"not 2500, {2500 / soft:.0f} times less: the printed value is a calibrated one. With {soft:.0f} N/mm^1.5 "
-        f"the depth at 2.19 BW would be {MM * material_depth():.1f} mm, more than femur and tibia have cartilage "
-        "together (4.4 mm on average in our meshes). Cartilage is a thin layer on bone, stiffer than the half-space "
-        "of that formula."
-    )
+    text = WORDS["table1"].format(soft=soft, times_less=2500 / soft, material_depth=MM * material_depth())
     return Section("2. Properties (Table 1)", text, ("property", "paper", "our parameter", "default", "note"), rows)
 
 
@@ -201,9 +188,7 @@ def force_section() -> Section:
                   f"{difference[stance].max():.1f} N in the second stance, {difference[1:].max():.1f} N over the bag",
                   "the paper calls them similar; the load prescribes the force but for M ÿ")
     )  # fmt: skip
-    text = figure("force", "Contact force of the healthy knee over the right leg's bag. Bands: the ranges of the two "
-                  "peaks that the paper cites, computed for healthy people (a force inside a knee without an implant "
-                  "cannot be measured).")  # fmt: skip
+    text = figure("force", WORDS["force"])  # fmt: skip
     return Section("3. Contact force, healthy knee (Fig. 8)", text, COMPARISON, rows)
 
 
@@ -279,17 +264,7 @@ def start_depth() -> float:
 def _depth_text() -> str:
     load = body_weights(static_force(OFFSET / MM, HEALTHY))
     full = body_weights(2.0 * at(CYCLE[1], gait("right")[2]))
-    return (
-        "The paper's two peak depths differ by 13 % from each other, and ours lies between them. When the force is "
-        "prescribed, the depth follows from the law alone, whatever the profile: the femur's shape can enter only "
-        "through M ÿ, which is small. A difference of 0.6 % between sphere and curve therefore needs something "
-        "that the text does not state, for example a stiffness from the local radius (next table). The shape does show "
-        "in the femoral height, as the paper says of Fig. 9b, and in the contact point (section 5).\n\n"
-        "The text does not define what the reference point's initial offset of 0.997 mm in Fig. 7 is measured from. "
-        f"It is no static depth of these loads: that would take {load:.2f} BW, above every peak of the half load "
-        f"(the whole axial load is {full:.2f} BW at heel strike). An offset of the reference point shifts the zero "
-        "of the femoral height and changes neither force nor depth.\n\n" + figure("depth", CAPTION)
-    )
+    return WORDS["depth_text"].format(load=load, full=full) + "\n\n" + figure("depth", CAPTION)
 
 
 WINDOWS = ((-15.0, 25.0), (20.0, 70.0), (60.0, 110.0))
@@ -313,17 +288,7 @@ def local_radius_section() -> Section:
         compared = (f"{MM * depth:.4f} mm ({100 * (depth / reference - 1):+.1f} %)" for depth in depths)
         rows.append([part, f"{MM * radius:.1f} mm", *compared])
     plane, concave = radius_needed()
-    text = (
-        "### A stiffness from the local radius\n\n"
-        "Hertz gives K ~ √R, hence δ ~ R^(-1/3) at a given force. Taking the 2500 N/mm^1.5 for the sphere of 34 mm, "
-        "the static depth at 2.19 BW with the circles through parts of the MRI profile would be as below, with R of "
-        "the femur on a plane and in the concave 95 mm. The profile is no circle, so its radius depends on the part "
-        "that is fitted: on average near extension it is the sphere's, but around both peaks' angles of flexion it "
-        "is smaller, and the depth would be larger and not smaller than the sphere's. The paper's reduction of "
-        f"0.6 % would need a femoral radius of {MM * plane:.1f} mm on the plane or {MM * concave:.1f} mm in the "
-        "concave tibia at the second peak: not implausible for another profile, but not what the text describes, and "
-        "not part of our model."
-    )
+    text = WORDS["local_radius"].format(plane=MM * plane, concave=MM * concave)
     return Section("", text, ("femur", "radius", "depth, plane", "depth, concave tibia"), rows)
 
 
@@ -375,15 +340,9 @@ def contact_points_section() -> Section:
         _contact_points_line(moment, femur, files) for femur, files in SPHERE_AND_CURVE.items() for moment in phases()
     ]
     text = (
-        "The text gives no numbers for the contact points; these are ours. x is anterior in the tibia frame, whose "
-        "origin lies below the femoral reference point at full extension. The swing passes through 55° twice, at "
-        f"{' and '.join(f'{time:.3f} s' for time in passages())}; the table takes the later one, so that the four "
-        "phases follow each other as in the paper. Values between two samples are linear. On the flat plateau the "
-        "depth does not depend on the mechanism. In the plane, hinge and ball-and-socket are one fixed axis: a "
-        "sphere then touches in one point for ever, and the MRI curve rolls. The parallel mechanism carries x(θ) of "
-        "the medial sphere's centre of another, published knee; the table has the mean of 20 knees, of the "
-        "condyles' geometric centre axis. Neither was measured on the knee that the profile comes from, nor about "
-        "its reference point, so combining them is an approximation.\n\n" + figure("contact_points", POINTS_CAPTION)
+        WORDS["contact_points"].format(passages=" and ".join(f"{time:.3f} s" for time in passages()))
+        + "\n\n"
+        + figure("contact_points", POINTS_CAPTION)
     )
     return Section("5. Contact points at four phases (Figs. 10, 12)", text, header, rows)
 
@@ -396,16 +355,7 @@ def curved_section() -> Section:
         for tibia, femur in product(CURVED_TIBIAE, SPHERE_AND_CURVE)
         for moment in phases()
     ]
-    text = (
-        "### A curved tibia\n\n"
-        "The general two-body case (Eqs. 1 to 6), hinge, all else equal: the tibia as a concave circle of 95 mm with "
-        "its lowest point in the tibia frame's origin, and as the medial cartilage of the MRI knee that the fitted "
-        "curve comes from, in that knee's own place. A sphere on a hinge sits in the bottom of the circle. The fitted "
-        "curve, whose circle near extension has its centre in front of the reference point, touches further from the "
-        "origin than on the plane, where the normal is inclined: but for inertia the normal force is the load over "
-        "n_y, and the depth grows with it. Where the reference point lies over the circle is an assumption. The MRI "
-        "plateau rises to the front, and near extension the femur touches on that slope."
-    )
+    text = WORDS["curved"]
     return Section("", text, header, rows)
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from itertools import product
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks.gait import BODY_WEIGHT
-from benchmarks.report import Section
+from benchmarks.report import Section, words
 from studies.reproduction.healthy import (
     PAPER_PEAKS,
     cartilage_stiffness,
@@ -49,6 +50,8 @@ from studies.reproduction.scenes import (
     within,
 )
 
+WORDS = words(Path(__file__).with_name("words.md"))
+
 DEPTH, CARTILAGE = 0.521, 0.5
 """Depth and cartilage thickness [mm] of the paper"""
 LOSSES = (0.0, 0.1, 0.2, 0.25, 0.5)
@@ -71,12 +74,8 @@ def osteoarthritis_section() -> Section:
                   "paper: reduced, without a number; equilibrium fixes the force when the load is prescribed"),
     ]  # fmt: skip
     text = (
-        f"Depth: cartilage carries {body_weights(static_force(CARTILAGE / MM, ARTHRITIC)):.2f} BW at 0.5 mm, and "
-        "bone the rest. The paper's 0.021 mm of bone belong to a stiffer bone or to a smaller load than its own "
-        "formula and its own peak give.\n\n"
-        + figure("osteoarthritis", "Fitted curve. (a) Force and (b) depth, healthy and arthritic, with the load "
-                 "prescribed, and arthritic on the healthy knee's path with as much cartilage lost as leads to a "
-                 "depth of 0.521 mm. (c) Peak force on that path over the cartilage lost.")
+        WORDS["osteoarthritis"].format(carried=body_weights(static_force(CARTILAGE / MM, ARTHRITIC))) + "\n\n"
+        + figure("osteoarthritis", WORDS["osteoarthritis_2"])
     )  # fmt: skip
     return Section("6. Osteoarthritis (Fig. 13)", text, COMPARISON, rows)
 
@@ -91,21 +90,11 @@ def led_section() -> Section:
         force = largest_force(lost)
         rows.append([f"{lost:.4f} mm{_name(lost)}", f"{MM * float(series.penetration_depth.max()):.4f} mm",
                      f"{force:.2f} BW", f"{force / healthy:.2f}"])  # fmt: skip
-    text = (
-        "### The healthy knee's path prescribed\n\n"
-        "The paper finds a lower contact force in osteoarthritis and explains it by the cartilage's thickness under "
-        "identical kinematic input. With its Eq. 13 the input is a force, and the contact force cannot be lower (but "
-        "for M ÿ). It can if the femoral height is the input (`drive: displacement`). Two readings:\n\n"
-        "* The same depth as in the healthy knee (no loss): beyond 0.5 mm the femur now presses on bone, and the force "
-        f"rises to {largest_force(0.0) / healthy:.0f} times the healthy one.\n"
-        "* The same path of the bones, but cartilage is gone, so that the surfaces meet later: the prescribed "
-        "height is raised by the lost thickness. The force is lower than the healthy one if more than "
-        f"{break_even():.4f} mm are lost, and higher otherwise. A loss of {loss_for_paper():.4f} mm leads to the "
-        f"paper's 0.521 mm, with a peak of {largest_force(loss_for_paper()):.2f} BW. If everything but 0.5 mm of the "
-        "4.4 mm of cartilage were lost, the surfaces would not meet at all.\n\n"
-        "So only the second reading lowers the force, and only with a loss that the paper does not state; the two "
-        "losses marked are solved for backwards, to show what would be needed, and are used nowhere else. All runs: "
-        "fitted curve, heights of the healthy run, largest values over the bag."
+    text = WORDS["led"].format(
+        same_depth=largest_force(0.0) / healthy,
+        break_even=break_even(),
+        loss_for_paper=loss_for_paper(),
+        paper_force=largest_force(loss_for_paper()),
     )
     return Section("", text, ("cartilage lost", "largest depth", "largest force", "of the healthy knee's"), rows)
 
@@ -175,14 +164,8 @@ def ringing_section() -> Section:
         "force jump at 0.5 mm",
     )
     text = (
-        "### Damping in the second layer only\n\n"
-        "Below 0.5 mm Eq. 12 as printed has no damping: whatever sets the knee ringing goes on until the next time "
-        "that the second layer is reached. With the dashpot in both layers (`contact.damp_first_layer: true`) it "
-        "dies out, and the depth's peaks do not change. As printed, the force also jumps by C δ̇ where the second "
-        "layer begins. The input, linear between samples of 5 ms, has a kink at every sample. On the sphere this "
-        "hardly matters; on the fitted curve a kink of the angle is a jump of the surface's velocity, and the "
-        "dashpot answers it with a force of its own, which fades within milliseconds. These runs are read out every "
-        "1 ms.\n\n"
+        WORDS["ringing"]
+        + "\n\n"
         + figure("ringing", "Osteoarthritic knee, sphere, swing and second stance: force less load, and depth.")
     )
     return Section("", text, header, rows)
@@ -219,13 +202,14 @@ def numerics_section() -> Section:
     stiffness, frequency, damping = linearised()
     steps = (CYCLE[1] - CYCLE[0]) / PAPER_STEP
     period = 1e3 * math.tau / frequency
-    text = (
-        f"At {LOAD / 1e3:.1f} kN the healthy contact has a stiffness of {stiffness / 1e6:.1f}e6 N/m, a natural "
-        f"frequency of {frequency:.0f} rad/s (a period of {period:.1f} ms) and a damping ratio of {damping:.2f}. The "
-        f"printed step of 1e-12 s is {math.log10(period * 1e-3 / PAPER_STEP):.0f} orders of magnitude smaller than "
-        f"that period, and a gait cycle would take {steps:.1e} steps. The model takes the steps that its error "
-        "estimate asks for. The table counts evaluations of the contact law per sample (5 ms), rounded to two "
-        "digits, over the right leg's bag."
+    text = WORDS["numerics"].format(
+        kilonewtons=LOAD / 1e3,
+        stiffness=stiffness / 1e6,
+        frequency=frequency,
+        period=period,
+        damping=damping,
+        orders=math.log10(1e-3 * period / PAPER_STEP),
+        steps=steps,
     )
     header = ("knee", "tolerance [m]", "evaluations per sample, mean", "samples beyond tolerance")
     return Section("7. Time step", text, header, rows)
@@ -275,9 +259,7 @@ def contradictions_section() -> Section:
          f"half of the right knee's axial load: {first:.3f} and {second:.3f} BW, in body weights of the unscaled model "
          "(75.16 kg) for the walk of a subject of 72.6 kg"],
         ["time step 1e-12 s in a model offered for its efficiency",
-         f"the contact's natural frequency is {linearised()[1]:.0f} rad/s; {evaluations():.0f} evaluations of the "
-         "law per "
-         "5 ms keep the estimated error of the depth below 1e-6 m"],
+         WORDS["contradictions"].format(frequency=linearised()[1], evaluations=evaluations())],
         ["Eq. 12: viscoelastic in the second layer, elastic in the first",
          "the force jumps by C δ̇ at 0.5 mm, and below nothing damps"],
     ]  # fmt: skip

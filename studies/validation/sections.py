@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.report import Section
+from benchmarks.report import Section, words
 from knee_contact_ros.joint_reaction.compartments import MeasuredShare
 from knee_contact_ros.lab.shares import constant, fit
 from knee_contact_ros.parameters.build import load_model, load_rule
 from knee_contact_ros.parameters.files import curve_texts, load_parameters
 from knee_contact_ros.streams.gait_events import HEEL_STRIKE, TOE_OFF, GaitEvents
 from studies.validation.data import BODY_WEIGHT, ON_PLATE, Floats, Measured
+
+WORDS = words(Path(__file__).with_name("words.md"))
 
 ROWS = (
     ("Grand Challenge 2010 to 2012, winners (Kinney et al. 2013, doi:10.1115/1.4023255)",
@@ -37,13 +40,7 @@ def field_section(ours: tuple[float, float]) -> Section:
         "ours, `measured_share` (above)", "**the measured total force** and flexion; fitted to another trial of the "
         "same person", "how the total is divided", f"medial {low:.2f} and {high:.2f} BW",
     )  # fmt: skip
-    text = (
-        "These scores are not of one kind. The others predict the force itself, from motion, muscles or EMG; ours "
-        "is given "
-        "the sum, from the implant's own cells, and splits it. It had to be smaller. With a total that a "
-        "musculoskeletal model "
-        "computes, that model's error comes on top. Figures are as in the abstracts of the papers."
-    )
+    text = WORDS["field"]
     return Section(
         "6. The field", text, ("source", "given", "predicts", "RMS error"), [list(row) for row in (*ROWS, mine)]
     )
@@ -88,13 +85,7 @@ def events_section(trials: Sequence[Measured]) -> Section:
             covered = [time for time in found[kind] if first <= time <= last]
             extra = len([time for time in covered if not any(abs(time - other) <= NEAR for other in plate)])
             rows.append([measured.name, kind, str(len(seen)), str(len(errors)), *numbers, str(extra)])
-    text = (
-        "Events as the node and the report find them, from flexion and load alone, beside the vertical ground reaction "
-        f"crossing {ON_PLATE:.0f} N. The rules were made on other people ([report.md](report.md)). One overground "
-        "step hits "
-        "this leg's plate within 50 ms of the trial's beginning, where no rule can look back; the other one misses "
-        "the plates, and its heel strike is counted as found where no plate was."
-    )
+    text = WORDS["events"].format(ON_PLATE=ON_PLATE)
     header = ("trial", "event", "on the plate", "found", "mean error", "largest", "found where no plate was")
     return Section("4. Gait events", text, header, rows)
 
@@ -128,14 +119,7 @@ def path_section(trials: Sequence[Measured]) -> Section:
                 measured.name, name, f"{MM * x.min():+.1f} to {MM * x.max():+.1f} mm",
                 f"{front.min():.2f} to {front.max():.2f}", related,
             ])  # fmt: skip
-    text = (
-        "The tray has an anterior and a posterior cell below each condyle: the anterior one's part of both says how "
-        "far "
-        "forward the medial force acts. It is not a place in mm (the cells' distance, and a tray that bends, are "
-        "not in "
-        "the data), and the surfaces are an implant's, not those of the models here; so only the direction can be "
-        f"compared, while the medial side bears {LOADED:g} BW or more."
-    )
+    text = WORDS["path"].format(LOADED=LOADED)
     header = ("trial", "model", "contact point x", "part of the anterior cell", "r")
     return Section("5. Contact path", text, header, rows)
 
@@ -235,21 +219,7 @@ def shares_section(trials: Sequence[Measured]) -> Section:
                 f"{np.corrcoef(answer.medial, measured.medial)[0, 1]:.3f}",
                 f"{np.corrcoef(measured.total - answer.medial, lateral)[0, 1]:.3f}", f"{np.mean(error):+.0f} N",
             ])  # fmt: skip
-    text = (
-        "The total is given: it is the sum of the four cells, fed in as `joint_reaction_force`. What is judged is "
-        "how it "
-        "is divided. The lateral force is the total less the medial one, so its error is that of the medial force with "
-        "the other sign, and its RMS is the same. *Seen* says whether the trial itself was fitted to: only rows with "
-        "*no* are predictions.\n\n"
-        "![Measured and computed medial and lateral force](images/validation_forces.png)\n\n"
-        "*Medial (above) and lateral force, and the error of the medial one. Grey: the foot is on the plate or "
-        "belt. The "
-        "tables are fitted to the other trial.*\n\n"
-        "![The shipped table and what was measured](images/validation_share.png)\n\n"
-        "*The medial share: the shipped table behind, the trials' samples before it. Where dots of two colours lie "
-        "side by "
-        "side, load and flexion do not say what the share is: no table of them can.*"
-    )
+    text = WORDS["shares"]
     header = (
         "trial",
         "share model",
@@ -276,12 +246,7 @@ def peak_section(trials: Sequence[Measured]) -> Section:
                     f"{sizes.mean():+.0f} ± {sizes.std():.0f} N", f"{np.abs(sizes).max():.0f} N",
                     f"{MS * np.median(times):+.0f} ms", f"{MS * np.abs(times).max():.0f} ms",
                 ])  # fmt: skip
-    text = (
-        "The largest medial force in the first and in the second half of every stance that the plate saw from its "
-        f"beginning to its end, ours less measured. A sample is {MS * SAMPLE:.1f} ms. Where a peak is flat, a small "
-        "error "
-        "of the force moves it far in time: the largest shifts are such."
-    )
+    text = WORDS["peak"].format(sample=MS * SAMPLE)
     header = ("trial", "share model", "peak", "stances", "error", "largest", "median shift", "largest shift")
     return Section("2. Peaks of the medial force", text, header, rows)
 
@@ -301,17 +266,7 @@ def moment_section(trials: Sequence[Measured]) -> Section:
     first = trials[0]
     mirrored = rule_of(first._replace(moment=-first.moment), {"load.compartment": "moment_balance"})
     turned = rms(mirrored - first.medial)
-    text = (
-        "`moment_balance` needs the frontal moment that the femur exerts on the tibia. Here it is the adduction moment "
-        "of inverse dynamics, with its sign: rotation about +x (anterior) of a right tibia is adduction, so torque.x = "
-        "+moment; an external adduction moment in stance appears as a negative one and loads the medial side (the "
-        f"other sign leaves {turned:.0f} N overground). It is the moment of muscles, ligaments and contact together, "
-        "and not that of the contact alone: what the muscles take is missing. Where the feet change plates on the "
-        f"treadmill it has spikes; beyond {LARGEST_MOMENT:.0f} N m they are counted here and left out. In stance (half "
-        "a body weight or more) a line through lateral less medial force over the moment says which spacing of the "
-        "compartments would fit, and what is left at no moment: the spacing is wider than any knee, and the medial "
-        "side bears more even at none."
-    )
+    text = WORDS["moment"].format(turned=turned, LARGEST_MOMENT=LARGEST_MOMENT)
     header = (
         "trial",
         "samples with spikes",
@@ -373,17 +328,7 @@ def introduction(trials: Sequence[Measured]) -> str:
         f"{each.total.max():.0f} N, medial up to {each.medial.max():.0f} N)"
         for each in trials
     )
-    return (
-        f"Two walking trials of one man (right knee, {BODY_WEIGHT} N) whose total knee replacement has four force "
-        "cells in its "
-        f"tibial tray: {told}. Fourth Grand Challenge Competition to Predict In Vivo Knee Loads (Fregly et al. 2012, "
-        "J Orthop "
-        "Res 30:503; Kinney et al. 2013, doi:10.1115/1.4023255). Flexion, and the frontal moment, are those of inverse "
-        "kinematics and dynamics; the medial force is the tray's published regression of its cells, 0.9871 AM + "
-        "0.9683 PM + "
-        "0.0387 AL + 0.0211 PL. The data are not part of this project: without them the command makes nothing, and "
-        "says so."
-    )
+    return WORDS["introduction"].format(BODY_WEIGHT=BODY_WEIGHT, told=told)
 
 
 def limits(trials: Sequence[Measured]) -> str:
@@ -394,13 +339,8 @@ def limits(trials: Sequence[Measured]) -> str:
             "- **Depth, pressure and stiffness**: polyethylene on metal gives way otherwise than cartilage. No "
             "depth of this "
             "model was held against these trials.",
-            "- **Whether the contact model gets the force right**: a force that presses is answered with the same "
-            "force, but "
-            f"for inertia (`healthy.yaml` at 120 Hz: {most:.1f} N at most). What is tested here is the split, the "
-            "timing and the events.",
-            "- **Other people**: two trials of one man with an implant. A table of his shares says nothing of a "
-            "varus knee, "
-            "a knee with its ligaments, stairs or squats.",
+            WORDS["limits"].format(most=most),
+            WORDS["limits_2"],
             "- **The total**: it is measured here, and computed where there is no implant. Its error is not in these "
             "numbers.",
             "- **The cells themselves**: a regression stands between them and the medial force, and its own error "
