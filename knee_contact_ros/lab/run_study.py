@@ -47,13 +47,7 @@ from knee_contact_ros.lab.study import Case, Study, read_study
 from knee_contact_ros.lab.sweep import LATERAL, OUTCOMES, Computed, Knees, compute, file_texts, may_vary, read_recording
 from knee_contact_ros.model.compiler import worth_compiling
 from knee_contact_ros.model.types import FLAT, TOLD
-from knee_contact_ros.parameters.files import (
-    all_values,
-    known_parameters,
-    load_parameters,
-    read_curve,
-    variations_of,
-)
+from knee_contact_ros.parameters.files import all_values, known_parameters, load_parameters, read_curve, variations_of
 from knee_contact_ros.parameters.schema import LATERAL as LATERAL_KNEE
 from knee_contact_ros.parameters.schema import Parameters, has_both
 from knee_contact_ros.system.errors import IncompleteError, ToldError, UsageError
@@ -493,8 +487,9 @@ class Plan:
         Raises:
             UsageError: a bag, a parameter file or a file that one names cannot be used.
         """
-        self.study, self.there = study, 0
-        """`there`: number of cases so far that were finished already, or are the same as another case"""
+        self.study = study
+        self.there = 0
+        """Number of cases so far that were finished already, or are the same as another case"""
         self._bags = {bag: _bag(bag) for bag in study.bags}
         self._parameters = {params: load_parameters([*params, study.values]) for params in study.params}
         self._varied = {params: variations_of(one) for params, one in self._parameters.items()}

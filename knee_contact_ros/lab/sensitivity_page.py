@@ -213,13 +213,13 @@ class Figure(NamedTuple):
 class Drawing:
     """Figures of an outcome; a panel for each combination that has indices."""
 
-    def __init__(self, design: SalibDesign, panels: Mapping[str, Analysed]) -> None:
-        """Take the outcome of each combination, by label."""
+    def __init__(self, design: SalibDesign, panels: Sequence[tuple[str, Analysed]]) -> None:
+        """Take the labels of combinations and the outcome of each."""
         self.panels, self.kind, self.morris = panels, LEADING[design.method], design.method == "morris"
-        self.own = analysis.display_of(next(iter(panels.values())).outcome)
+        self.own = analysis.display_of(panels[0][1].outcome)
         self.factor, self.what = (self.own.factor, self.own.label) if self.morris else (1.0, self.own.title)
         weights = dict.fromkeys(design.ranges, 0.0)
-        for analysed in panels.values():
+        for _, analysed in panels:
             final = analysed.final(self.kind)
             for index in final:
                 weights[index.parameter] += index.value / max(abs(final[0].value), 1e-300)
@@ -231,7 +231,7 @@ class Drawing:
         yield "bars", self._draw(BAR * len(self.names) + EDGES, self._bars)
         if self.morris:
             yield "plane", self._draw(HEIGHT, self._plane)
-        if any(len({index.n for index in analysed.indices}) > 1 for analysed in self.panels.values()):
+        if any(len({index.n for index in analysed.indices}) > 1 for _, analysed in self.panels):
             yield "convergence", self._draw(HEIGHT, self._course)
 
     def _draw(self, height: float, paint: Callable[[Any, Analysed], None]) -> bytes:
@@ -244,7 +244,7 @@ class Drawing:
             width, height = columns * WIDTH + LETTER * max(map(len, self.names)), rows * height
             canvas = Canvas(figsize=(width, height), layout="constrained")
             axes = canvas.subplots(rows, columns, squeeze=False, sharey=not self.morris or paint == self._bars).ravel()
-            for axis, (label, analysed) in zip(axes, self.panels.items(), strict=False):
+            for axis, (label, analysed) in zip(axes, self.panels, strict=False):
                 paint(axis, analysed)
                 axis.set_title(textwrap.fill(label.replace("$", r"\$"), WRAP))
             for axis in axes[len(self.panels) :]:
@@ -288,7 +288,7 @@ class Drawing:
         if not self.morris:
             first = analysed.final("ST")[0].value
             axis.plot([1.25 * last] * 2, [first - WIDEST / 2, first + WIDEST / 2], "0.5", lw=4, solid_capstyle="butt")
-            most = max(index.value for one in self.panels.values() for index in one.indices if index.kind == "ST")
+            most = max(index.value for _, one in self.panels for index in one.indices if index.kind == "ST")
             axis.set_ylim(-0.05, 1.05 * max(1.0, most))
         axis.set_xlabel("n, trajectories" if self.morris else "n, base samples")
         axis.set_ylabel(f"{'µ*' if self.morris else 'ST'} of {self.what}")
@@ -298,7 +298,7 @@ class Drawing:
         effects, spreads = analysed.by_parameter("mu_star"), analysed.by_parameter("sigma")
         for look, name in zip(_looks(), self.names, strict=False):
             across, up = (self.factor * np.array(one[name][3:]) for one in (effects, spreads))
-            ends = ([[one[0] - one[1]], [one[2] - one[0]]] for one in (up, across))
+            ends = (np.maximum([[one[0] - one[1]], [one[2] - one[0]]], 0.0) for one in (up, across))
             axis.errorbar(across[0], up[0], *ends, label=name, **(look | {"ls": "none"}), capsize=2.0, ms=6)
         for slope, dashes in ((1.0, "--"), (0.1, ":")):
             axis.axline((0.0, 0.0), slope=slope, color="0.55", lw=1.0, ls=dashes, zorder=1)
@@ -319,7 +319,7 @@ def figures(design: SalibDesign, combinations: Sequence[Combination], place: int
     panels = [(each.label, each.analysed[place]) for each in combinations if each.analysed[place].indices]
     for number, begin in enumerate(range(0, len(panels), PANELS), 1):
         suffix, which = (f"_{number}", f", part {number}") if len(panels) > PANELS else ("", "")
-        drawing = Drawing(design, dict(panels[begin : begin + PANELS]))
+        drawing = Drawing(design, panels[begin : begin + PANELS])
         for kind, png in drawing.figures():
             name = f"{kind}_{panels[0][1].outcome}{suffix}.png"
             yield Figure(kind, name, f"{KINDS[kind]} {drawing.own.title}{which}", png)

@@ -59,12 +59,10 @@ def test_it_says_what_there_is_also_if_the_folder_cannot_be_written_any_more(
 
 
 BAD = {
-    "unknown parameter contact.dampin; did you mean contact.damping?": "bags: [{bag}]\ngrid: {{contact.dampin: [1.0]}}",
     "bag nobody.mcap: No such file or directory": "bags: [nobody.mcap]",
     "bag file:///nobody.mcap: cannot be fetched": "bags: ['file:///nobody.mcap']",
     "bag nothing://a: cannot be fetched: Protocol not known: nothing": "bags: ['nothing://a']",
     "it must map bags, params, grid or sample": "- a",
-    "nobody.yaml: cannot read the parameter file": "bags: [{bag}]\nparams: [nobody.yaml]",
     "parameter femur.profile: cannot read nobody.csv": "bags: [{bag}]\nparams: [mri_femur]\nvalues: "
     "{{femur.profile: nobody.csv}}",
 }
