@@ -242,7 +242,7 @@ CODES = {"f8": "d", "i8": "q", "u4": "I", "u1": "B"}
 
 
 def reader(*names: str) -> struct.Struct:
-    """Return a `struct` that reads some numbers of `FLAT`, named in their order, from the bytes of a row.
+    """Return a `struct` of the size of a row that reads some numbers of `FLAT`, named in their order, from its bytes.
 
     It takes a tenth of the time of reading fields of an array.
     """
@@ -250,7 +250,7 @@ def reader(*names: str) -> struct.Struct:
     for name in names:
         kind, begin, *_ = FLAT.fields[name]  # type: ignore[index]  # it has fields
         layout, end = f"{layout}{begin - end}x{CODES[kind.str[1:]]}", begin + kind.itemsize
-    return struct.Struct(layout)
+    return struct.Struct(f"{layout}{ROW.itemsize - end}x")
 
 
 def blank(number: int) -> Rows:

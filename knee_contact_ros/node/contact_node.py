@@ -22,7 +22,7 @@ from visualization_msgs.msg import MarkerArray
 
 from knee_contact_ros.bags.provenance import provenance_record
 from knee_contact_ros.model.compiler import COMPILING, kept_files
-from knee_contact_ros.model.types import ROW, reader
+from knee_contact_ros.model.types import reader
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.node.diagnostics import ContactHealth
 from knee_contact_ros.node.inputs import HandedInputs
@@ -75,8 +75,8 @@ class MarkerTopic:
             self.publisher.publish(self._markers.encode(load.stamp, load.frame_id, row))
 
 
-COUNTED = reader("load", "penetration_depth", "fidelity", "status")
-"""Reader of the fields of an answer's row that the health of the node depends on"""
+COUNTED = reader("fidelity", "status")
+"""Reader of the fields of an answer's rows that the health of the node depends on"""
 _LIVE = frozenset({
     "knee.flexion_offset", "load.share", "load.compartment_spacing", "femur.mass",
     "contact.stiffness", "contact.exponent", "contact.damping", "contact.layer_depth", "contact.stiffness_2",
@@ -109,6 +109,7 @@ class ContactSession(Session):
     """Configured life of a contact node."""
 
     pipeline: ContactStream
+    health: ContactHealth
     parameters: Parameters
 
     def __init__(
@@ -198,8 +199,8 @@ class ContactSession(Session):
             if doubt not in known:
                 self.node.get_logger().warning(doubt)
 
-    def _on_dynamic_joint_state(self, data: bytes) -> None:
-        self._on_joint_state(as_joint_state(data))
+    def _on_dynamic_joint_state(self, data: bytes) -> int | None:
+        return self._on_joint_state(as_joint_state(data))
 
     def _described(self, parameters: Parameters) -> Knee:
         provenance = provenance_record(self.parameters, self._curves, ticks_before=self.pipeline.ticks)
@@ -219,12 +220,11 @@ class ContactSession(Session):
         self._publish_wrench(wrench)
         self.outputs.put(answer)
         self._markers.newest = (pair.load, answer.row)
-        all_status, begin_of_row = 0, 0
-        for compartment in pipeline.compartments:
-            load, depth, fidelity, status = COUNTED.unpack_from(answer.row, begin_of_row)
-            compartment.doubts.add(pair.load.stamp, load, depth, status)
-            all_status, begin_of_row = all_status | status, begin_of_row + ROW.itemsize
-        self.health.count(fidelity, all_status, end - begin, latency)
+        self.health.rows.append(answer.row)
+        levels, flags = zip(*COUNTED.iter_unpack(answer.row), strict=True)
+        status = flags[0] | flags[-1]
+        late = latency + self.health.lag.now > self.parameters.deadline
+        self.health.ticks.answers.append((levels[-1], status, end - begin, late, time.monotonic()))
 
 
 CONTACT_TOPICS = Topics(

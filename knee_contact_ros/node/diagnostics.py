@@ -8,6 +8,7 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from enum import IntEnum
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -16,7 +17,7 @@ from rclpy.clock import Clock, ClockType
 from rclpy.lifecycle import LifecycleNode
 from std_msgs.msg import Header
 
-from knee_contact_ros.model.types import UNUSABLE, Fidelity, Status
+from knee_contact_ros.model.types import FLAT, ROW, UNUSABLE, Fidelity, Status
 from knee_contact_ros.node.outputs import WORTH_A_WARNING, Outputs
 from knee_contact_ros.streams.pairing import PairedStreams, Synchroniser
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, JOINT_STATES
@@ -62,22 +63,25 @@ class InputMeter:
     """Times [s] from message to message, since the last report"""
     ages: list[float] = field(default_factory=list)
     """Times [s] from stamps to arrivals by the system's clock, since the last report"""
+    arrivals: list[tuple[float, float, int | None]] = field(default_factory=list)
+    """Messages that are not counted yet: monotonic time and system's time [s], and the stamp [ns] if there is one.
+    A message costs an append; the rest is done once a second, for all (`take`)"""
     report_time: float = field(default_factory=time.monotonic)
     """Monotonic time of the last report [s]"""
 
     def begin(self) -> None:
         """Start to measure: neither silence nor rate counts the time before."""
         self.last = self.report_time = time.monotonic()
-        self.periods, self.ages = [], []
+        self.periods, self.ages, self.arrivals = [], [], []
 
-    def count(self, stamp: int | None = None) -> None:
-        """Count a message; `stamp` [ns] is its own, None if it has none."""
-        now = time.monotonic()
-        self.received += 1
-        self.periods.append(now - self.last)
-        self.last = now
-        if stamp is not None:
-            self.ages.append(time.time() - 1e-9 * stamp)
+    def take(self) -> None:
+        """Count the messages that have arrived since the last call."""
+        arrived, self.arrivals = self.arrivals, []
+        times = [self.last, *(now for now, _, _ in arrived)]
+        self.received += len(arrived)
+        self.last = times[-1]
+        self.periods += [after - before for before, after in pairwise(times)]
+        self.ages += [clock - 1e-9 * stamp for _, clock, stamp in arrived if stamp is not None]
 
     @property
     def age(self) -> float:
@@ -182,15 +186,22 @@ class TickMeter:
     """Number of answers that must not be used for control"""
     unusable_reported: int = 0
     """Number of these that were reported"""
+    answers: list[tuple[int, int, float, bool, float]] = field(default_factory=list)
+    """Answers that are not counted yet: level and status, computing time [s], whether it has missed its deadline, and
+    the monotonic time [s]"""
 
-    def count(self, level: int, status: int, duration: float, late: bool) -> None:
-        """Count an answer: its level and status, its computing time [s], and whether it has missed its deadline."""
-        self.ticks += 1
-        self.missed += late
-        self.durations.append(duration)
-        self.levels[level] += 1
-        self.status, self.last = status, time.monotonic()
-        if status:
+    def take(self) -> None:
+        """Count the answers since the last call."""
+        answers, self.answers = self.answers, []
+        if not answers:
+            return
+        levels, flags, durations, late, times = zip(*answers, strict=True)
+        self.ticks += len(answers)
+        self.missed += sum(late)
+        self.durations += durations
+        self.levels.update(levels)
+        self.status, self.last = flags[-1], times[-1]
+        for status in filter(None, flags):
             self.unusable += status & UNUSABLE != 0
             self.flagged.update(bit.name or "" for bit in Status if status & bit)
 
@@ -325,12 +336,15 @@ class Health:
         """Sentences about implausible answers since the last report."""
         return []
 
-    def count(self, level: int, status: int, duration: float, latency: float) -> None:
-        """Count an answer: its level and status, its computing time and the time since its force arrived, both [s]."""
-        self.ticks.count(level, status, duration, latency + self.lag.now > self.parameters.deadline)
+    def take(self) -> None:
+        """Count the answers since the last report."""
+        self.ticks.take()
 
     def report(self, inputs: Inputs, outputs: Outputs) -> DiagnosticArray:
         """Report what has happened since the last report, inputs first; silent inputs are logged."""
+        self.take()
+        for stream in inputs:
+            stream.meter.take()
         self._log_silence(inputs)
         period = inputs[1].meter.period
         entries = [
@@ -394,8 +408,19 @@ class ContactHealth(Health):
     def __init__(self, node: LifecycleNode, parameters: Parameters, pipeline: ContactStream) -> None:
         """Begin to count."""
         super().__init__(node, parameters, pipeline, TickMeter())
+        self.rows: list[bytes] = []
+        """Rows of the answers that are not looked at yet"""
         self._contacts = pipeline
         self._too_deep_before: dict[str, int] = {}
+
+    def take(self) -> None:
+        """Count the answers since the last report, and look for implausible ones among them."""
+        super().take()
+        rows, self.rows = np.frombuffer(b"".join(self.rows), ROW).view(FLAT), []
+        compartments = self._contacts.compartments
+        for number, compartment in enumerate(compartments if len(rows) else ()):
+            own = rows[number :: len(compartments)]
+            compartment.doubts.add_all(own["stamp"], own["load"], own["penetration_depth"], own["status"])
 
     def special_entries(self) -> list[Any]:
         """Entry for the load, and for its split where the share varies; problems are logged."""

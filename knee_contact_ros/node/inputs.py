@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Collection
 from typing import Any, NamedTuple
 
@@ -12,25 +13,16 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 
 from knee_contact_ros.node.diagnostics import REFUSAL_LOG_PERIOD, InputMeter, at_most_every
 from knee_contact_ros.streams.frames import TF_STATIC, ForceFrame, decode_transforms, encode_transforms, isb_transform
-from knee_contact_ros.streams.messages import stamp_in
 
 DEPTH = 1000
 """Number of messages that may wait: one second at 1 kHz"""
-
-
-def stamp_of(data: bytes) -> int | None:
-    """Stamp [ns] of a message; None if its bytes do not hold one."""
-    try:
-        return stamp_in(data)
-    except ValueError:
-        return None
 
 
 class HandOver:
     """Hands messages from one node to another in the same process."""
 
     def __init__(self) -> None:
-        self.taker: Callable[[bytes], None] | None = None
+        self.taker: Callable[[bytes], object] | None = None
         """Function of the receiving node that takes a message; None if it does not listen"""
 
     def give(self, data: bytes) -> None:
@@ -51,8 +43,8 @@ class HandedStream:
 
     reliability, publishers = "handed over", 1
 
-    def __init__(self, topic: str, on_data: Callable[[bytes], None], meter: InputMeter, source: HandOver) -> None:
-        """Take the messages of `source`: `on_data` gets their bytes, `meter` counts them."""
+    def __init__(self, topic: str, on_data: Callable[[bytes], int | None], meter: InputMeter, source: HandOver) -> None:
+        """Take the messages of `source`: `on_data` gets the bytes of one and returns its stamp, `meter` counts it."""
         self.topic, self.meter = topic, meter
         self._on_data, self._source = on_data, source
 
@@ -68,8 +60,8 @@ class HandedStream:
         """Do nothing: there is no publisher to adapt to."""
 
     def _on_message(self, data: bytes) -> None:
-        self._on_data(data)
-        self.meter.count(stamp_of(data))
+        stamp = self._on_data(data)
+        self.meter.arrivals.append((time.monotonic(), time.time(), stamp))
 
 
 class InputStream:
@@ -84,11 +76,11 @@ class InputStream:
         node: LifecycleNode,
         message_type: type,
         topic: str,
-        on_data: Callable[[bytes], None],
+        on_data: Callable[[bytes], int | None],
         qos_given: Collection[str],
         meter: InputMeter,
     ) -> None:
-        """Prepare a subscription: `on_data` gets the bytes of the messages, `meter` counts them.
+        """Prepare a subscription: `on_data` gets the bytes of a message and returns its stamp, `meter` counts it.
 
         `qos_given` has the names of the QoS overrides that the user has given.
         """
@@ -157,8 +149,8 @@ class InputStream:
         self._node.get_logger().info(f"a publisher of {name} is best effort; listening likewise")
 
     def _on_message(self, data: bytes) -> None:
-        self._on_data(data)
-        self.meter.count(stamp_of(data))
+        stamp = self._on_data(data)
+        self.meter.arrivals.append((time.monotonic(), time.time(), stamp))
 
     def _on_incompatible_qos(self, event: Any) -> None:
         self._unheard = event.last_policy_kind == QoSPolicyKind.RELIABILITY or self._decided_by_user

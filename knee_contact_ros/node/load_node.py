@@ -88,11 +88,12 @@ class LoadSession(Session):
         provenance = load_provenance_record(self.parameters, ticks_before=self.pipeline.ticks)
         return Knee(parameters, {}, self._names, provenance, LOAD_PROVENANCE)
 
-    def _on_joint_state(self, data: bytes) -> None:
+    def _on_joint_state(self, data: bytes) -> int | None:
         try:
             self._takers.angles.give(data)
         finally:  # a failure there is reported, and no reason to lose the message here
-            super()._on_joint_state(data)
+            stamp = super()._on_joint_state(data)
+        return stamp
 
     def _publish(self, pair: PairedSample) -> None:
         begin = time.perf_counter()
@@ -112,7 +113,9 @@ class LoadSession(Session):
         self.outputs.put(self.pipeline.answer(pair, messages, latency))
         computed = self.pipeline.estimate
         assert computed is not None  # noqa: S101  (by `compute`)
-        self.health.count(computed.level, computed.status, end - begin, latency)
+        late = latency + self.health.lag.now > self.parameters.deadline
+        counted = (int(computed.level), computed.status, end - begin, late, time.monotonic())
+        self.health.ticks.answers.append(counted)
 
 
 LOAD_TOPICS = Topics(LOAD_INPUTS, (JOINT_REACTION_FORCE, LOAD_ESTIMATE, DIAGNOSTICS))

@@ -143,7 +143,7 @@ class ManagedNode(LifecycleNode):
             session.stop()
             self.complete = session.close()
             session.destroy_endpoints()
-            self.get_logger().info(f"{session.health.ticks.ticks} ticks, {session.pipeline.refused} samples refused")
+            self.get_logger().info(f"{session.pipeline.ticks} ticks, {session.pipeline.refused} samples refused")
 
 
 def run_nodes(arguments: list[str], kinds: Sequence[NodeKind]) -> int:

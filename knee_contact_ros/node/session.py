@@ -65,7 +65,7 @@ class Session(ABC):
         self,
         angle_topic: str,
         angle_type: type,
-        on_angle: Callable[[bytes], None],
+        on_angle: Callable[[bytes], int | None],
         qos_given: Collection[str],
         handed: HandedInputs | None = None,
     ) -> Inputs:
@@ -172,10 +172,13 @@ class Session(ABC):
         for publisher in self._publishers.values():
             self.node.destroy_lifecycle_publisher(publisher)
 
-    def _on_joint_state(self, data: bytes) -> None:
+    def _on_joint_state(self, data: bytes) -> int | None:
+        """Answer what a JointState makes possible; return its stamp [ns], None if its bytes are none."""
         self._answer(self.pipeline.take_joint_state(data))
+        return self.pipeline.stamp
 
-    def _on_force(self, data: bytes) -> None:
+    def _on_force(self, data: bytes) -> int | None:
+        """Answer what a force makes possible; return its stamp [ns], None if its bytes are none."""
         pairs = self.pipeline.take_force(data, time.perf_counter())
         if self.pipeline.frame.turn_note:
             note = self.pipeline.frame.take_turn_note()
@@ -183,6 +186,7 @@ class Session(ABC):
             self.node.get_logger().info(text, **at_most_every(REFUSAL_LOG_PERIOD))
             self.outputs.note(FORCE_TURNED, note)
         self._answer(pairs)
+        return self.pipeline.stamp
 
     def _service(self, name: str, act: Callable[[], str]) -> Any:
         """Service that calls a function and answers with its message, or with the reason why it failed."""

@@ -156,8 +156,10 @@ class ContactStream(PairedStreams):
     def take_joint_state(self, data: bytes) -> list[PairedSample]:
         """Take a JointState; see `PairedStreams.take_joint_state`."""
         knee, delay = self.parameters.knee, self.synchroniser.angle_delay
+        self.stamp = None
         try:
             message, recorded = JOINT_STATE.read(data, JOINT_STATES)
+            self.stamp = message.stamp
             sample = angle_sample(message, knee, self.model.height_prescribed, recorded, delay)
         except RefusedSampleError as refused:
             return self.refuse(refused)
@@ -165,8 +167,10 @@ class ContactStream(PairedStreams):
 
     def take_force(self, data: bytes, arrived: float = 0.0) -> list[PairedSample]:
         """Take the joint reaction on the tibia; see `PairedStreams.take_force`."""
+        self.stamp = None
         try:
             came, as_it_came = WRENCH_STAMPED.read(data, JOINT_REACTION_FORCE)
+            self.stamp = came.stamp
             wrench, recorded = self.frame.turned(came, as_it_came)
             sample = load_sample(wrench, self.by_moment, arrived, recorded)
         except RefusedSampleError as refused:

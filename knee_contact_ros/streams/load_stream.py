@@ -138,8 +138,10 @@ class LoadStream(PairedStreams):
 
     def take_joint_state(self, data: bytes) -> list[PairedSample]:
         """Take angles and actuators' torques of the leg; see `PairedStreams.take_joint_state`."""
+        self.stamp = None
         try:
             message, recorded = JOINT_STATE.read(data, JOINT_STATES)
+            self.stamp = message.stamp
             sample = leg_sample(message, self.parameters, recorded, self.synchroniser.angle_delay)
         except RefusedSampleError as refused:
             return self.refuse(refused)
@@ -147,8 +149,10 @@ class LoadStream(PairedStreams):
 
     def take_force(self, data: bytes, arrived: float = 0.0) -> list[PairedSample]:
         """Take the ground force; see `PairedStreams.take_force`."""
+        self.stamp = None
         try:
             came, as_it_came = WRENCH.read(data, GROUND_REACTION_FORCE)
+            self.stamp = came.stamp
             wrench, recorded = self.frame.turned(came, as_it_came)
             sample = ground_sample(wrench, self.parameters.ground, recorded, arrived)
         except RefusedSampleError as refused:

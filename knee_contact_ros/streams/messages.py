@@ -22,7 +22,7 @@ from rosbags.typesys.store import Typestore
 
 from knee_contact_ros.model.types import MESSAGE
 from knee_contact_ros.model.types import WRENCH as WRENCH_BYTES
-from knee_contact_ros.streams.topics import DYNAMIC_JOINT_STATE, NANOSECONDS, check_stamp, stamp_to_ns, typestore
+from knee_contact_ros.streams.topics import DYNAMIC_JOINT_STATE, NANOSECONDS, stamp_to_ns, typestore
 from knee_contact_ros.system.errors import listed, printable
 
 Bytes = NDArray[np.uint8]
@@ -277,6 +277,16 @@ def _plain(content: JointState | WrenchStamped) -> bytes:
         if form in (NUMBERS, VECTOR) and value:
             put(struct.pack(f"<{len(value)}d", *value), 8)
     return bytes(data)
+
+
+def check_stamp(stamp: int) -> None:
+    """Check that a message can hold a stamp [ns].
+
+    Raises:
+        ValueError: its seconds are not within int32.
+    """
+    if not -(2**31) <= stamp // NANOSECONDS < 2**31:
+        raise ValueError(f"stamp {stamp} ns is beyond the int32 seconds of a ROS time")
 
 
 def stamp_in(data: bytes) -> int:

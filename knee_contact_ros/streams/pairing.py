@@ -16,9 +16,9 @@ import itertools
 import math
 from abc import ABC, abstractmethod
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
-from typing import Any, Generic, NamedTuple, Protocol, TypeVar
+from typing import Any, Generic, NamedTuple, TypeVar
 
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.parameters.schema import Pairing
@@ -81,27 +81,31 @@ class LoadSample(NamedTuple):
     """The whole wrench, where more is used than the axial force"""
 
 
-class Stamped(Protocol):
-    """Sample with a stamp."""
+class Refusals(Counter[str]):
+    """Number of refused samples by reason."""
 
-    @property
-    def stamp(self) -> int:
-        """Stamp [ns]."""
+    is_new = False
+    """Whether there are some since a pair was flagged with it"""
+
+    def count(self, reason: str) -> None:
+        """Count a sample that cannot be used; the next tick is flagged with it."""
+        self[reason] += 1
+        self.is_new = True
 
 
-S = TypeVar("S", bound=Stamped)
+S = TypeVar("S", bound=AngleSample | LoadSample)
 
 
 class Timeline(Generic[S]):
     """Decides which samples of one stream to believe."""
 
-    def __init__(self, max_gap: int, most: int, refuse: Callable[[str], None], name: str) -> None:
+    def __init__(self, max_gap: int, most: int, refused: Refusals, name: str) -> None:
         """Begin a stream.
 
         Args:
             max_gap: Largest time [ns] by which a sample that lies behind is merely late.
             most: Largest number of samples that are kept aside.
-            refuse: Called with the reason for each sample that is refused.
+            refused: Counts the samples that are refused.
             name: Name of the stream, with which the reasons begin.
         """
         self.last: int | None = None
@@ -114,7 +118,7 @@ class Timeline(Generic[S]):
         """Last steps forward [ns]"""
         self.far = max_gap
         """Longest step [ns] that is not far"""
-        self._max_gap, self._most, self._refuse, self._name = max_gap, most, refuse, name
+        self._max_gap, self._most, self._refused, self._name = max_gap, most, refused, name
 
     def take(self, sample: S, other: Timeline[Any]) -> list[S]:
         """Take a sample; return those that are believed now, oldest first. `other` is the stream that it pairs with.
@@ -126,11 +130,13 @@ class Timeline(Generic[S]):
             step = stamp - last
             near = 0 < step <= self.far
             if near or (step > 0 and other.has_reached(stamp)):
-                passed = [] if not self.pending or (near and self._is_alone(other)) else self._pass_by(stamp)
+                passed: list[S] = []
+                if self.pending and not (near and self._is_alone(other)):
+                    passed = self._pass_by(stamp)
                 self._go_to(stamp)
                 return [*passed, sample]
             if -self._max_gap <= step <= 0 and not (self.pending and stamp > self.pending[-1].stamp):
-                self._refuse(f"{self._name}_not_in_order")
+                self._refused.count(f"{self._name}_not_in_order")
                 return []
         return self._hold_back(sample, other)
 
@@ -161,7 +167,7 @@ class Timeline(Generic[S]):
     def drop_aside(self) -> None:
         """Refuse the samples that were kept aside."""
         for _ in self.pending:
-            self._refuse(f"{self._name}_off_time")
+            self._refused.count(f"{self._name}_off_time")
         self.pending = []
 
     def go_on(self, last: int | None, steps: Iterable[int]) -> None:
@@ -179,7 +185,7 @@ class Timeline(Generic[S]):
         """Keep a sample for later; return those that are believed because of it."""
         if self.pending and sample.stamp <= self.pending[-1].stamp:
             if self._is_late_aside(sample.stamp):
-                self._refuse(f"{self._name}_not_in_order")
+                self._refused.count(f"{self._name}_not_in_order")
                 return []
             self.drop_aside()
         self.pending.append(sample)
@@ -294,13 +300,13 @@ class Synchroniser:
     """
 
     def __init__(self, pairing: Pairing) -> None:
-        self.refused: Counter[str] = Counter()
+        self.refused = Refusals()
         """Number of refused samples by reason"""
         self._max_gap, self._queue = round(pairing.max_gap * NANOSECONDS), pairing.queue
         self.angle_delay = round(pairing.angle_delay * NANOSECONDS)
         """Time [ns] by which the stamps of angles have been moved earlier"""
-        self.angle_time: Timeline[AngleSample] = Timeline(self._max_gap, self._queue, self.refuse, "angle")
-        self.load_time: Timeline[LoadSample] = Timeline(self._max_gap, self._queue, self.refuse, "load")
+        self.angle_time: Timeline[AngleSample] = Timeline(self._max_gap, self._queue, self.refused, "angle")
+        self.load_time: Timeline[LoadSample] = Timeline(self._max_gap, self._queue, self.refused, "load")
         self.unrecorded = 0
         """Number of angles that no pair will contain, as more than `pairing.queue` came between two loads"""
         self._loads: deque[LoadSample] = deque()  # that wait for an angle
@@ -330,7 +336,7 @@ class Synchroniser:
 
     def steady(self) -> Steady | None:
         """Current state; None after something unusual, until a pair has been flagged with it."""
-        if self._flags or self._left or self.angle_time.pending or self.load_time.pending:
+        if self._flags or self.refused.is_new or self._left or self.angle_time.pending or self.load_time.pending:
             return None
         return Steady(
             tuple(self._angles), tuple(self._fresh), tuple(self._loads),
@@ -345,11 +351,6 @@ class Synchroniser:
         self.angle_time.go_on(steady.last_angle, steady.angle_steps)
         self.load_time.go_on(steady.last_load, steady.load_steps)
         self._last_load, self._last_pair, self._met = steady.last_load, steady.last_pair, True
-
-    def refuse(self, reason: str) -> None:
-        """Count a sample that cannot be used; the next tick is flagged with it."""
-        self.refused[reason] += 1
-        self._flags |= INPUT_REJECTED
 
     def start_anew(self) -> None:
         """Let the next tick start from rest, as after a jump back in time."""
@@ -456,15 +457,16 @@ class Synchroniser:
             self._loads.popleft()
             pose, status = result
             if pose is None:
-                self.refuse("no_angle_before")
+                self.refused.count("no_angle_before")
                 continue
             self._met = True
             if self._last_pair is not None and load.stamp - self._last_pair > self._max_gap:
                 status |= STALE_INPUT
             self._last_pair = load.stamp
             taken = self._taken(max(load.stamp, pose.stamp))
-            pairs.append(PairedSample(load, pose.angle, pose.height, status | self._flags, taken, pose.others))
-            self._flags = OK
+            status |= self._flags | (INPUT_REJECTED if self.refused.is_new else OK)
+            pairs.append(PairedSample(load, pose.angle, pose.height, status, taken, pose.others))
+            self._flags, self.refused.is_new = OK, False
         return pairs
 
     def _taken(self, until: int) -> tuple[AngleSample, ...]:
@@ -520,6 +522,8 @@ class PairedStreams(ABC):
         self.frame = frame
         self.synchroniser = Synchroniser(pairing)
         self.ticks = 0
+        self.stamp: int | None = None
+        """Stamp [ns] of the message that was taken last; None if its bytes are no message"""
         self.last_refusal = ""
         self._pending: deque[PairedSample] = deque()  # what is being answered
 
@@ -553,7 +557,7 @@ class PairedStreams(ABC):
 
     def refuse(self, refused: RefusedSampleError) -> list[PairedSample]:
         """Count a sample that cannot be used; it makes no pairs."""
-        self.synchroniser.refuse(refused.reason)
+        self.synchroniser.refused.count(refused.reason)
         self.last_refusal = str(refused)
         return []
 

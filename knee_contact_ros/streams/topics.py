@@ -77,16 +77,6 @@ def stamp_to_ns(stamp: Any) -> int:
     return int(stamp.sec) * NANOSECONDS + int(stamp.nanosec)
 
 
-def check_stamp(stamp: int) -> None:
-    """Check that a message can hold a stamp [ns].
-
-    Raises:
-        ValueError: its seconds are not within int32.
-    """
-    if not -(2**31) <= stamp // NANOSECONDS < 2**31:
-        raise ValueError(f"stamp {stamp} ns is beyond the int32 seconds of a ROS time")
-
-
 Record = tuple[str, int, bytes]
 """Message as it is recorded: topic, stamp [ns] and CDR bytes"""
 

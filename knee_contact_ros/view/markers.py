@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 
 from knee_contact_ros.model.types import ROW, ContactState, reader
-from knee_contact_ros.streams.topics import NANOSECONDS, check_stamp, typestore
+from knee_contact_ros.streams.messages import check_stamp
+from knee_contact_ros.streams.topics import NANOSECONDS, typestore
 from knee_contact_ros.view import colours
 from knee_contact_ros.view.anatomy import NEWTONS_PER_MM, Floats, KneeOutlines
 

@@ -88,7 +88,8 @@ class Time:
         """Messages that come every period [s], with stamps so old [s]."""
         for _ in range(number):
             self.now += period
-            meter.count(round(1e9 * (1000.0 + self.now - age)))
+            meter.arrivals.append((self.now, 1000.0 + self.now, round(1e9 * (1000.0 + self.now - age))))
+        meter.take()
 
 
 def test_an_input_is_judged_by_what_it_was_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -123,7 +124,8 @@ def test_periods_and_ages_are_told_as_topic_statistics_are(monkeypatch: pytest.M
     meter = InputMeter(last=clock.now)
     clock.receive(meter, 3, 0.010, age=0.004)
     clock.receive(meter, 1, 0.030, age=0.008)
-    meter.count()  # one that has no stamp
+    meter.arrivals.append((clock.now, 0.0, None))
+    meter.take()
     values, _ = meter.report()
     told = {name: value for name, value in values.items() if " mean " in name or " max " in name or " std " in name}
     assert told == {
@@ -138,13 +140,15 @@ def test_usable_is_said_of_the_newest_answer(bit: Status, monkeypatch: pytest.Mo
     meter = TickMeter()
     values, problem = meter.usability(1.0)
     assert (values["usable"], values["because"], problem.level) == ("false", "no answer yet", DiagnosticStatus.STALE)
-    meter.count(0, bit, 1e-4, late=False)
+    meter.answers.append((0, bit, 1e-4, False, clock.now))
+    meter.take()
     values, problem = meter.usability(1.0)
     harmless = bit is Status.INPUT_REJECTED
     assert values["usable"] == ("true" if harmless else "false")
     assert values["because"] == ("" if harmless else bit.name)
     assert problem.level == (DiagnosticStatus.OK if harmless else DiagnosticStatus.WARN)
-    meter.count(0, Status.OK, 1e-4, late=False)
+    meter.answers.append((0, Status.OK, 1e-4, False, clock.now))
+    meter.take()
     assert meter.usability(1.0)[0]["usable"] == "true"
     clock.now += 1.1
     values, problem = meter.usability(1.0)
@@ -158,7 +162,9 @@ def test_usable_is_said_of_the_newest_answer(bit: Status, monkeypatch: pytest.Mo
 def test_ticks_longer_than_forces_are_apart_are_overruns() -> None:
     meter = TickMeter()
     for duration in (1e-4, 2e-3, 3e-3):
-        meter.count(0, Status.OK, duration, late=False)
+        meter.answers.append((0, Status.OK, duration, False, 0.0))
+        meter.take()
     assert meter.values(2.5e-3)["overruns"] == "1"
-    meter.count(0, Status.OK, 3e-3, late=False)
+    meter.answers.append((0, Status.OK, 3e-3, False, 0.0))
+    meter.take()
     assert meter.values(2.5e-3)["overruns"] == "2"

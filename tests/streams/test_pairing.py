@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import random
-from collections import Counter
 from collections.abc import Iterable, Sequence
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -14,31 +13,32 @@ from hypothesis import strategies as st
 
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.parameters.schema import Pairing
-from knee_contact_ros.streams.pairing import STEPS, AngleSample, LoadSample, PairedSample, Synchroniser, Timeline
+from knee_contact_ros.streams.pairing import (
+    STEPS,
+    AngleSample,
+    LoadSample,
+    PairedSample,
+    Refusals,
+    Synchroniser,
+    Timeline,
+)
 
 MS = 1_000_000
 HELD, STALE, RESET, REJECTED = Status.INPUT_HELD, Status.STALE_INPUT, Status.TIME_RESET, Status.INPUT_REJECTED
-
-
-class Sample(NamedTuple):
-    stamp: int
 
 
 class Stream:
     """A timeline with what it refuses; stamps in ms."""
 
     def __init__(self, stamps: Iterable[float] = (), max_gap: float = 100) -> None:
-        self.refused: Counter[str] = Counter()
-        self.time: Timeline[Sample] = Timeline(round(max_gap * MS), 100, self._count, "angle")
+        self.refused = Refusals()
+        self.time: Timeline[LoadSample] = Timeline(round(max_gap * MS), 100, self.refused, "angle")
         for stamp in stamps:
             self.take(stamp)
 
-    def _count(self, reason: str) -> None:
-        self.refused[reason] += 1
-
     def take(self, stamp: float, other: Stream | None = None) -> list[float]:
         """What is believed with this stamp."""
-        believed = self.time.take(Sample(round(stamp * MS)), (other or SILENT).time)
+        believed = self.time.take(load(stamp), (other or SILENT).time)
         return [sample.stamp / MS for sample in believed]
 
     def look_again(self, other: Stream, jumped: bool = False) -> list[float]:

@@ -27,7 +27,7 @@ def test_every_good_sample_gets_what_it_must() -> None:
 def believe_all(self: Timeline[Any], sample: Any, _other: object) -> list[Any]:
     """One stamp ahead, and all that come after it are late; one behind, and the stream begins anew."""
     if self.last is not None and 0 <= self.last - sample.stamp <= self._max_gap:
-        self._refuse("angle_not_in_order")
+        self._refused.count("angle_not_in_order")
         return []
     self._go_to(sample.stamp)
     return [sample]
@@ -36,7 +36,7 @@ def believe_all(self: Timeline[Any], sample: Any, _other: object) -> list[Any]:
 def believe_nothing_else(self: Timeline[Any], sample: Any, _other: object) -> list[Any]:
     """A clock that is set is not believed any more."""
     if self.last is not None and not 0 < sample.stamp - self.last <= 5 * self._max_gap:
-        self._refuse("angle_off_time")
+        self._refused.count("angle_off_time")
         return []
     self._go_to(sample.stamp)
     return [sample]
