@@ -34,50 +34,40 @@ def test_they_are_the_same_record_array_with_more_to_it(results: Results) -> Non
     assert isinstance(results, np.recarray)
     assert type(results.contact_force) is np.ndarray
     assert results.time == pytest.approx(TIME, abs=1e-12)
+    assert (results["time"] == results.time).all()
     assert results.contact_point.x.shape == TIME.shape
     assert results[0].contact_force == results.contact_force[0]
     assert (results.stamp == np.rint(TIME * 1e9)).all()
+    assert {"contact_force", "penetration_depth", "time", "to_pandas", "plot"} <= set(dir(results))
 
 
-def test_a_part_of_them_is_such_too(results: Results) -> None:
+def test_parts_and_what_is_put_together_are_such_too(results: Results) -> None:
     for part in (results[10:20], results[results.load > 700.0], pickle.loads(pickle.dumps(results))):  # noqa: S301
         assert isinstance(part, Results)
         assert len(part.time) == len(part)
+    halves = [results[:40], results[40:]]
+    for whole in (np.concatenate(halves), np.hstack(halves), np.append(*halves)):
+        assert isinstance(whole, Results)
+        assert repr(whole) == repr(results)
+        assert (whole == results).all()
+    assert type(np.concatenate([results.load, results.load])) is np.ndarray
     assert repr(results.contact_point[:1]).startswith("rec.array([(")  # of NumPy: there is no time in it
-    assert results.contact_point._repr_html_() is None
     some = results[["stamp", "load"]]
     assert "700." in repr(some)
     assert str(some)
-    assert some._repr_html_() is None
+    assert results.contact_point._repr_html_() is some._repr_html_() is None
 
 
-@pytest.mark.parametrize("join", [np.concatenate, np.hstack, lambda parts: np.append(*parts)])
-def test_what_is_put_together_is_such_too(join: Any, results: Results) -> None:
-    whole = join([results[:40], results[40:]])
-    assert isinstance(whole, Results)
-    assert repr(whole) == repr(results)
-    assert (whole == results).all()
-    assert type(np.concatenate([results.load, results.load])) is np.ndarray
-
-
-def test_time_is_a_field_by_name(results: Results) -> None:
-    assert (results["time"] == results.time).all()
-
-
-def test_some_fields_are_some_columns(results: Results) -> None:
-    pytest.importorskip("pandas")
-    some = results[["stamp", "load", "contact_point"]].to_pandas()
-    names = {"stamp", "load", "contact_point_x", "contact_point_y", "contact_point_z"}
-    assert set(some.columns) == names
-    assert (some["contact_point_x"].to_numpy() == results.contact_point.x).all()
+def test_some_fields_are_some_columns_of_their_own(results: Results) -> None:
+    some = columns(results[["stamp", "load", "contact_point"]])
+    assert set(some) == {"time", "stamp", "load", *(f"contact_point_{axis}" for axis in "xyz")}
+    assert (some["contact_point_x"] == results.contact_point.x).all()
     with pytest.raises(UsageError, match=r"^fields load: stamp must be one of them"):
-        results[["load"]].to_pandas()
-
-
-def test_a_parquet_file_is_named_as_one(results: Results, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"whose names end in \.parquet"):
-        results.to_parquet(tmp_path / "answers.csv")
-    assert not list(tmp_path.iterdir())
+        columns(results[["load"]])
+    numbers = columns(results)
+    numbers["load"][:] = 0.0
+    assert results.load.min() > 0.0
+    assert all(column.flags.c_contiguous and column.ndim == 1 for column in numbers.values())
 
 
 def test_they_fit_a_line_and_a_terminal(results: Results) -> None:
@@ -86,20 +76,13 @@ def test_they_fit_a_line_and_a_terminal(results: Results) -> None:
     assert len(lines) == 1 + 3 + 4 + 1 + 4
     assert max(map(len, lines)) <= 78
     first = results[0]
-    numbers = [
-        f"{first.contact_force:.1f}",
-        f"{1e3 * first.penetration_depth:.3f}",
-        f"{1e3 * first.contact_point.x:.2f}",
-    ]
-    assert lines[4].split() == ["0.000", "17.2", "700.0", *numbers, "OK"]
+    numbers = (first.contact_force, 1e3 * first.penetration_depth, 1e3 * first.contact_point.x)
+    texts = [f"{number:.{digits}f}" for number, digits in zip(numbers, (1, 3, 2), strict=True)]
+    assert lines[4].split() == ["0.000", "17.2", "700.0", *texts, "OK"]
     assert results._repr_html_().count("<tr>") == 10
-    assert repr(results[:0]) == "<Results: no ticks>"
-    assert str(results[:0])
+    assert (repr(results[:0]), bool(str(results[:0]))) == ("<Results: no ticks>", True)
     assert len(str(results[:5]).splitlines()) == 1 + 3 + 5
-
-
-def test_completion_knows_the_fields(results: Results) -> None:
-    assert {"contact_force", "penetration_depth", "time", "to_pandas", "plot"} <= set(dir(results))
+    assert repr(results[:1]).startswith("<Results: 1 tick over 0.000 s, ")
 
 
 def assert_whole(names: Any, column: Any, results: Results) -> None:
@@ -120,13 +103,15 @@ def test_pandas(results: Results) -> None:
 
 
 def test_polars_and_parquet(results: Results, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=r"whose names end in \.parquet"):
+        results.to_parquet(tmp_path / "answers.csv")
+    assert not list(tmp_path.iterdir())
     polars = pytest.importorskip("polars")
     table = results.to_polars()
     assert table.columns[0] == "time"
     assert_whole(table.columns[1:], table.__getitem__, results)
-    path = tmp_path / "answers.parquet"
-    results.to_parquet(path)
-    assert polars.read_parquet(path).equals(table)
+    results.to_parquet(tmp_path / "answers.parquet")
+    assert polars.read_parquet(tmp_path / "answers.parquet").equals(table)
 
 
 def test_xarray_has_units(results: Results) -> None:
@@ -134,9 +119,8 @@ def test_xarray_has_units(results: Results) -> None:
     data = results.to_xarray()
     assert_whole(list(data.data_vars), lambda name: data[name].values, results)
     assert (data.time.values == results.time).all()
-    assert {name: data[name].attrs.get("units") for name in ("time", "load", "contact_point_x", "status")} == {
-        "time": "s", "load": "N", "contact_point_x": "m", "status": None
-    }  # fmt: skip
+    units = {"time": "s", "load": "N", "contact_point_x": "m", "status": None}
+    assert {name: data[name].attrs.get("units") for name in units} == units
 
 
 def test_units_are_those_of_the_message() -> None:
@@ -147,29 +131,7 @@ def test_units_are_those_of_the_message() -> None:
     assert unit_of("contact_wrench_torque_z") == "N m"
 
 
-def test_stamps_of_today_are_told_from_the_first_one_on(results: Results) -> None:
-    dated = results.copy()
-    dated["stamp"] += 1_764_027_108_530_000_000
-    _, origin, *lines = str(dated).splitlines()
-    assert origin == "time from 1764027108.530 s on"
-    assert lines[3].split()[0] == "+0.000"
-    assert lines[-1].split()[0] == "+0.495"
-    assert "…" not in "".join(lines[:7])  # nothing cut
-    assert "<td>+0.495</td>" in dated._repr_html_()
-    assert dated.time[0] == pytest.approx(1_764_027_108.53, abs=1e-6)
-    pytest.importorskip("matplotlib")
-    point = dated.plot().axes[-1]
-    assert point.get_xlabel() == "time [s] from 1764027108.530 s on"
-    assert point.lines[0].get_xdata() == pytest.approx(results.time)
-
-
-def test_a_single_tick_is_told_and_seen(results: Results) -> None:
-    assert repr(results[:1]).startswith("<Results: 1 tick over 0.000 s, ")
-    pytest.importorskip("matplotlib")
-    assert {line.get_marker() for axes in results[:1].plot().axes for line in axes.lines} == {"o"}
-
-
-def test_the_figure_has_the_four_curves(results: Results) -> None:
+def test_the_figure_has_the_four_curves_and_stamps_of_today_count_from_the_first_one(results: Results) -> None:
     pytest.importorskip("matplotlib")
     figure = results.plot()
     flexion, force, depth, point = figure.axes
@@ -178,45 +140,43 @@ def test_the_figure_has_the_four_curves(results: Results) -> None:
     assert force.lines[1].get_ydata() == pytest.approx(results.contact_force)
     assert depth.lines[0].get_ydata() == pytest.approx(1e3 * results.penetration_depth)
     assert point.lines[0].get_xydata() == pytest.approx(np.stack([results.time, 1e3 * results.contact_point.x]).T)
-    low, high = point.get_ylim()
-    assert high - low > 1.99  # [mm] however little it moves
+    assert np.ptp(point.get_ylim()) > 1.99  # [mm] however little it moves
+    assert {line.get_marker() for axes in results[:1].plot().axes for line in axes.lines} == {"o"}
+    dated = results.copy()
+    dated["stamp"] += 1_764_027_108_530_000_000
+    _, origin, *lines = str(dated).splitlines()
+    assert origin == "time from 1764027108.530 s on"
+    assert (lines[3].split()[0], lines[-1].split()[0]) == ("+0.000", "+0.495")
+    assert "…" not in "".join(lines[:7])  # nothing cut
+    assert "<td>+0.495</td>" in dated._repr_html_()
+    assert dated.time[0] == pytest.approx(1_764_027_108.53, abs=1e-6)
+    point = dated.plot().axes[-1]
+    assert point.get_xlabel() == "time [s] from 1764027108.530 s on"
+    assert point.lines[0].get_xdata() == pytest.approx(results.time)
 
 
 ABSENT = """
 import sys
-sys.modules[{name!r}] = None
 import knee_contact_ros
 results = knee_contact_ros.load_model().run([0.0], [0.3], [700.0])
-print(results)
-try:
-    results.{call}
-except knee_contact_ros.UsageError as error:
-    print(error)
+for name, method, arguments in (
+    ("pandas", "to_pandas", ()), ("polars", "to_parquet", ("x.parquet",)), ("xarray", "to_xarray", ()),
+    ("matplotlib", "plot", ()),
+):
+    sys.modules[name] = None
+    try:
+        getattr(results, method)(*arguments)
+    except knee_contact_ros.UsageError as error:
+        print(error)
 """
 
 
-@pytest.mark.parametrize(
-    ("name", "call"),
-    [
-        ("pandas", "to_pandas()"),
-        ("polars", "to_parquet('x.parquet')"),
-        ("xarray", "to_xarray()"),
-        ("matplotlib", "plot()"),
-    ],
-)
-def test_what_is_missing_is_said_in_a_line(name: str, call: str) -> None:
-    code = ABSENT.format(name=name, call=call)
-    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
-    last = said.splitlines()[-1]
-    assert last.startswith(f"{name} is not installed; ")
-    assert "notebook" in last
-
-
-def test_columns_are_numbers_of_their_own(results: Results) -> None:
-    numbers = columns(results)
-    numbers["load"][:] = 0.0
-    assert results.load.min() > 0.0
-    assert all(column.flags.c_contiguous and column.ndim == 1 for column in numbers.values())
+def test_what_is_missing_is_said_in_a_line() -> None:
+    said = subprocess.run([sys.executable, "-c", ABSENT], capture_output=True, text=True, check=True).stdout
+    names = ("pandas", "polars", "xarray", "matplotlib")
+    for line, name in zip(said.splitlines(), names, strict=True):
+        assert line.startswith(f"{name} is not installed; ")
+        assert "notebook" in line
 
 
 def test_parts_of_results_know_what_is_read_off_them(results: Results) -> None:

@@ -10,7 +10,6 @@ import sys
 import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
-from ipaddress import ip_address
 from pathlib import Path
 
 import numpy as np
@@ -20,10 +19,11 @@ import pytest
 pytest.importorskip("rerun", reason="needs the extra viewer")
 from rerun.experimental import ViewerClient
 
+from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, change_record, provenance_record
 from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.files import curve_texts, load_parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.topics import MESSAGE_TYPES, Ending
 from knee_contact_ros.system.processes import free_port
@@ -33,109 +33,97 @@ from knee_contact_ros.view.output import Serving, open_output
 from tests.helpers.messages import raw_inputs
 from tests.helpers.processes import has_ended
 from tests.helpers.viewer import rendered, wait_for
-from tests.view.scenes import column, entities, lists
+from tests.view.scenes import column, entities, lists, told
 
-PLOTS = (*KNEE, *DETAILS)
-TOPICS = {f"/{topic}": name for topic, name in MESSAGE_TYPES.items()}
+RECORDED = [plot for plot in (*KNEE, *DETAILS) if not plot.live]
+ANSWERS = MESSAGE_TYPES["knee_contact"]
+
+
+def answers_of(stream: ContactStream, bag: Path) -> Iterator[object]:
+    for topic, _, message in raw_inputs(bag):
+        yield from (stream.joint_state if topic == "/joint_states" else stream.force)(message)
 
 
 def test_a_recording_looks_as_it_did_live(osteoarthritic: Path, config: Path, right_bag: Path, tmp_path: Path) -> None:
-    pipeline = ContactStream(
-        load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"]), compiled=False
-    )
-    live = open_output(tmp_path / "live.rrd", Serving(0, False), [drawing_of(pipeline.model, "knee", 737.068)])
-    for topic, _, message in raw_inputs(right_bag):
-        feed = pipeline.joint_state if topic == "/joint_states" else pipeline.force
-        for answer in feed(message):
-            live.write([answer.row])
+    stream = ContactStream(load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"]), compiled=False)
+    now, then = tmp_path / "live.rrd", tmp_path / "later.rrd"
+    live = open_output(now, Serving(0, False), [drawing_of(stream.model, "knee", 737.068)])
+    for answer in answers_of(stream, right_bag):
+        live.write([answer.row])
     live.finish(Ending((), {}))
-    assert main(["view", str(osteoarthritic), "--save", str(tmp_path / "later.rrd")]) == 0
-    seen, later = entities(tmp_path / "live.rrd"), entities(tmp_path / "later.rrd")
+    assert main(["view", str(osteoarthritic), "--save", str(then)]) == 0
+    seen = entities(now)
     assert seen.pop("/knee/curves/latency")
-    assert seen == later
+    assert seen == entities(then)
     for entity, components in seen.items():
         for component in components:
-            now, then = (lists(tmp_path / f"{name}.rrd", entity, component) for name in ("live", "later"))
-            assert now == then, (entity, component)
+            assert lists(now, entity, component) == lists(then, entity, component), (entity, component)
 
 
 def test_bags_are_computed_and_knees_stand_side_by_side(osteoarthritic: Path, right_bag: Path, tmp_path: Path) -> None:
-    path = tmp_path / "out.rrd"
-    bag = right_bag.with_name("gait2354_left")
+    path, bag = tmp_path / "out.rrd", right_bag.with_name("gait2354_left")
     assert main(["view", str(bag), str(osteoarthritic), "-p", "femur.radius:=0.03", "--save", str(path)]) == 0
     for knee in ("gait2354_left", "osteoarthritic"):
-        for plot in PLOTS:
-            if not plot.live and (plot.path != CONTACT_POINT or knee == "osteoarthritic"):  # that of a circle is still
-                rows = column(path, f"/{knee}/curves/{plot.path}", "Scalars:scalars")
-                assert rows.shape == (387, len(plot.series))
+        for plot in RECORDED:
+            if plot.path != CONTACT_POINT or knee == "osteoarthritic":  # that of a circle is still
+                assert column(path, f"/{knee}/curves/{plot.path}").shape == (387, len(plot.series))
     assert [file.name for file in tmp_path.iterdir()] == ["out.rrd"]
 
 
 def test_a_recording_from_before_sliding_and_force_error(old_recording: Path, tmp_path: Path) -> None:
     path = tmp_path / "out.rrd"
     assert main(["view", str(old_recording), "--save", str(path)]) == 0
-    curves = {
-        plot.path: column(path, f"/knee/curves/{plot.path}", "Scalars:scalars")
-        for plot in PLOTS
-        if not plot.live and plot.path != CONTACT_POINT  # that of a circle is still
-    }
-    assert {values.shape[0] for values in curves.values()} == {387}
     later = {"sliding_velocity": [0], "force": [0, 1], "error": [0]}
-    for name, values in curves.items():
-        assert np.flatnonzero(np.isnan(values).all(axis=0)).tolist() == later.get(name, []), name
+    for plot in RECORDED:
+        if plot.path != CONTACT_POINT:
+            values = column(path, f"/knee/curves/{plot.path}")
+            assert len(values) == 387
+            assert np.flatnonzero(np.isnan(values).all(axis=0)).tolist() == later.get(plot.path, []), plot.path
 
 
-def foreign(path: Path, osteoarthritic: Path, topics: list[str]) -> Path:
-    """What another recorder has of our answers under some names."""
-    with BagWriter(path) as bag, BagReader(osteoarthritic, {"/knee_contact": TOPICS["/knee_contact"]}) as reader:
-        for topic in topics:
-            bag.add_topic(topic, TOPICS["/knee_contact"])
-        for message in reader.raw_messages():
+@pytest.mark.parametrize(
+    ("files", "topics", "roots"),
+    [
+        (["both"], ["/left/knee_contact", "/right/knee_contact"], {"left", "right"}),
+        (["one", "two"], ["/left/knee_contact"], {"left_1", "left_2"}),  # each file has this one
+    ],
+)
+def test_namespaces_are_knees(
+    osteoarthritic: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], files: list[str], topics: list[str],
+    roots: set[str],
+) -> None:  # fmt: skip
+    """In what another recorder has of our answers under some names."""
+    paths = [tmp_path / f"{name}.mcap" for name in files]
+    for path in paths:
+        with BagWriter(path) as bag, BagReader(osteoarthritic, {"/knee_contact": ANSWERS}) as reader:
             for topic in topics:
-                bag.write(topic, message.log_time, message.data)
-    return path
+                bag.add_topic(topic, ANSWERS)
+            for message in reader.raw_messages():
+                for topic in topics:
+                    bag.write(topic, message.log_time, message.data)
+    arguments = ["--params", "osteoarthritis.yaml", "--save", str(tmp_path / "out.rrd")]
+    assert main(["view", *map(str, paths), *arguments]) == 0
+    assert {entity.split("/")[1] for entity in entities(tmp_path / "out.rrd")} == roots
+    assert f"{files[0]}.mcap does not tell its parameters: drawn with those of --params" in capsys.readouterr().err
 
 
-def test_namespaces_are_knees(osteoarthritic: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    both = foreign(tmp_path / "both.mcap", osteoarthritic, ["/left/knee_contact", "/right/knee_contact"])
-    assert main(["view", str(both), "--params", "osteoarthritis.yaml", "--save", str(tmp_path / "out.rrd")]) == 0
-    roots = {entity.split("/")[1] for entity in entities(tmp_path / "out.rrd")}
-    assert roots == {"left", "right"}
-    assert "both.mcap does not tell its parameters: drawn with those of --params" in capsys.readouterr().err
-
-
-def test_one_namespace_twice_gets_two_names(osteoarthritic: Path, tmp_path: Path) -> None:
-    one = foreign(tmp_path / "one.mcap", osteoarthritic, ["/left/knee_contact"])
-    two = foreign(tmp_path / "two.mcap", osteoarthritic, ["/left/knee_contact"])
-    assert main(["view", str(one), str(two), "--save", str(tmp_path / "out.rrd")]) == 0
-    roots = {entity.split("/")[1] for entity in entities(tmp_path / "out.rrd")}
-    assert roots == {"left_1", "left_2"}
-
-
-def test_what_happened_to_the_node_is_seen_where_it_happened(
-    osteoarthritic: Path, right_bag: Path, config: Path, tmp_path: Path
-) -> None:
+def test_what_happened_to_the_node_is_seen_where_it_happened(right_bag: Path, config: Path, tmp_path: Path) -> None:
     """With the line where bone begins."""
-    from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, change_record, provenance_record
-    from knee_contact_ros.parameters.files import curve_texts
-
     parameters = load_parameters([config / "osteoarthritis.yaml"])
-    pipeline = ContactStream(parameters, compiled=False)
+    stream = ContactStream(parameters, compiled=False)
     with BagWriter(tmp_path / "out.mcap") as bag:
         writer = AnswerWriter(bag, provenance_record(parameters, curve_texts(parameters, {})))
-        for topic, _, message in raw_inputs(right_bag):
-            feed = pipeline.joint_state if topic == "/joint_states" else pipeline.force
-            for answer in feed(message):
-                writer.write(answer.records)
-                if pipeline.ticks == 100:
-                    writer.note(PARAMETERS_CHANGED, change_record(100, {"contact.layer_depth": 0.6e-3}))
-                if pipeline.ticks == 200:
-                    writer.note(RESET, {"tick": "200"})
-        writer.finish(pipeline.ending())
-    assert main(["view", str(tmp_path / "out.mcap"), "--save", str(tmp_path / "out.rrd")]) == 0
-    told = {text[0] for _, text in lists(tmp_path / "out.rrd", "/knee/events", "TextLog:text")}
-    assert {"1.025 s  parameters changed: contact.layer_depth = 0.0006", "1.525 s  reset"} <= told
-    line = lists(tmp_path / "out.rrd", "/knee/curves/layer", "Scalars:scalars")
+        for answer in answers_of(stream, right_bag):
+            writer.write(answer.records)
+            if stream.ticks == 100:
+                writer.note(PARAMETERS_CHANGED, change_record(100, {"contact.layer_depth": 0.6e-3}))
+            if stream.ticks == 200:
+                writer.note(RESET, {"tick": "200"})
+        writer.finish(stream.ending())
+    path = tmp_path / "out.rrd"
+    assert main(["view", str(tmp_path / "out.mcap"), "--save", str(path)]) == 0
+    assert {"1.025 s  parameters changed: contact.layer_depth = 0.0006", "1.525 s  reset"} <= set(told(path))
+    line = lists(path, "/knee/curves/layer", "Scalars:scalars")
     assert min(stamp for stamp, value in line if value[0] > 0.55) == 1_030_000_000
 
 
@@ -247,7 +235,7 @@ def test_a_window_opens_and_a_signal_closes_it(osteoarthritic: Path, hidden_scre
         def newest() -> int:
             listening = [one.laddr for one in viewer.net_connections("tcp") if one.status == psutil.CONN_LISTEN]
             with suppress(IndexError, RuntimeError, ConnectionError, ValueError):
-                assert all(ip_address(place.ip).is_loopback for place in listening)
+                assert all(place.ip == "127.0.0.1" for place in listening)
                 state = ViewerClient.connect(f"rerun+http://{listening[0].ip}:{listening[0].port}/proxy").get_state()
                 return max((line.end for recording in state.recordings for line in recording.timelines), default=0)
             return 0

@@ -58,8 +58,9 @@ UNCERTAINTY_COLUMNS = ("run", "input", "standard_deviation", "depth_at_largest_l
                        "depth_rms_um", "force_rms_N")  # fmt: skip
 CYCLE_ROWS = (
     ("cycle [s]", "duration_s", ".3f"), ("stance [% of the cycle]", "stance_percent", ".1f"),
-    ("largest contact force [BW]", "largest_contact_force_N", ".2f"), ("… at [% of the cycle]", "force_at", ".1f"),
-    ("largest depth [mm]", "largest_penetration_depth_mm", ".3f"), ("… at [% of the cycle]", "depth_at", ".1f"),
+    ("largest contact force [BW]", "largest_contact_force_N", ".2f"),
+    ("… at [% of the cycle]", "force_at_percent", ".1f"),
+    ("largest depth [mm]", "largest_penetration_depth_mm", ".3f"), ("… at [% of the cycle]", "depth_at_percent", ".1f"),
     ("impulse of stance [BW s]", "stance_impulse_N_s", ".3f"), ("impulse of stance [N s]", "stance_impulse_N_s", ".1f"),
     ("impulse of the cycle [BW s]", "impulse_N_s", ".3f"), ("impulse of the cycle [N s]", "impulse_N_s", ".1f"),
     ("loading rate [BW/s]", "loading_rate_N_per_s", ".1f"),
@@ -67,7 +68,7 @@ CYCLE_ROWS = (
     ("largest mean pressure [MPa]", "largest_mean_pressure_MPa", ".2f"),
     ("largest peak pressure [MPa]", "largest_peak_pressure_MPa", ".2f"),
     ("largest nominal strain [%]", "largest_cartilage_strain_percent", ".1f"),
-    ("bone contact [s]", "bone_contact_s", ".3f"), ("bone contact [% of the cycle]", "bone_percent", ".1f"),
+    ("bone contact [s]", "bone_contact_s", ".3f"), ("bone contact [% of the cycle]", "bone_contact_percent", ".1f"),
     ("lifted off [s]", "lifted_off_s", ".3f"), ("sliding distance [mm]", "sliding_distance_mm", ".1f"),
     ("largest sliding velocity [mm/s]", "largest_sliding_velocity_mm_per_s", ".0f"),
 )  # fmt: skip
@@ -151,7 +152,7 @@ def page(found: Sequence[Run], drawn: Mapping[str, Sequence[figures.Figure]]) ->
         first=first_table(found),
         differences=what_differs(found),
         knee_figures=drawn["knees"],
-        overview=_side_by_side([summary(run) for run in found], found),
+        overview=_side_by_side([list(summary(run).items()) for run in found], found),
         cycles=_side_by_side([cycle_summary(run) for run in cyclic], cyclic),
         cycle_figures=drawn["cycle"],
         still=bool(cyclic) and not figures.moves(cyclic),
@@ -236,17 +237,14 @@ def peak_table(run: Run) -> Table:
     return Table(head, rows, note)
 
 
-def cycle_summary(run: Run) -> dict[str, str]:
-    """Mean and spread of the characteristic values of a run's cycles, by the names of the table's rows."""
-    weight, cells = run.parameters.body_weight, {"cycles": str(len(run.gathered.cycles))}
-    for number, (name, key, digits) in enumerate(CYCLE_ROWS):
-        values = []
-        for cycle in run.gathered.cycles if figures.has_bone(run) or not name.startswith("bone") else ():
-            more = {"force_at": cycle.force_at, "depth_at": cycle.depth_at}
-            more["bone_percent"] = 100.0 * cycle.numbers["bone_contact_s"] / cycle.span.duration
-            values.append((cycle.numbers | more)[key] / (weight if "[BW" in name else 1.0))
-        cells[f"{name}{' ' * number if name.startswith('…') else ''}"] = _spread(values, digits)
-    return cells
+def cycle_summary(run: Run) -> list[tuple[str, str]]:
+    """Names of the rows of the table of cycles, with mean and spread of the characteristic values."""
+    weight, rows = run.parameters.body_weight, [("cycles", str(len(run.gathered.cycles)))]
+    for name, key, digits in CYCLE_ROWS:
+        cycles = run.gathered.cycles if figures.has_bone(run) or not name.startswith("bone") else ()
+        values = [cycle.numbers[key] / (weight if "[BW" in name else 1.0) for cycle in cycles]
+        rows.append((name, _spread(values, digits)))
+    return rows
 
 
 def summary(run: Run) -> dict[str, str]:
@@ -375,7 +373,7 @@ def tables(found: Sequence[Run]) -> dict[str, str]:
             for run in found for peak in run.gathered.peaks
         )),
         "strides.csv": _csv(STRIDE_COLUMNS, (
-            (run.label, number, _seconds(cycle.span.start), *cycle.numbers.values())
+            (run.label, number, _seconds(cycle.span.start), *(cycle.numbers[name] for name in runs.NUMBERS))
             for run in found for number, cycle in enumerate(run.gathered.cycles, start=1)
         )),
     }  # fmt: skip
@@ -429,9 +427,9 @@ def _seconds(stamp: int) -> str:
     return f"{stamp // NANOSECONDS}.{stamp % NANOSECONDS:09d}"
 
 
-def _side_by_side(columns: Sequence[Mapping[str, str]], found: Sequence[Run]) -> Table:
-    """Make a table with a row for each quantity, and a column for each run."""
-    rows = [(name.strip(), *(column[name] for column in columns)) for name in (columns[0] if columns else ())]
+def _side_by_side(columns: Sequence[Sequence[tuple[str, str]]], found: Sequence[Run]) -> Table:
+    """Make a table with a row for each quantity (name and text), and a column for each run."""
+    rows = [(several[0][0], *(text for _, text in several)) for several in zip(*columns, strict=True)]
     return Table(("", *(run.label for run in found)), rows)
 
 

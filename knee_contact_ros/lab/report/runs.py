@@ -62,6 +62,8 @@ NUMBERS = (
     "largest_mean_pressure_MPa", "largest_peak_pressure_MPa", "largest_cartilage_strain_percent",
 )  # fmt: skip
 """Names of a cycle's characteristic values in strides.csv, with their units"""
+FOR_PAGE = ("force_at_percent", "depth_at_percent", "bone_contact_percent")
+"""Names of those that the page alone has: percent of the cycle"""
 FIRST, SECOND = "first", "second"
 RISE_TIME = 0.02
 """Duration [s] over which the loading rate is taken"""
@@ -130,11 +132,7 @@ class Cycle(NamedTuple):
     curves: Floats
     """Values of `CURVES` at every percent, in SI units, shape (101, `CURVES`)"""
     numbers: dict[str, float]
-    """Characteristic values by `NUMBERS`; NaN: not known"""
-    force_at: float
-    """Percent of the cycle at which the contact force is largest"""
-    depth_at: float
-    """Percent of the cycle at which the depth is largest"""
+    """Characteristic values by `NUMBERS` and `FOR_PAGE`; NaN: not known"""
 
 
 class Gathered:
@@ -252,16 +250,16 @@ def _cycle(columns: Mapping[str, NDArray[Any]], ticks: slice, span: Span) -> Cyc
     stance_force, state = stance[:, CURVES.index("contact_force")], cycle[:, -1]
     steps = np.diff(time)
     most = dict(zip(CURVES, cycle[:, :-1].max(axis=0).tolist(), strict=True))
-    touching = state != ContactState.SEPARATED
+    touching, bone = state != ContactState.SEPARATED, float(steps[state[1:] == ContactState.BONE].sum())
     numbers = (
         span.duration, span.stance, MM * sliding_distance(time, sliding, state),
         MM * float(np.abs(sliding[touching]).max(initial=0.0)), most["contact_force"], MM * most["penetration_depth"],
         integral(time, force), integral(stance_time, stance_force), _loading_rate(stance_time, stance_force),
-        float(steps[state[1:] == ContactState.BONE].sum()), float(steps[~touching[1:]].sum()), MM * most["half_width"],
+        bone, float(steps[~touching[1:]].sum()), MM * most["half_width"],
         MEGA * most["mean_pressure"], MEGA * most["peak_pressure"], 100.0 * most["strain"],
+        *(100.0 * float(part) / span.duration for part in (time[force.argmax()], time[depth.argmax()], bone)),
     )  # fmt: skip
-    force_at, depth_at = (100.0 * float(time[int(each.argmax())]) / span.duration for each in (force, depth))
-    return Cycle(span, curves, dict(zip(NUMBERS, numbers, strict=True)), force_at, depth_at)
+    return Cycle(span, curves, dict(zip(NUMBERS + FOR_PAGE, numbers, strict=True)))
 
 
 def _loading_rate(time: Floats, force: Floats) -> float:
