@@ -23,12 +23,11 @@ from knee_contact_ros.joint_reaction.leg import (
     Motion,
     MotionFilter,
     NetMoments,
-    Turning,
     leg_of,
     net_moments,
 )
 from tests.joint_reaction.examples import EPOCH, LEG, MS, STANDING_STILL, angles, ground, motion, walking
-from tests.joint_reaction.lagrange import GRAVITY, Chain, Holds, derivative, place, velocity
+from tests.joint_reaction.lagrange import Chain, Holds, derivative, place, velocity
 
 AIR = Ground((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 ROUNDINGS = 1e-10
@@ -122,19 +121,6 @@ def test_a_force_that_passes_behind_the_knee_asks_for_extension(draw: Random, ah
     found = still(joints, Ground((0.0, 800.0, 0.0), (0.0, 0.0, 800.0 * arm)), weightless)
     expected = (-800.0 * ahead, 800.0 * arm, 800.0 * math.cos(shank))
     assert found[:3] == pytest.approx(expected, abs=FEW)
-
-
-def test_a_shank_speeds_up_by_its_inertia_and_pulls_as_it_swings() -> None:
-    """Hanging, with the foot as one body: inertia by Steiner's theorem."""
-    kicked, swinging = (Motion(Turning(*one), STANDING, STANDING) for one in ((0.0, -50.0), (-6.0, 0.0)))
-    arm = math.hypot(LEG.foot_forward, LEG.shank_length + LEG.foot_below)
-    inertia = LEG.shank_inertia + LEG.shank_mass * LEG.shank_centre**2 + LEG.foot_inertia + LEG.foot_mass * arm**2
-    pulls = LEG.shank_mass * LEG.shank_centre + LEG.foot_mass * (LEG.shank_length + LEG.foot_below)
-    hanging = still(Joints(0.0, 0.0, 0.0), AIR)
-    assert hanging.compression == pytest.approx(-(LEG.shank_mass + LEG.foot_mass) * GRAVITY, abs=FEW)
-    kicks, swings = (net_moments(LEG, Joints(0.0, 0.0, 0.0), moving, AIR) for moving in (kicked, swinging))
-    assert kicks.extension - hanging.extension == pytest.approx(50.0 * inertia, abs=FEW)
-    assert swings.compression - hanging.compression == pytest.approx(-36.0 * pulls, abs=FEW)
 
 
 @given(draw=draws)

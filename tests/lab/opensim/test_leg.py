@@ -124,8 +124,7 @@ def test_loads_that_cannot_be_are_refused(data: Path, force: str, says: str) -> 
 
 
 @pytest.mark.parametrize(
-    "noise",
-    [{}, {"vy": np.where(STANDS, 700.0 - 100.0 * PLATE_TIME, 9.9), "px": np.where(STANDS, 0.5, 40.0)}],
+    "noise", [{}, {"vy": np.where(STANDS, 700.0 - 100.0 * PLATE_TIME, 9.9), "px": np.where(STANDS, 0.5, 40.0)}]
 )
 def test_the_torque_is_about_the_ankle_and_nothing_acts_in_the_air(
     tmp_path: Path, noise: dict[str, np.ndarray]
