@@ -5,11 +5,9 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
-from dataclasses import replace as replaced
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from rich import box
@@ -36,8 +34,7 @@ SHARE = 0.5
 """Share of the axial load that a compartment has by default (`load.share`)"""
 
 
-@dataclass(frozen=True)
-class Files:
+class Files(NamedTuple):
     """Files to read."""
 
     kinematics: Path
@@ -109,7 +106,7 @@ def import_run(
         files = Files(run.kinematics, run.reactions, run.speeds, run.model)
         if ground is not None:
             loads = Path(ground) if ground else run.folder / run.muscles.text(LOADS)
-            files = replaced(files, ground=loads, ground_data=legs.data_file(loads, None if ground else run.folder))
+            files = files._replace(ground=loads, ground_data=legs.data_file(loads, None if ground else run.folder))
         more = {
             "source": f"OpenSim {version('opensim')}",
             "steps": "\n".join(f"{setup.step}: {setup.path.name} {digest(setup.path)}" for setup in run.setups),
@@ -149,10 +146,10 @@ def store(files: Files, settings: Settings, bags: Mapping[str, Path], work: Path
     """Read the knees, write their bags by way of the folder `work`, and print summaries; `more` goes to the record."""
     knees = {side: read_knee(side, files, settings, work) for side in bags}
     for side, (gait, weight) in knees.items():
-        given = {name: path for name, path in asdict(files).items() if path is not None}
+        given = {name: path for name, path in files._asdict().items() if path is not None}
         origin = gait_bag.origin_of("OpenSim results", side, given)
         origin |= {f"column of {what}": name for what, name in gait.columns.items()}
-        origin |= {"conversions": "\n".join(gait.notes), "settings": json.dumps(asdict(settings))}
+        origin |= {"conversions": "\n".join(gait.notes), "settings": json.dumps(settings._asdict())}
         origin |= gait_bag.QUANTITIES | (gait_bag.LEG_QUANTITIES if gait.ground else {})
         origin |= ({"body_weight": f"{weight:.3f} N"} if weight else {}) | more
         gait_bag.write_bag(gait, work / bags[side].name, origin)

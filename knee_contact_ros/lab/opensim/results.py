@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable
-from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
@@ -33,8 +32,7 @@ POINT = ("px", "py", "pz")
 HOW = "in the JointReaction set-up: apply_on_bodies child, express_in_frame child"
 
 
-@dataclass(frozen=True)
-class Settings:
+class Settings(NamedTuple):
     """Settings of the import."""
 
     joint: str | None = None
