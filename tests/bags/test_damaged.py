@@ -27,14 +27,6 @@ def damage_of(bag: Path) -> list[str]:
         return list(reader.damage)
 
 
-def test_whole_bags_are_read_the_ordinary_way(tmp_path: Path, right_bag: Path) -> None:
-    sqlite(tmp_path / "sqlite")
-    split(tmp_path / "split")
-    assert [damage_of(bag) for bag in (right_bag, tmp_path / "sqlite", tmp_path / "split")] == [[], [], []]
-    for bag in (tmp_path / "sqlite", tmp_path / "split"):
-        assert [tuple(message) for message in raw_inputs(bag)] == list(messages())
-
-
 def test_answers_behind_a_hole_say_so(tmp_path: Path) -> None:
     bag = tmp_path / "bag.mcap"
     mcap(bag, CompressionType.NONE)
@@ -130,14 +122,6 @@ def test_metadata_that_does_not_fit_takes_nothing_away(tmp_path: Path, old: str,
     metadata.write_text(text.replace(old, new, 1))
     assert [tuple(message) for message in raw_inputs(tmp_path / "bag")] == list(messages())
     assert said in " ".join(damage_of(tmp_path / "bag"))
-
-
-def test_a_truncated_sqlite3_bag_is_refused(tmp_path: Path) -> None:
-    sqlite(tmp_path / "bag")
-    database = tmp_path / "bag" / "bag.db3"
-    database.write_bytes(database.read_bytes()[: database.stat().st_size * 3 // 4])
-    with pytest.raises(UsageError, match=r"is no sqlite3 bag, or a damaged one .* `\.recover`"):
-        BagReader(tmp_path / "bag")
 
 
 def test_of_several_sqlite3_files_one_may_be_broken(tmp_path: Path) -> None:

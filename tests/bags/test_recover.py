@@ -233,31 +233,31 @@ def test_a_recording_from_before_later_fields_keeps_its_definition(old_recording
     assert same(whole[: len(part)], part)
 
 
-def put(index: int, offset: int, data: bytes) -> Damage:
-    """Write over something in a chunk, whose data begin behind byte 48."""
+Damage = Callable[[bytearray, list[int], int], object]
+"""Change of a file whose chunks, and whose summary, begin at these offsets; the data of a chunk begin behind byte 48"""
+
+
+def put(begin: int, data: bytes, chunk: int | None = None) -> Damage:
+    """Write over bytes of a chunk, or, from the end on if `begin` is negative, of the file."""
 
     def damage(content: bytearray, chunks: list[int], _summary: int) -> None:
-        begin = chunks[index] + offset
-        content[begin : begin + len(data)] = data
+        first = begin + (chunks[chunk] if chunk is not None else len(content) if begin < 0 else 0)
+        content[first : first + len(data)] = data[: len(content) - first]
 
     return damage
 
 
-def put_end(offset: int, data: bytes) -> Damage:
-    """Write over something at the end of the file, or, for an offset from 0 on, in its summary."""
-
-    def damage(content: bytearray, _chunks: list[int], summary: int) -> None:
-        begin = (summary if offset >= 0 else len(content)) + offset
-        content[begin : begin + len(data)] = data
-
-    return damage
+def deleted(chunk: int, begin: int, length: int) -> Damage:
+    return lambda content, chunks, _: content.__delitem__(slice(chunks[chunk] + begin, chunks[chunk] + begin + length))
 
 
-def over(index: int) -> Damage:
-    """Have a chunk claim to be as long as the next two together."""
-    return lambda content, chunks, _: put(index, 1, (chunks[index + 2] - chunks[index] - 9).to_bytes(8, "little"))(
-        content, chunks, 0
-    )
+def inserted(data: Callable[[bytearray, list[int]], bytes]) -> Damage:
+    return lambda content, chunks, _: content.__setitem__(slice(chunks[2], chunks[2]), data(content, chunks))
+
+
+def of_length(length: Callable[[list[int]], int]) -> Damage:
+    """Have the second chunk claim another length."""
+    return lambda content, chunks, summary: put(1, length(chunks).to_bytes(8, "little"), 1)(content, chunks, summary)
 
 
 def wrong_index(content: bytearray, chunks: list[int], summary: int) -> None:
@@ -266,41 +266,42 @@ def wrong_index(content: bytearray, chunks: list[int], summary: int) -> None:
     content[begin : begin + 8] = b"\x55" * 8
 
 
-Damage = Callable[[bytearray, list[int], int], object]
-"""Change of a file with chunks and a summary at these offsets"""
-DAMAGES: dict[str, tuple[Damage, bool]] = {
-    "opcode of the first chunk": (put(0, 0, b"\x21"), True),
-    "opcode of a message": (put(2, 0, b"\x05"), True),
-    "opcode of a message index": (put(2, 0, b"\x07"), True),
-    "private opcode": (put(2, 0, b"\x86"), True),
-    "length": (put(2, 1, b"\x77\x77"), True),
-    "length beyond all memory": (put(2, 1, b"\xff" * 8), True),
-    "length over other chunks": (over(1), True),
-    "times of a chunk": (put(2, 9, b"\x55" * 16), True),
-    "size of a chunk": (put(2, 25, b"\x55\x55"), True),
-    "name of the compression": (put(2, 41, b"U"), True),
-    "length of that name": (put(2, 37, b"\x55\x55"), True),
-    "checksum": (put(2, 33, b"\x55" * 4), False),
-    "data": (put(2, 200, b"\x55" * 4), False),
-    "message index": (lambda content, chunks, _: put(3, -60, b"\x55" * 40)(content, chunks, 0), True),
-    "zeros over two chunks' border": (put(2, -300, bytes(400)), False),
-    "place in the index": (wrong_index, True),
-    "summary": (put_end(0, b"\x55" * 60), True),
-    "footer": (put_end(-30, b"\x55" * 10), True),
-    "magic at the end": (put_end(-8, b"\x55" * 8), True),
-    "magic at the beginning": (lambda content, _, __: content.__setitem__(slice(8), b"\x55" * 8), True),
-    "header": (lambda content, _, __: content.__setitem__(slice(8, 17), b"\x55" * 9), True),
-    "cut in a chunk": (lambda content, chunks, _: content.__delitem__(slice(chunks[3] + 300, None)), False),
-    "cut in the summary": (lambda content, _, summary: content.__delitem__(slice(summary + 30, None)), True),
-    "zeros at the end": (lambda content, chunks, _: put(3, 300, bytes(len(content)))(content, chunks, 0), False),
-    "bytes deleted": (lambda content, chunks, _: content.__delitem__(slice(chunks[1] - 30, chunks[1] + 50)), False),
-    "bytes inserted": (lambda content, chunks, _: content.__setitem__(slice(chunks[2], chunks[2]), b"\x11" * 77), True),
-    "a chunk twice": (
-        lambda content, chunks, _: content.__setitem__(slice(chunks[2], chunks[2]), content[chunks[2] : chunks[3]]),
-        True,
-    ),
+U = b"\x55"
+HEAD_LIES = "is damaged; the index tells what it was"
+NO_RECORDS, SUMMARY = "on are no records", "the summary does not fit its checksum or its place"
+DAMAGES: dict[str, tuple[Damage, bool, str]] = {
+    "opcode of the first chunk": (put(0, b"\x21", 0), True, HEAD_LIES),
+    "opcode of a message": (put(0, b"\x05", 2), True, HEAD_LIES),
+    "opcode of a message index": (put(0, b"\x07", 2), True, HEAD_LIES),
+    "private opcode": (put(0, b"\x86", 2), True, HEAD_LIES),
+    "length": (of_length(lambda chunks: chunks[2] - chunks[1]), True, HEAD_LIES),
+    "length beyond all memory": (of_length(lambda _: 2**64 - 1), True, HEAD_LIES),
+    "length over other chunks": (of_length(lambda chunks: chunks[3] - chunks[1] - 9), True, HEAD_LIES),
+    "times of a chunk": (put(9, U * 16, 2), True, "the data do not fit their checksum"),
+    "size of a chunk": (put(25, U * 2, 2), True, HEAD_LIES),
+    "name of the compression": (put(41, U, 2), True, HEAD_LIES),
+    "length of that name": (put(37, U * 2, 2), True, HEAD_LIES),
+    "opcode and data": (lambda *file: (put(0, b"\0", 2)(*file), put(200, U * 4, 2)(*file)), False, NO_RECORDS),
+    "checksum": (put(33, U * 4, 2), False, "does not fit its checksum; its"),
+    "data": (put(200, U * 4, 2), False, "the chunk at byte"),
+    "data of the first chunk": (put(100, U * 4, 0), False, "the chunk at byte"),
+    "message index": (put(-60, U * 40, 3), True, "the data do not fit their checksum"),
+    "zeros over two chunks' border": (put(-300, bytes(400), 2), False, "messages are missing"),
+    "place in the index": (wrong_index, True, SUMMARY),
+    "summary": (lambda content, _, summary: put(summary, U * 60)(content, [], 0), True, NO_RECORDS),
+    "footer": (put(-30, U * 10), True, NO_RECORDS),
+    "place of the summary": (put(-28, b"\xff" * 8), True, SUMMARY),
+    "magic at the end": (put(-8, U * 8), True, "the end is missing"),
+    "magic at the beginning": (put(0, U * 8), True, "the data do not fit their checksum"),
+    "header": (put(8, U * 9), True, "the beginning is damaged"),
+    "cut in a chunk": (deleted(3, 300, 10**6), False, "is cut off; "),
+    "cut in the summary": (lambda content, _, summary: content.__delitem__(slice(summary + 30, None)), True, "the end"),
+    "zeros at the end": (put(300, bytes(10**6), 3), False, "the end is missing"),
+    "bytes deleted": (deleted(1, -30, 80), False, NO_RECORDS),
+    "bytes inserted": (inserted(lambda *_: b"\x11" * 77), True, "77 bytes from byte"),
+    "a chunk twice": (inserted(lambda content, chunks: content[chunks[2] : chunks[3]]), True, "statistics do not fit"),
 }
-"""For each damage, whether all messages can be got back"""
+"""For each damage, whether all messages can be got back, and what is said"""
 
 
 def read_by_mcap(path: Path, kind: Callable[[Any], McapReader]) -> Iterator[Row]:
@@ -331,12 +332,13 @@ def test_whatever_is_damaged_as_much_comes_back_as_by_any_other_reader(
     """And nothing that was not written: checksums cover all messages here."""
     path, written = tmp_path / "in.mcap", set(messages())
     mcap(path, compression)
-    content, (damage, whole) = bytearray(path.read_bytes()), DAMAGES[name]
+    content, (damage, whole, words) = bytearray(path.read_bytes()), DAMAGES[name]
     damage(content, [offset for offset, _ in chunks(path)], int.from_bytes(content[-28:-20], "little"))
     path.write_bytes(content)
-    recover(path, tmp_path / "o" / "out.mcap")
+    recovery = recover(path, tmp_path / "o" / "out.mcap")
     found = {tuple(message) for message in raw_inputs(tmp_path / "o" / "out.mcap")}
     ways = (read_by_mcap(path, NonSeekingReader), read_by_mcap(path, make_reader), read_by_rosbags(path))
     for theirs in map(as_far_as_it_goes, ways):
         assert found >= theirs & written
     assert found == written if whole else found < written
+    assert any(words in fault for fault in recovery.faults), recovery.faults

@@ -111,14 +111,6 @@ def test_stamps_that_jump_back_split_no_more_than_those_that_do_not(tmp_path: Pa
     assert [len(stamps_of(tmp_path / name)) // TICK for name in ("knee.mcap", "knee_1.mcap")] == [50, 100]
 
 
-def test_the_same_answers_give_the_same_files(tmp_path: Path) -> None:
-    for folder in ("a", "b"):
-        record(tmp_path / folder / "knee.mcap", range(300), Limits(duration=100 * MS))
-    assert names(tmp_path / "a") == names(tmp_path / "b")
-    for name in names(tmp_path / "a"):
-        assert (tmp_path / "a" / name).read_bytes() == (tmp_path / "b" / name).read_bytes()
-
-
 def test_of_many_files_metadata_are_written_more_seldom(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each time takes 0.25 s of a processor, so 12.5 s pass before the next one; at the end all are named."""
     now, spent, listed = 0.0, 0.0, []
