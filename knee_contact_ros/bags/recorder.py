@@ -20,13 +20,12 @@ from array import array
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from functools import cache
 from pathlib import Path
 from shutil import disk_usage
 from struct import Struct
 from threading import Event, Lock, Thread
-from types import TracebackType
 from typing import Any, NamedTuple
 
 import zstandard
@@ -143,7 +142,8 @@ class BagFile:
         """Statistics of the records so far; log times [ns] are 0 without messages"""
         self.size = self.place = 0
         """`size`: number of bytes written, without the chunk that is being filled; `place`: number of bytes in that"""
-        self._types: dict[str, str] = {}  # message type of each topic
+        self.topics: list[dict[str, Any]] = []
+        """Entries of the topics in `metadata.yaml`"""
         self._schemas: dict[str, int] = {}  # number of each schema by its name
         self._chunk: list[bytes | memoryview] = []  # pieces of the chunk that is being filled
         self._entries: dict[int, array[int]] = {}  # its message index: times and places by channel
@@ -155,13 +155,14 @@ class BagFile:
 
     def add_topic(self, topic: str, type_name: str) -> None:
         """Declare a topic by its absolute name and message type; channels have the order of the declarations."""
-        statistics, self._types[topic] = self.statistics, type_name
+        statistics, type_hash = self.statistics, typestore().hash_rihs01(type_name)
+        self.topics.append(topic_metadata(topic, type_name, "cdr", OFFERED_QOS, type_hash))
         if type_name not in self._schemas:
             statistics.schema_count = self._schemas[type_name] = statistics.schema_count + 1
             schema = records.Schema(statistics.schema_count, definition(type_name), "ros2msg", type_name)
             self._declare(Opcode.SCHEMA, schema)
         statistics.channel_count = self.channels[topic] = statistics.channel_count + 1
-        metadata = {"offered_qos_profiles": offered_qos(), "topic_type_hash": typestore().hash_rihs01(type_name)}
+        metadata = {"offered_qos_profiles": offered_qos(), "topic_type_hash": type_hash}
         channel = records.Channel(statistics.channel_count, topic, "cdr", metadata, self._schemas[type_name])
         self._declare(Opcode.CHANNEL, channel)
 
@@ -238,7 +239,7 @@ class BagFile:
 
     def complete(self) -> None:
         """Write the metadata of rosbag2 and the end of the file, and sync it to the disk."""
-        self.add_metadata(ROSBAG2, {"serialized_metadata": to_yaml(information([self.facts()], self._types))})
+        self.add_metadata(ROSBAG2, {"serialized_metadata": to_yaml(information([self.facts()], self.topics))})
         self._end_chunk()
         self._write(packed(records.DataEnd(self._checksum)))
         self._summary[Opcode.STATISTICS] += packed(self.statistics)
@@ -360,7 +361,6 @@ class BagWriter:
         Raises:
             UsageError: The file cannot be written; see `claim` and `open_claimed`.
         """
-        self._types: dict[str, str] = {}  # message type of each topic
         self._limits, self._alone, self._compressed = limits, alone, compressed
         self._names = output_files.all_names(path) if next_free_name else output_files.later_names(path)
         claimed = (
@@ -379,8 +379,7 @@ class BagWriter:
 
     def add_topic(self, topic: str, type_name: str) -> None:
         """Declare a topic by its absolute name and message type; channels have the order of the declarations."""
-        if topic not in self._types:
-            self._types[topic] = type_name
+        if topic not in self.file.channels:
             self.file.add_topic(topic, type_name)
 
     def add_metadata(self, name: str, values: dict[str, str]) -> None:
@@ -404,10 +403,10 @@ class BagWriter:
         if span < limits.duration and self.file.size < limits.size:
             return
         self.file.flush()
-        earlier = {topic: self.file.next_number(topic) for topic in self._types}
+        earlier = {topic: self.file.next_number(topic) for topic in self.file.channels}
         following = BagFile(*output_files.claim_first(self._names), self._compressed, overwrite=False, earlier=earlier)
-        for topic, type_name in self._types.items():
-            following.add_topic(topic, type_name)
+        for topic in self.file.topics:
+            following.add_topic(topic["name"], topic["type"])
         following.add_metadata(CONTINUED, {"first": self.path.name})
         full, self.file = self.file, following
         self._completing.append((full, self._thread.submit(self._complete_file, full)))
@@ -462,7 +461,7 @@ class BagWriter:
             self._list_at = max(self._list_at, time.monotonic() + (time.thread_time() - begun) / LISTING_SHARE)
 
     def _prepare_metadata(self) -> Callable[[], object]:
-        return prepare_metadata(self.path.parent, information(self._complete, self._types))
+        return prepare_metadata(self.path.parent, information(self._complete, self.file.topics))
 
     def _settle(self, wait: bool) -> None:
         """Take the results of the thread for completed files; `wait` for all full files or not.
@@ -476,17 +475,12 @@ class BagWriter:
     def __enter__(self) -> BagWriter:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        closed = False
-        try:
+    def __exit__(self, kind: object, *_: object) -> None:
+        with ExitStack() as failed:
+            failed.callback(self.discard)
             if kind is None:
                 self.close()
-                closed = True
-        finally:
-            if not closed:
-                self.discard()
+                failed.pop_all()
 
 
 class AnswerWriter:
@@ -665,15 +659,6 @@ class FileFacts(NamedTuple):
         }
 
 
-def information(files: Sequence[FileFacts], types: Mapping[str, str]) -> dict[str, Any]:
-    """Content of `metadata.yaml` for a bag of these files; `types` is the message type of each topic."""
-    topics = [
-        topic_metadata(topic, type_name, "cdr", OFFERED_QOS, typestore().hash_rihs01(type_name))
-        for topic, type_name in types.items()
-    ]
-    return with_topics(files, topics)
-
-
 def topic_metadata(topic: str, type_name: str, encoding: str, qos: Any, type_hash: str) -> dict[str, Any]:
     """Entry of a topic in `metadata.yaml`, without its number of messages."""
     return {
@@ -685,7 +670,7 @@ def topic_metadata(topic: str, type_name: str, encoding: str, qos: Any, type_has
     }
 
 
-def with_topics(files: Sequence[FileFacts], topics: Sequence[dict[str, Any]]) -> dict[str, Any]:
+def information(files: Sequence[FileFacts], topics: Sequence[dict[str, Any]]) -> dict[str, Any]:
     """Content of `metadata.yaml` for a bag of these files, with the given entries of its topics (`topic_metadata`)."""
     filled = [file for file in files if file.counts.total()]
     first, last = min((f.first for f in filled), default=0), max((f.last for f in filled), default=0)

@@ -19,10 +19,10 @@ from knee_contact_ros.bags.recorder import (
     METADATA,
     ROSBAG2,
     FileFacts,
+    information,
     prepare_metadata,
     to_yaml,
     topic_metadata,
-    with_topics,
 )  # fmt: skip
 from knee_contact_ros.system.errors import UsageError, in_a_line
 from knee_contact_ros.system.files import BadYamlError, parse_yaml
@@ -216,4 +216,4 @@ def _described(file: McapFile, name: str) -> dict[str, Any] | None:
         type_name, type_hash = schema.name if schema else "", channel.metadata.get("topic_type_hash", "")
         entry = topic_metadata(channel.topic, type_name, channel.message_encoding, qos, type_hash)
         topics.setdefault(channel.topic, entry)
-    return with_topics([FileFacts(name, *(file.times or (0, 0)), counts)], list(topics.values()))
+    return information([FileFacts(name, *(file.times or (0, 0)), counts)], list(topics.values()))

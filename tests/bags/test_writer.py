@@ -277,7 +277,7 @@ def test_two_bags_of_a_folder_may_be_completed_at_the_same_moment(
     puts = []
     for process, name in ((1, "left.mcap"), (2, "right.mcap")):
         monkeypatch.setattr("os.getpid", lambda process=process: process)
-        puts.append(prepare_metadata(tmp_path, information([FileFacts(name, 0, 1, Counter())], {})))
+        puts.append(prepare_metadata(tmp_path, information([FileFacts(name, 0, 1, Counter())], [])))
     for put in puts:
         put()
     assert [path.name for path in tmp_path.iterdir()] == ["metadata.yaml"]
