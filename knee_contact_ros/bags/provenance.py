@@ -12,7 +12,7 @@ import knee_contact_ros.model
 from knee_contact_ros import __version__
 from knee_contact_ros.bags.reader import files_of, is_there, metadata_records
 from knee_contact_ros.bags.recorder import CONTINUED
-from knee_contact_ros.parameters.files import curve_files, flat_parameters, load_parameters, read_curve, stored_texts
+from knee_contact_ros.parameters.files import curve_files, flat_parameters, load_parameters, read_curve
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters
 from knee_contact_ros.streams.output import LOAD_PROVENANCE, PROVENANCE
 from knee_contact_ros.system.errors import UsageError
@@ -64,12 +64,19 @@ class Provenance(NamedTuple):
     """Unreadable parts of the provenance, as sentences"""
 
     def texts(self) -> dict[str, str]:
-        """Contents of the files that the model needs, by the names of the parameters.
+        """Contents of the files that the model needs, by the names of the parameters. No file is opened.
 
         Raises:
             UsageError: The recording does not contain one of them.
         """
-        return stored_texts(self.parameters, self.curves, self.recording)
+        names = curve_files(self.parameters)
+        for by, name in names.items():
+            if by not in self.curves:
+                raise UsageError(
+                    f"{self.recording} does not hold the file that its parameter {by} names ({name}): give your own "
+                    f"with -p {by}:=FILE, or all parameters with --params"
+                )
+        return {by: self.curves[by] for by in names}
 
 
 def provenance_record(

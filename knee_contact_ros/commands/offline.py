@@ -16,7 +16,6 @@ from knee_contact_ros.commands.options import (
     parameter_files_option,
     parameter_values,
 )
-from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 
 
@@ -103,6 +102,7 @@ def estimate_load(
     from knee_contact_ros.bags.reader import names_in_bag, others_beside
     from knee_contact_ros.commands.tables import show_load
     from knee_contact_ros.offline.estimate_load import estimate_load as estimate
+    from knee_contact_ros.parameters.files import load_parameters
     from knee_contact_ros.parameters.schema import LoadParameters
     from knee_contact_ros.streams.topics import LOAD_INPUTS
     from knee_contact_ros.system.errors import in_a_line

@@ -316,29 +316,6 @@ def curve_texts(parameters: Parameters, known: Mapping[str, str]) -> dict[str, s
     return {by: known[by] if by in known else read_curve(by, name) for by, name in curve_files(parameters).items()}
 
 
-def stored_texts(parameters: Parameters, stored: Mapping[str, str], recording: Path | str) -> dict[str, str]:
-    """Contents of the files that the parameters of a recording name, by parameter, as the recording holds them.
-
-    No file is opened.
-
-    Args:
-        parameters: Parameters of the recording.
-        stored: Contents that the recording holds, by parameter.
-        recording: Name of the recording, for errors.
-
-    Raises:
-        UsageError: the recording does not hold one of the files.
-    """
-    names = curve_files(parameters)
-    for by, name in names.items():
-        if by not in stored:
-            raise UsageError(
-                f"{recording} does not hold the file that its parameter {by} names ({name}): give your own "
-                f"with -p {by}:=FILE, or all parameters with --params"
-            )
-    return {by: stored[by] for by in names}
-
-
 def lateral_texts(texts: Mapping[str, str]) -> dict[str, str]:
     """Contents of the lateral compartment's files, under the names of the medial one's parameters.
 

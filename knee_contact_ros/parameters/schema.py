@@ -425,15 +425,14 @@ class Parameters(NodeSection):
     def _problem_of_knee(self) -> str:
         femur, tibia, contact, translation = self.femur, self.tibia, self.contact, self.translation
         material = contact.stiffness_from == "material"
+        bones = (("femur", femur), ("tibia", tibia))
         rules = (
-            (femur.geometry == "profile" and not femur.profile,
-             "femur.profile is empty; femur.geometry profile needs the name of a CSV file"),
-            (tibia.geometry == "profile" and not tibia.profile,
-             "tibia.profile is empty; tibia.geometry profile needs the name of a CSV file"),
-            (femur.geometry != "profile" and femur.scale != 1.0,
-             f"femur.scale: {femur.scale:g} is not allowed; only femur.geometry profile is scaled"),
-            (tibia.geometry != "profile" and tibia.scale != 1.0,
-             f"tibia.scale: {tibia.scale:g} is not allowed; only tibia.geometry profile is scaled"),
+            *((bone.geometry == "profile" and not bone.profile,
+               f"{name}.profile is empty; {name}.geometry profile needs the name of a CSV file")
+              for name, bone in bones),
+            *((bone.geometry != "profile" and bone.scale != 1.0,
+               f"{name}.scale: {bone.scale:g} is not allowed; only {name}.geometry profile is scaled")
+              for name, bone in bones),
             (tibia.geometry != "plane" and tibia.slope != 0.0,
              f"tibia.slope: {tibia.slope:g} is not allowed; only tibia.geometry plane has a slope"),
             (tibia.geometry == "circle" and femur.geometry == "circle" and tibia.radius <= femur.radius,
