@@ -30,13 +30,7 @@ from knee_contact_ros.parameters.schema import (
     limits_of,
 )
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import (
-    find_file,
-    parameter_file,
-    read_mapping,
-    read_regular,
-    shipped_parameter_files,
-)
+from knee_contact_ros.system.files import find_file, parameter_file, read_mapping, read_regular, shipped_parameter_files
 
 ALLOWED = "a parameter file's name, a mapping of parameters, or a list of these"
 LONGEST_VALUE = 80

@@ -9,11 +9,7 @@ from typing import Any
 import pytest
 
 import knee_contact_ros
-from knee_contact_ros.parameters.files import (
-    flat_parameters,
-    load_parameters,
-    variations_of,
-)
+from knee_contact_ros.parameters.files import flat_parameters, load_parameters, variations_of
 from knee_contact_ros.parameters.schema import Parameters, has_both
 from knee_contact_ros.system.errors import UsageError
 
