@@ -24,12 +24,12 @@ from scipy.optimize import lsq_linear
 from knee_contact_ros import __version__
 from knee_contact_ros.joint_reaction.compartments import MeasuredShare, ShareTable
 from knee_contact_ros.joint_reaction.estimator import LEAST_PEAK, MOST_PEAK, STIFF
-from knee_contact_ros.lab.number_table import read_number_table
+from knee_contact_ros.lab.fit_files import read_number_table, write_complete
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_LOAD
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.parameters.files import SHARE_COLUMNS, read_share_table
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.output_files import partial_name, refuse_existing
+from knee_contact_ros.system.output_files import refuse_existing
 from knee_contact_ros.system.terminal import WIDTH, say, shown
 
 TERM = re.compile(r"\s*([+-])?\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)\s*\*?\s*)?([A-Za-z_]\w*)\s*")
@@ -105,11 +105,7 @@ def run_fit_share(
     trials = [read_trial(paths, wanted, weight) for paths, weight in zip(files, weights, strict=True)]
     text = _csv(fit(trials, smoothing), trials, source, smoothing)
     rows = errors(trials, smoothing, read_share_table(output.name, text))  # of the table as it is written
-    try:
-        partial_name(output).write_text(text, encoding="utf-8")
-        partial_name(output).replace(output)
-    except OSError as problem:
-        raise UsageError(f"cannot write {output}: {problem.strerror}") from None
+    write_complete({output: text.encode()})
     _show(trials, rows)
     say(f"Written: {output}")
 

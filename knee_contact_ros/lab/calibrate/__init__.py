@@ -30,6 +30,7 @@ from knee_contact_ros.lab.calibrate.fit import (
     trades,
 )  # fmt: skip
 from knee_contact_ros.lab.calibrate.problem import Data, Free, Problem, Unknown, unknowns_of
+from knee_contact_ros.lab.fit_files import write_complete
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.offline.notebooks import Name, in_python_words
 from knee_contact_ros.parameters.files import load_parameters
@@ -38,7 +39,7 @@ from knee_contact_ros.results import Results
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, LOAD_INPUTS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded
-from knee_contact_ros.system.output_files import partial_name, refuse_existing, refuse_impossible, write_new
+from knee_contact_ros.system.output_files import refuse_existing, refuse_impossible
 from knee_contact_ros.system.terminal import WIDTH, progress, say, shown, warn
 
 UNITS = contact.ANSWERS | {load.AXIAL_FORCE: "N"}
@@ -247,13 +248,7 @@ def run_calibrate(
         refuse_existing(output)
     deviations = dict(map(_deviation, sigma))
     calibration = _calibrated(data, list(params), free, values, deviations, remaps, **options)
-    partial = partial_name(output)
-    try:
-        write_new(partial, parameter_file(calibration, data, params, values).encode())
-        partial.replace(output)
-    except OSError as error:
-        partial.unlink(missing_ok=True)
-        raise UsageError(f"cannot write {output}: {error.strerror}") from None
+    write_complete({output: parameter_file(calibration, data, params, values).encode()})
     _show(calibration)
     say("")
     say(f"Parameters: {output}")

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from knee_contact_ros.lab.calibrate.problem import STEP, Data, Fittable, Problem, Unknown
-from knee_contact_ros.lab.number_table import read_number_table
+from knee_contact_ros.lab.fit_files import read_number_table
 from knee_contact_ros.model.compiler import worth_compiling
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import Floats, Rows, Status, blank

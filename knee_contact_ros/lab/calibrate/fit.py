@@ -1,8 +1,8 @@
 """Find the parameters that fit best, how well the data know them, and what makes the answer doubtful.
 
 **Fit.** SciPy's bounded least squares from several starts, in coordinates (logarithms where a value cannot be 0). The
-noise of a column that is not given is that of its own misfits: fit and noise are computed in turns until both converge,
-which is the most likely choice of both.
+noise of a column that is not given is that of its own misfits: fit and noise are computed alternately until both
+converge, which is the most likely choice of both.
 
 **Losses.** A residual counts by its square, or less where it is large. Each loss ρ is a function of z = (residual /
 noise)², given with its first two derivatives, shape (3, n), as `scipy.optimize.least_squares` takes it. With ψ(r) =
@@ -53,8 +53,8 @@ COARSE, COARSE_TRIES = 1e-6, 30
 REACH = 4.0
 """The largest factor between another start and the first one; where a coordinate is no logarithm, its logarithm is the
 largest difference of the coordinates"""
-TURNS, STEADY, STEPS_STEADY = 30, 1e-3, 0.5
-"""The largest number of turns of fit and noise; the relative change of a noise, and that of the logarithms of the
+ROUNDS, STEADY, STEPS_STEADY = 30, 1e-3, 0.5
+"""The largest number of rounds of fit and noise; the relative change of a noise, and that of the logarithms of the
 difference quotients' steps, at which they end"""
 LEAST_NOISE = 1e-9
 """The least noise of a column, relative to its largest value"""
@@ -235,9 +235,9 @@ class Minimum:
         return whole(result.x)
 
     def settled(self) -> Minimum:
-        """Continue the search in turns with estimates of the noise, until both converge."""
+        """Search and estimate the noise alternately, until both converge."""
         minimum = self
-        for _ in range(TURNS):
+        for _ in range(ROUNDS):
             minimum = replace(minimum, place=minimum.searched(minimum.place))
             problem, misfits, noise = minimum.problem, minimum.problem.misfits(minimum.place), dict(minimum.noise)
             for name in misfits.keys() - self.given:

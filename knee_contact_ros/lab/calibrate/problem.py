@@ -240,10 +240,10 @@ class Problem(ABC):
                 moved = place.copy()
                 moved[index] = min(max(place[index] + step, low[index]), high[index])
                 sides.append((moved[index], self.residuals(moved, noise)))
-            (before, below), (behind, above) = [
+            (first, below), (last, above) = [
                 side if abs(side[1][0]) < FAR else (place[index], self.residuals(place, noise)) for side in sides
             ]
-            columns.append((above - below) / (behind - before) if behind > before else np.zeros_like(above))
+            columns.append((above - below) / (last - first) if last > first else np.zeros_like(above))
         return np.stack(columns, axis=1)
 
     def with_steps_for(self: P, place: Floats, noise: Noise) -> P:

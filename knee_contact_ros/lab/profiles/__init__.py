@@ -7,18 +7,17 @@ from __future__ import annotations
 
 import io
 import math
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from knee_contact_ros.lab.fit_files import write_complete
 from knee_contact_ros.lab.profiles.fit import SLAB, TOLERANCE, Fit, concave, dented, fit
 from knee_contact_ros.lab.profiles.surfaces import Surface, contact_centre, read_surface
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import require
-from knee_contact_ros.system.output_files import partial_name
 
 LABEL = 11
 """Width of the label of a line on the terminal, with the space behind it"""
@@ -72,7 +71,7 @@ def run_fit_profile(
     start = _origin(found, origin)
     profile = csv(found, mesh.name, found.smoothed.points - start)
     contents = (profile.encode(), picture(found, mesh.name), _parameter_file(found, outputs[0]).encode())
-    _write(dict(zip(outputs, contents, strict=True)))
+    write_complete(dict(zip(outputs, contents, strict=True)))
     files = zip(("CSV", "picture", "parameters"), outputs, strict=True)
     return [f"{label:<{LABEL - 1}} {text}" for label, text in (*_report(found, mesh.name, start), *files)]
 
@@ -122,21 +121,6 @@ def _numbers(text: str) -> list[float]:
         return [float(number) * 1e-3 for number in text.split(",")]
     except ValueError:
         return [math.nan]
-
-
-def _write(contents: dict[Path, bytes]) -> None:
-    """Write files so that they appear under their names when all of them are complete."""
-    try:
-        for path, content in contents.items():
-            partial_name(path).write_bytes(content)
-        for path in contents:
-            partial_name(path).replace(path)
-    except OSError as error:
-        raise UsageError(f"cannot write {next(iter(contents)).parent}: {error.strerror}") from None
-    finally:
-        for path in contents:
-            with suppress(OSError):  # the folder may be what cannot be used
-                partial_name(path).unlink()
 
 
 def _report(found: Fit, name: str, origin: Floats) -> list[tuple[str, str]]:
@@ -268,8 +252,8 @@ def _draw_slice(axis: Any, found: Fit) -> None:
         offset = each.part - each.centre
         base = np.arctan2(*offset.mean(axis=0)[::-1])
         angles = (np.arctan2(offset[:, 1], offset[:, 0]) - base + np.pi) % (2.0 * np.pi) - np.pi
-        turn = base + np.linspace(angles.min(), angles.max(), 200)
-        arc = each.centre + abs(each.radius) * np.column_stack([np.cos(turn), np.sin(turn)])
+        angle = base + np.linspace(angles.min(), angles.max(), 200)
+        arc = each.centre + abs(each.radius) * np.column_stack([np.cos(angle), np.sin(angle)])
         axis.plot(*(MM * np.vstack([each.centre, arc, each.centre])).T, color=colour, linewidth=1.0)
         axis.plot(*(MM * each.centre), "o", color=colour, markersize=4.0)
     axis.set_aspect("equal", adjustable="datalim" if found.femur else "box")

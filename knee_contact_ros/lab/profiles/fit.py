@@ -84,7 +84,7 @@ class Chart(NamedTuple):
     """Origin, shape (2,) [m]: centre of a femur's circle, middle of a tibia's plateau"""
     scale: float
     """Length of a unit of the place, about [m]: radius of a femur's circle, half the width of a tibia's plateau"""
-    turn: float
+    direction: float
     """Direction from a femur's centre to the middle of the profile [rad]"""
 
     @classmethod
@@ -101,7 +101,7 @@ class Chart(NamedTuple):
     def place(self, points: Floats) -> Floats:
         """Places along the profile from posterior to anterior, shape (n,): angles [rad], or half widths."""
         x, y = (points - self.middle).T
-        angle = (np.arctan2(y, x) - self.turn + math.pi) % math.tau - math.pi
+        angle = (np.arctan2(y, x) - self.direction + math.pi) % math.tau - math.pi
         return np.asarray(angle if self.femur else x / self.scale)
 
     def outwards(self, points: Floats) -> Floats:
@@ -126,7 +126,7 @@ class Chart(NamedTuple):
         """Points of the profile, shape (grid, 2) [m], from g on a grid of places."""
         if not self.femur:
             return self.middle + self.scale * np.column_stack([grid, g])
-        angle = grid + self.turn
+        angle = grid + self.direction
         return np.asarray(self.middle + (self.scale / g)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]))
 
 
@@ -441,8 +441,8 @@ def _pose(slab: Slices, chart: Chart) -> _Problem:
     columns = [make_interp_spline(grid, basis, k=1)(place)]  # linear in between
     if slab.offsets.any():
         tilt = _b_splines(place, low, high, TILT_KNOTS / chart.scale)
-        turn = np.polynomial.legendre.legvander(2.0 * (place - low) / (high - low) - 1.0, BENDS)
-        columns += [slab.offsets[:, None] * tilt, slab.offsets[:, None] ** 2 * turn]
+        bend = np.polynomial.legendre.legvander(2.0 * (place - low) / (high - low) - 1.0, BENDS)
+        columns += [slab.offsets[:, None] * tilt, slab.offsets[:, None] ** 2 * bend]
     data = np.concatenate(columns, axis=1) * metres[:, None]
     own = slice(2, 2 + v.shape[1])
     bends = np.diff(np.eye(v.shape[1]), 2, axis=0)
