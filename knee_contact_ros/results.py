@@ -10,9 +10,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from rich import box
-from rich.console import Console
-from rich.table import Table
 
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.readouts import Readings
@@ -206,6 +203,10 @@ def _in_a_line(rows: Rows) -> str:
 
 def _as_text(rows: Rows) -> str:
     """Write the table as text for a terminal."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for heading in HEADINGS:
         table.add_column(heading.replace("[", r"\["), justify="right")

@@ -271,9 +271,9 @@ def _femur(surface: Floats, thickness: float, extent: float) -> tuple[Floats, Fl
     posterior = np.array([rear[0] + SHAFT_BEGIN * extent, begin])
     anterior = posterior + np.array([SHAFT_WIDTH * extent, 0.0])
     up, top = np.array([0.0, 1.0]), max(SHAFT_LENGTH * extent, begin)
-    before = _join(posterior, -up, rear, surface[1] - rear)
-    behind = _join(front, front - surface[-2], anterior, up)
-    return _bone(inner, behind, (anterior[0], posterior[0]), top, before), _band(surface, inner)
+    posterior_join = _join(posterior, -up, rear, surface[1] - rear)
+    anterior_join = _join(front, front - surface[-2], anterior, up)
+    return _bone(inner, anterior_join, (anterior[0], posterior[0]), top, posterior_join), _band(surface, inner)
 
 
 def _tibia(surface: Floats, thickness: float) -> tuple[Floats, Floats]:
@@ -284,15 +284,17 @@ def _tibia(surface: Floats, thickness: float) -> tuple[Floats, Floats]:
     middle, begin = 0.5 * (rear[0] + front[0]), edge - TIBIA_DROP * width
     anterior, posterior = (np.array([middle + side * 0.5 * TIBIA_WIDTH * width, begin]) for side in (1.0, -1.0))
     down, first, last = np.array([0.0, -1.0]), surface[1] - rear, front - surface[-2]
-    behind = _join(front, 0.4 * last / np.hypot(*last) + down, anterior, down)
-    before = _join(posterior, -down, rear, 0.4 * first / np.hypot(*first) - down)
-    bone = _bone(inner, behind, (anterior[0], posterior[0]), edge - TIBIA_DEPTH * width, before)
+    anterior_join = _join(front, 0.4 * last / np.hypot(*last) + down, anterior, down)
+    posterior_join = _join(posterior, -down, rear, 0.4 * first / np.hypot(*first) - down)
+    bone = _bone(inner, anterior_join, (anterior[0], posterior[0]), edge - TIBIA_DEPTH * width, posterior_join)
     return bone, _band(surface, inner)
 
 
-def _bone(inner: Floats, behind: Floats, shaft: tuple[float, float], end: float, before: Floats) -> Floats:
+def _bone(
+    inner: Floats, anterior_join: Floats, shaft: tuple[float, float], end: float, posterior_join: Floats
+) -> Floats:
     """Make the polygon of a bone: under the cartilage, along a join to the shaft, across its end, and back."""
-    return np.concatenate([inner, behind[1:], [[x, end] for x in shaft], before[:-1]])
+    return np.concatenate([inner, anterior_join[1:], [[x, end] for x in shaft], posterior_join[:-1]])
 
 
 def _band(surface: Floats, inner: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""Rerun's viewer as a process on this machine: found, started, watched, its time cursor set, its end told.
+"""Rerun's viewer as a process on this machine: found, started and watched; its time cursor set.
 
 All servers of it listen on 127.0.0.1 only; Rerun's own default is every interface.
 """
@@ -54,16 +54,16 @@ class Window:
             UsageError: Rerun is not installed, or there is no screen.
         """
         refuse_blind("parameter rerun.mode can be serve or file")
-        self._address, self._told = address, False
+        self._address, self._reported = address, False
         self._log = tempfile.TemporaryFile()  # noqa: SIM115  (the viewer writes to it as long as it lives)
         self._process: Process = start(connect_command([address]), self._log, env=plain(), start_new_session=True)
 
     def news(self) -> tuple[str, ...]:
         """Return a message that the viewer has ended, once."""
         code = self._process.poll()
-        if code is None or self._told:
+        if code is None or self._reported:
             return ()
-        self._told = True
+        self._reported = True
         still = f"the scene is still served: knee-contact view {self._address}"
         return (f"the Rerun viewer {_ending(code, self._log)}; {still}",)
 

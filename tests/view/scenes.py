@@ -79,7 +79,7 @@ def column(path: Path, entity: str, component: str = "Scalars:scalars") -> np.nd
     return np.array([value for _, value in lists(path, entity, component)])
 
 
-def told(path: Path, entity: str = "events", component: str = "TextLog:text") -> list[str]:
+def texts_of(path: Path, entity: str = "events", component: str = "TextLog:text") -> list[str]:
     """Texts of the knee, in the order of the stamps."""
     return [text[0] for _, text in lists(path, f"/knee/{entity}", component)]
 

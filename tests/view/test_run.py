@@ -33,7 +33,7 @@ from knee_contact_ros.view.output import Serving, open_output
 from tests.helpers.messages import raw_inputs
 from tests.helpers.processes import has_ended
 from tests.helpers.viewer import rendered, wait_for
-from tests.view.scenes import column, entities, lists, told
+from tests.view.scenes import column, entities, lists, texts_of
 
 RECORDED = [plot for plot in (*KNEE, *DETAILS) if not plot.live]
 ANSWERS = MESSAGE_TYPES["knee_contact"]
@@ -122,7 +122,7 @@ def test_what_happened_to_the_node_is_seen_where_it_happened(right_bag: Path, co
         writer.finish(stream.ending())
     path = tmp_path / "out.rrd"
     assert main(["view", str(tmp_path / "out.mcap"), "--save", str(path)]) == 0
-    assert {"1.025 s  parameters changed: contact.layer_depth = 0.0006", "1.525 s  reset"} <= set(told(path))
+    assert {"1.025 s  parameters changed: contact.layer_depth = 0.0006", "1.525 s  reset"} <= set(texts_of(path))
     line = lists(path, "/knee/curves/layer", "Scalars:scalars")
     assert min(stamp for stamp, value in line if value[0] > 0.55) == 1_030_000_000
 

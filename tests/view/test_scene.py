@@ -24,7 +24,7 @@ from knee_contact_ros.view.layout import DETAILS, FORCES, KNEE, plane_title, plo
 from knee_contact_ros.view.scene import PICTURE_PERIOD, Remarks
 from knee_contact_ros.view.viewer import peak_of
 from tests.helpers.answers import contact
-from tests.view.scenes import SHIPPED, WEIGHT, answered, at, column, constant, entities, lists, told, written
+from tests.view.scenes import SHIPPED, WEIGHT, answered, at, column, constant, entities, lists, texts_of, written
 
 pytestmark = pytest.mark.xdist_group("the scene")  # what is drawn once is read by several
 Knee = tuple[KneeOutlines, Rows]
@@ -55,7 +55,7 @@ def test_what_is_drawn_is_where_the_answers_say(right_bag: Path, tmp_path: Path)
         assert drawn(entity, component) == pytest.approx(point, abs=1e-5)
     assert drawn("contact_force_on_femur", "Arrows2D:vectors") == pytest.approx(arrow, abs=1e-5)
     words = [f"{newtons:.0f} N\n{newtons / WEIGHT:.2f} BW" for newtons in force.tolist()]
-    assert told(path, "sagittal/contact_force", "Points2D:labels") == words
+    assert texts_of(path, "sagittal/contact_force", "Points2D:labels") == words
     in_front, behind = (column(path, f"/knee/{root}/femur", "Transform3D:quaternion") for root in ("sagittal", "body"))
     assert np.array_equal(in_front, behind)
     quaternion = in_front.reshape(len(rows), 4)
@@ -82,7 +82,7 @@ def test_the_overlap_is_as_deep_as_the_answers_say(knee: Knee, drawn: Path) -> N
     assert np.array_equal(cartilage, bone)
     assert ((upper[:, 0, 0] < point) & (point < upper[:, -1, 0])).all()
     words = [f"{one:.2f} mm deep\ndrawn × 10" for one in depth.tolist()]
-    assert told(drawn, "sagittal/depth", "Points2D:labels") == words
+    assert texts_of(drawn, "sagittal/depth", "Points2D:labels") == words
 
 
 def test_apart_there_is_no_overlap_and_the_force_is_told_on_the_tibia(tmp_path: Path) -> None:
@@ -93,7 +93,7 @@ def test_apart_there_is_no_overlap_and_the_force_is_told_on_the_tibia(tmp_path: 
     corners = column(path, "/knee/body/overlap", "Mesh3D:vertex_positions")
     assert corners.shape == (2, 2 * 2 * POINTS, 3)
     assert np.ptp(corners[0], axis=0) == pytest.approx([0.0, 0.0, 0.0])
-    assert told(path, "sagittal/depth", "Points2D:labels")[0] == "14.00 mm apart"
+    assert texts_of(path, "sagittal/depth", "Points2D:labels")[0] == "14.00 mm apart"
     words, point = (
         column(path, f"/knee/sagittal/{name}", "Points2D:positions").reshape(2, 2)
         for name in ("contact_force", "contact_point")
@@ -195,7 +195,7 @@ def test_a_single_answer_is_seen_in_every_plot(knee: Knee, tmp_path: Path) -> No
     shown = {f"/knee/curves/{plot.path}" for plot in plots_of(drawing, latency=False)} | {"/knee/curves/layer"}
     one = written(tmp_path / "one.rrd", drawing, [rows[:1]])
     assert constant(one, "SeriesPoints:marker_sizes") == shown
-    assert told(one)[0].endswith(" s  no events")
+    assert texts_of(one)[0].endswith(" s  no events")
     assert not constant(written(tmp_path / "two.rrd", drawing, [rows[:1], rows[1:2]]), "SeriesPoints:marker_sizes")
 
 
@@ -204,7 +204,7 @@ def test_states_are_written_where_they_change(knee: Knee, tmp_path: Path) -> Non
     path = written(tmp_path / "knee.rrd", drawing, [rows[:100], rows[100:]])
     states = [("apart", "cartilage", "bone")[state] for state in rows["contact_state"]]
     changes = [state for i, state in enumerate(states) if i == 0 or state != states[i - 1]]
-    assert told(path, "states/contact", "StateChange:state") == changes
+    assert texts_of(path, "states/contact", "StateChange:state") == changes
     assert len(changes) > 3
 
 
@@ -228,7 +228,7 @@ def test_a_new_layer_depth_moves_the_line_and_is_told(knee: Knee, tmp_path: Path
     changed = ("parameters_changed", {"tick": "10", "contact.layer_depth": "0.001"})
     path = written(tmp_path / "knee.rrd", drawing, [rows[:10], changed, rows[10:20], ("reset", {"tick": "20"})])
     assert column(path, "/knee/curves/layer").ravel() == pytest.approx([0.5, 0.5, 1.0, 1.0])
-    assert {"0.575 s  parameters changed: contact.layer_depth = 0.001", "0.625 s  reset"} <= set(told(path))
+    assert {"0.575 s  parameters changed: contact.layer_depth = 0.001", "0.625 s  reset"} <= set(texts_of(path))
     assert len(column(path, "/knee/curves/pressure")) == 10  # of another law nothing is said
     assert len(column(path, "/knee/curves/loading_rate")) == 19
 
@@ -242,11 +242,11 @@ def test_stamps_of_today_are_dates_and_a_note_before_the_first_answer_waits_for_
     path = written(tmp_path / "knee.rrd", drawing, [("reset", {"tick": "0"}), dated])
     assert [stamp for stamp, _ in lists(path, "/knee/curves/flexion", "Scalars:scalars")] == dated["stamp"].tolist()
     assert lists(path, "/knee/events", "TextLog:text")[0] == (dated["stamp"][0], ["2019-12-20 00:00:00.530  reset"])
-    assert "2019-12-20 00:00:02.430  load peak 2.19 BW (1613.8 N)" in told(path)
+    assert "2019-12-20 00:00:02.430  load peak 2.19 BW (1613.8 N)" in texts_of(path)
 
 
 def test_events_are_told_with_their_times(knee: Knee, drawn: Path) -> None:
-    texts = told(drawn)
+    texts = texts_of(drawn)
     assert {"2.015 s  load peak 1.81 BW (1337.7 N)", "2.430 s  load peak 2.19 BW (1613.8 N)",
             "1.955 s  bone contact begins", "2.125 s  bone contact ends"} <= set(texts)  # fmt: skip
     assert [sum(words in text for text in texts) for words in ("heel strike", "toe-off", "stride")] == [2, 1, 1]

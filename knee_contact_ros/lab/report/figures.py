@@ -256,10 +256,10 @@ def over_time(runs: Sequence[Run]) -> list[Figure]:
         marks = [moment for moment in run.gathered.moments if moment.event.kind in MARKS]
         marks = marks if len(marks) <= FEW_EVENTS else []
         png = draw((WIDTH, TIME), partial(_rows, runs=group, hues=hues, marks=marks))
-        told = "Vertical lines: heel strikes (full) and toe-offs (dotted), as found." if marks else ""
+        lines = "Vertical lines: heel strikes (full) and toe-offs (dotted), as found." if marks else ""
         width = run.gathered.course()[0]
         course = f"From the smallest to the largest value in each {width / 1e9:g} s." if width > FINE else ""
-        caption = _sentences(told, course, differences_in(group))
+        caption = _sentences(lines, course, differences_in(group))
         figures.append(Figure(f"over_time_{number}", f"{run.name} over time", caption, png))
     return figures
 
@@ -562,7 +562,7 @@ def _uncertainty(canvas: Any, of: Propagated, of_largest: str) -> None:
         if MICRO * np.abs(part[shown]).max() > LEAST:
             style, label = "-" if number < len(HUES) else "--", f"{deviation.name}, {deviation.text}"
             effect(part, style, color=HUES[number % len(HUES)], linewidth=1.4, label=label)
-    effect(of.depth, "-", color="black", linewidth=3.0, zorder=1.5, label=ALL_OF_THEM)  # behind what makes most of it
+    effect(of.depth, "-", color="black", linewidth=3.0, zorder=1.5, label=ALL_OF_THEM)  # under what makes most of it
     effect(of.rows["error_estimate"], ":", color="0.35", linewidth=1.6, label=NUMERICAL)
     below.set(yscale="log", ylabel="effect on the depth [µm]", xlabel="time since the first tick [s]")
     _legend(canvas, below)

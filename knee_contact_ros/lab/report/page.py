@@ -1,4 +1,4 @@
-"""`knee-contact report`: the page with its tables, the CSV files behind it, and how all files come into their place."""
+"""`knee-contact report`: the page with its tables, the CSV files behind it, and how all files are written."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from knee_contact_ros.system.output_files import replace, work_folder
 from knee_contact_ros.system.terminal import progress, warn
 
 OLDEST = (3, 7)
-"""Oldest version of matplotlib that places legends outside of axes; Ubuntu 24.04 has 3.6"""
+"""Oldest version of matplotlib that puts legends outside of axes; Ubuntu 24.04 has 3.6"""
 EXTRA, PAGE, TEMPLATE, UNCERTAINTY = "report", "report.html", "report.html.jinja", "uncertainty.csv"
 PICTURES = (
     "knee_[0-9]*", "flexion", "contact_force", "depth", "peak_pressure", "patch_half_width", "contact_point",

@@ -70,7 +70,7 @@ RISE_TIME = 0.02
 BUCKETS, FIRST_WIDTH = 2000, 5_000_000
 """Most buckets of time in a course, more than a picture has pixels, and their least width [ns]"""
 SECTION, LAW = "contact.", "law"
-NONE, NOT_TOLD = "–", "not told"
+NONE, UNKNOWN = "–", "not told"
 """Texts for a constant that a law does not have, and for a value that is unknown as a recording has no parameters"""
 NAMED = 2
 """Number of constants in the name of a curve; all of them are listed below the figure"""
@@ -350,7 +350,7 @@ def kept(parameters: Parameters, over: Overlay) -> list[str]:
 def differences(before: Parameters | None, after: Parameters) -> list[Difference]:
     """Differences of two contact laws in the law itself and the constants that each uses; `before` may be unknown."""
     other = _used(after.contact)
-    one = _used(before.contact) if before else dict.fromkeys(other, NOT_TOLD)
+    one = _used(before.contact) if before else dict.fromkeys(other, UNKNOWN)
     names = [name for name in {**one, **other} if one.get(name) != other.get(name)]
     return [Difference(name, one.get(name), other.get(name)) for name in names]
 
@@ -379,7 +379,7 @@ def short(value: Any) -> str:
 
 
 def unit(name: str) -> str:
-    """Unit of a parameter behind a space, taken from its description; empty if it has none."""
+    """Unit of a parameter after a space, taken from its description; empty if it has none."""
     meaning = files.known_parameters()[name].description
     return f" {meaning[1 : meaning.index(']')].replace('exponent', 'n')}" if meaning.startswith("[") else ""
 
