@@ -161,6 +161,7 @@ class Window(NamedTuple):
 def draw_knee(axis: Any, moment: Moment) -> None:
     """Draw femur and tibia with their cartilage, the force on the femur, directions and a scale."""
     picture = posed(moment)
+    contact = MM * np.array(picture.contact_point)
     for bone, cartilage in (
         (picture.tibia_bone, picture.tibia_cartilage), (picture.femur_bone, picture.femur_cartilage),
     ):  # fmt: skip
@@ -173,12 +174,20 @@ def draw_knee(axis: Any, moment: Moment) -> None:
     left, right = left - aside, right + aside
     axis.set(aspect="equal", xlim=(left, right), ylim=(bottom - 8.0, top + 2.0))
     axis.set_axis_off()
-    arrow(axis, picture, moment)
+    end = contact + MM_PER_WEIGHT * moment.contact_force / moment.body_weight * np.array(picture.normal)
+    look = {"arrowstyle": "-|>", "color": FORCE, "linewidth": 2.0, "shrinkA": 0, "shrinkB": 0}
+    axis.annotate("", end, contact, zorder=6, annotation_clip=False, arrowprops=look)
+    axis.text(end[0], end[1] + 1.0, moment.force.replace(" (", "\n("), color=FORCE, fontweight="bold", ha="center",
+              va="bottom", fontsize=9, zorder=6)  # fmt: skip
     up = (-math.sin(moment.flexion_angle), math.cos(moment.flexion_angle))
     for text, bone, shaft in (("femur", picture.femur_bone, up), ("tibia", picture.tibia_bone, (0.0, -1.0))):
-        x, y = in_shaft(MM * bone, MM * np.array(picture.contact_point), shaft)
-        axis.text(x, y, text, color=QUIET, ha="center", va="center", fontsize=9)
-    directions(axis, left, right, bottom - 6.0)
+        along = np.array(shaft)
+        end = MM * bone[np.argsort((MM * bone - contact) @ along)[-2:]].mean(axis=0)
+        axis.text(*(end - 11.0 * along), text, color=QUIET, ha="center", va="center", fontsize=9)
+    y, style = bottom - 6.0, {"color": QUIET, "fontsize": 8.5, "va": "center"}
+    axis.text(left, y, "anterior →", ha="left", **style)
+    axis.plot((right - 10.0, right), (y, y), color=QUIET, linewidth=2.0, solid_capstyle="butt")
+    axis.text(right - 11.5, y, "10 mm", ha="right", **style)
 
 
 def draw_contact(axis: Any, moment: Moment, window: Window) -> None:
@@ -232,28 +241,3 @@ def fill(axis: Any, polygon: Floats, colour: str, edge: str = EDGE) -> None:
     """Fill a polygon, shape (n, 2), unless it has fewer than three points."""
     if len(polygon) > 2:
         axis.fill(*polygon.T, facecolor=colour, edgecolor=edge, linewidth=0.7)
-
-
-def arrow(axis: Any, picture: Picture, moment: Moment) -> None:
-    """Draw the contact force on the femur, from the contact point along the normal."""
-    begin = MM * np.array(picture.contact_point)
-    length = MM_PER_WEIGHT * moment.contact_force / moment.body_weight
-    end = begin + length * np.array(picture.normal)
-    look = {"arrowstyle": "-|>", "color": FORCE, "linewidth": 2.0, "shrinkA": 0, "shrinkB": 0}
-    axis.annotate("", end, begin, zorder=6, annotation_clip=False, arrowprops=look)
-    axis.text(end[0], end[1] + 1.0, moment.force.replace(" (", "\n("), color=FORCE, fontweight="bold", ha="center",
-              va="bottom", fontsize=9, zorder=6)  # fmt: skip
-
-
-def in_shaft(bone: Floats, contact: Floats, along: tuple[float, float]) -> Floats:
-    """Return a place near the end of a bone's shaft, which points `along` a direction."""
-    end = bone[np.argsort((bone - contact) @ np.array(along))[-2:]].mean(axis=0)
-    return np.asarray(end - 11.0 * np.array(along))
-
-
-def directions(axis: Any, left: float, right: float, y: float) -> None:
-    """Draw the anterior direction and a scale of 10 mm."""
-    style = {"color": QUIET, "fontsize": 8.5, "va": "center"}
-    axis.text(left, y, "anterior →", ha="left", **style)
-    axis.plot((right - 10.0, right), (y, y), color=QUIET, linewidth=2.0, solid_capstyle="butt")
-    axis.text(right - 11.5, y, "10 mm", ha="right", **style)
