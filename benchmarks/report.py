@@ -59,7 +59,7 @@ def table(header: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def words(path: Path) -> dict[str, str]:
-    """Texts of a Markdown file by the names of its sections (`## name`), to be filled in with `str.format`."""
+    """Texts of a file by the names of its sections (`## name`), to be filled in with `str.format`."""
     _, *parts = re.split(r"^## (\w+)\n", path.read_text(encoding="utf-8"), flags=re.MULTILINE)
     return {name: text.strip() for name, text in zip(parts[::2], parts[1::2], strict=True)}
 

@@ -481,8 +481,17 @@ def soak_page(rate: float, moments: Sequence[Moment], compared: tuple[int, int, 
 # The command.
 
 
-def measured(driver: Driver, work: Path, rate: float, duration: float, rounds: int, soak: int) -> Iterator[Page]:
-    """Measure the comparison, or (soak > 0) the long run; progress bars stand still meanwhile."""
+def measured(
+    driver: Driver, work: Path, rate: float, duration: float, rounds: int, sustained: bool, soak: int
+) -> Iterator[Page]:
+    """Measure what is asked for, by default the comparison; progress bars stand still meanwhile."""
+    if not (sustained or soak):
+        with progress("Measuring", still=True) as advance:
+            parts = compare(driver, work, rate, duration, rounds, advance)
+        yield latency_page(parts, rate, duration)
+    if sustained:
+        with progress("Searching the highest rates", still=True) as advance:
+            yield sustained_page(find_rates(driver, work, rounds, advance))
     if soak:
         with progress("Running", still=True) as advance:
             moments = run_long(driver, work, rate, soak, advance)
@@ -490,10 +499,6 @@ def measured(driver: Driver, work: Path, rate: float, duration: float, rounds: i
         with progress("Computing the recording again") as advance:
             solve(recording, load_parameters([PARAMETERS]), offline, advance)
         yield soak_page(rate, moments, same_answers(recording, offline))
-    else:
-        with progress("Measuring", still=True) as advance:
-            parts = compare(driver, work, rate, duration, rounds, advance)
-        yield latency_page(parts, rate, duration)
 
 
 @click.command(help=__doc__)
@@ -511,11 +516,7 @@ def main(output: Path, rate: float, duration: float, rounds: int, sustained: boo
     with work_folder(output) as work, private_graph() as environment:
         os.environ.update(environment)
         with joined(Driver) as driver:
-            if sustained:
-                with progress("Searching the highest rates", still=True) as advance:
-                    pages = [sustained_page(find_rates(driver, work, rounds, advance))]
-            else:
-                pages = list(measured(driver, work, rate, duration, rounds, soak))
+            pages = list(measured(driver, work, rate, duration, rounds, sustained, soak))
         files = [path for page in pages for path in write(page, work, command)]
         for path in files:
             replace(path, output / path.name)

@@ -156,6 +156,8 @@ def advice(trade: Trade) -> str:
 
     The tolerance itself must be within what the data are worth too, so that an answer without a flag is.
     """
+    if not any(each.depth or each.force for each in trade.settings):
+        return "Every setting gives the same depth and force, as where femoral heights are prescribed: take any."
     worth = f"{1e6 * trade.worth:.2g} um"
     good = [each for each in trade.settings if max(each.depth, each.tolerance) <= trade.worth]
     good = [each for each in good if each.flagged <= FLAGGED]

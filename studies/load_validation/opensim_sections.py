@@ -23,7 +23,7 @@ from studies.load_validation.sections import (
 )
 from studies.load_validation.walks import DEFAULTS, MASS, TALL, Floats, Leg, Walk, axial, nets_in
 
-WORDS = words(Path(__file__).with_name("words.md"))
+WORDS = words(Path(__file__).with_name("words.txt"))
 
 MODEL_SHANK = 0.425
 """Distance [m] between the centres of knee and ankle of the scaled model, on average over the walk"""

@@ -46,7 +46,7 @@ from studies.load_validation.walks import (
 )
 from studies.validation.data import BODY_WEIGHT, ON_PLATE
 
-WORDS = words(Path(__file__).with_name("words.md"))
+WORDS = words(Path(__file__).with_name("words.txt"))
 
 ROWS = (
     ("Grand Challenge 2010 to 2012, four winners (Kinney et al. 2013, doi:10.1115/1.4023255)",

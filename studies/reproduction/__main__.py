@@ -25,7 +25,7 @@ from studies.reproduction.osteoarthritis import (
     ringing_section,
 )
 
-WORDS = words(Path(__file__).with_name("words.md"))
+WORDS = words(Path(__file__).with_name("words.txt"))
 
 TITLE = "Reproduction of the paper's numbers"
 COMMAND = "python -m studies.reproduction"

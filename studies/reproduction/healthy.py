@@ -45,7 +45,7 @@ from studies.reproduction.scenes import (
     within,
 )
 
-WORDS = words(Path(__file__).with_name("words.md"))
+WORDS = words(Path(__file__).with_name("words.txt"))
 
 PAPER_PEAKS = (1.81, 2.19)
 """Load peaks of the paper [BW]"""

@@ -50,7 +50,7 @@ from studies.reproduction.scenes import (
     within,
 )
 
-WORDS = words(Path(__file__).with_name("words.md"))
+WORDS = words(Path(__file__).with_name("words.txt"))
 
 DEPTH, CARTILAGE = 0.521, 0.5
 """Depth and cartilage thickness [mm] of the paper"""

@@ -16,7 +16,7 @@ from knee_contact_ros.parameters.files import curve_texts, load_parameters
 from knee_contact_ros.streams.gait_events import HEEL_STRIKE, TOE_OFF, GaitEvents
 from studies.validation.data import BODY_WEIGHT, ON_PLATE, Floats, Measured
 
-WORDS = words(Path(__file__).with_name("words.md"))
+WORDS = words(Path(__file__).with_name("words.txt"))
 
 ROWS = (
     ("Grand Challenge 2010 to 2012, winners (Kinney et al. 2013, doi:10.1115/1.4023255)",
