@@ -54,6 +54,15 @@ class Batch:
         """Selection of messages, by a slice, their indices or a mask."""
         return Batch(self.numbers[chosen], self.times[chosen], self.messages.part(chosen))
 
+    def between(self, start: int | None, stop: int | None) -> Batch:
+        """Messages whose log time [ns] is at least `start` and less than `stop`; None means no limit."""
+        chosen = np.ones(len(self), dtype=bool)
+        if start is not None:
+            chosen &= self.times >= start
+        if stop is not None:
+            chosen &= self.times < stop
+        return self if chosen.all() else self.part(np.flatnonzero(chosen))
+
     def by_time(self) -> Batch:
         """Messages sorted by log time; those with equal times keep their order."""
         if (self.times[1:] >= self.times[:-1]).all():

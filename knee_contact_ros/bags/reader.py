@@ -192,16 +192,17 @@ class BagReader:
         Raises:
             UsageError: The bag is damaged.
         """
-        for message, _ in self.described_messages(topics):
-            if (start is None or message.log_time >= start) and (stop is None or message.log_time < stop):
-                yield message
+        for message, _ in self.described_messages(topics, start, stop):
+            yield message
 
-    def described_messages(self, topics: Collection[str] = ()) -> Iterator[tuple[RawMessage, MessageDefinition]]:
+    def described_messages(
+        self, topics: Collection[str] = (), start: int | None = None, stop: int | None = None
+    ) -> Iterator[tuple[RawMessage, MessageDefinition]]:
         """Messages as `raw_messages` gives them, each with the definition of its type in the bag."""
         for connections, batches in self._by_file(topics):
             described = [(self._topic_of(connection), connection.definition) for connection in connections]
             for batch in batches:
-                for number, log_time, data in batch:
+                for number, log_time, data in batch.between(start, stop):
                     topic, definition = described[number]
                     yield RawMessage(topic, log_time, data), definition
 

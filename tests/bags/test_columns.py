@@ -33,6 +33,12 @@ def test_batches_are_sorted_chosen_and_changed() -> None:
     assert list(changed) == [(number, time, data * (1 + (number == 1))) for number, time, data in ROWS]
 
 
+@pytest.mark.parametrize(("start", "stop"), [(None, None), (3, None), (None, 20), (-5, 10**20), (12, 12)])
+def test_between_two_times(start: int | None, stop: int | None) -> None:
+    expected = [row for row in ROWS if (start is None or row[1] >= start) and (stop is None or row[1] < stop)]
+    assert list(batch(ROWS).between(start, stop)) == expected
+
+
 @pytest.mark.parametrize("most", [1, 3, 8, 39, 40, 41])
 @pytest.mark.parametrize("sizes", [[40], [0, 5, 0, 35], [1] * 40, [17, 23]])
 def test_blocks_are_of_one_size(most: int, sizes: list[int]) -> None:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 from mcap.writer import CompressionType
-from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from knee_contact_ros.bags.reader import INPUT_TYPES, OWN_NAMES, BagReader, RawMessage, names_in_bag
@@ -37,31 +37,24 @@ def lz4_file(folder: Path, messages: list[RawMessage]) -> Path:
     return mcap.close()
 
 
+def kind(storage: StoragePlugin, mode: str = "NONE", split: bool = False, alone: bool = False) -> Kind:
+    """A bag in a folder, in one file or several, or its only file alone."""
+
+    def make(folder: Path, messages: list[RawMessage]) -> Path:
+        bag = (write_split if split else write_rosbag2)(folder, messages, storage, CompressionMode[mode])
+        return next(path for path in bag.iterdir() if path.name != "metadata.yaml") if alone else bag
+
+    return make
+
+
 KINDS: dict[str, Kind] = {
-    "sqlite3": lambda folder, messages: write_rosbag2(folder, messages, SQLITE),
-    "sqlite3, metadata version 8": lambda folder, messages: write_rosbag2(folder, messages, SQLITE, version=8),
-    "sqlite3, files compressed": lambda folder, messages: write_rosbag2(folder, messages, SQLITE, CompressionMode.FILE),
-    "sqlite3, messages compressed": lambda folder, messages: write_rosbag2(
-        folder, messages, SQLITE, CompressionMode.MESSAGE
-    ),
-    "sqlite3, split": lambda folder, messages: write_split(folder, messages, SQLITE, CompressionMode.NONE),
-    "sqlite3, split and messages compressed": lambda folder, messages: write_split(
-        folder, messages, SQLITE, CompressionMode.MESSAGE
-    ),
-    "sqlite3, the file": lambda folder, messages: next(write_rosbag2(folder, messages, SQLITE).glob("*.db3")),
-    "mcap": lambda folder, messages: write_rosbag2(folder, messages, MCAP),
-    "mcap, chunks compressed": lambda folder, messages: write_rosbag2(folder, messages, MCAP, CompressionMode.STORAGE),
-    "mcap, files compressed": lambda folder, messages: write_rosbag2(folder, messages, MCAP, CompressionMode.FILE),
-    "mcap, messages compressed": lambda folder, messages: write_rosbag2(
-        folder, messages, MCAP, CompressionMode.MESSAGE
-    ),
-    "mcap, split": lambda folder, messages: write_split(folder, messages, MCAP, CompressionMode.NONE),
-    "mcap, split and files compressed": lambda folder, messages: write_split(
-        folder, messages, MCAP, CompressionMode.FILE
-    ),
-    "mcap, the file": lambda folder, messages: next(write_rosbag2(folder, messages, MCAP).glob("*.mcap")),
-    "mcap, lz4": lz4_file,
-}
+    f"{storage.name}, {mode}{', split' * split}{', the file' * alone}": kind(storage, mode, split, alone)
+    for storage, mode, split, alone in [
+        *itertools.product((SQLITE, MCAP), ("NONE", "FILE", "MESSAGE"), (False, True), (False,)),
+        *itertools.product((SQLITE, MCAP), ("NONE",), (False,), (True,)),
+        (MCAP, "STORAGE", False, False),
+    ]
+} | {"sqlite3, metadata version 8": lambda f, m: write_rosbag2(f, m, SQLITE, version=8), "mcap, lz4": lz4_file}
 
 
 @pytest.mark.parametrize("kind", KINDS.values(), ids=KINDS)
@@ -76,16 +69,6 @@ def test_every_kind_of_bag_gives_the_same_messages(kind: Kind, gait: list[RawMes
         assert list(reader.raw_messages(start=middle, stop=late)) == part
         assert list(reader.raw_messages((FORCE,))) == [message for message in gait if message.topic == FORCE]
         assert reader.end > gait[-1].log_time
-
-
-@pytest.mark.parametrize("kind", [kind for name, kind in KINDS.items() if "split" not in name])
-def test_we_read_what_rosbags_reads(kind: Kind, gait: list[RawMessage], tmp_path: Path) -> None:
-    """Its convenient reader; it keeps to the order of the files that metadata.yaml gives, so no split bags here."""
-    path = kind(tmp_path / "bag", gait)
-    with AnyReader([path]) as reader:
-        connections = [connection for connection in reader.connections if connection.topic in INPUT_TYPES]
-        theirs = [RawMessage(c.topic, time, bytes(data)) for c, time, data in reader.messages(connections)]
-    assert raw_inputs(path) == theirs
 
 
 @pytest.mark.parametrize("storage", [SQLITE, MCAP])
@@ -121,6 +104,7 @@ def test_messages_of_other_kinds_and_profiles_do_not_matter(
     profile: str, gait: list[RawMessage], tmp_path: Path
 ) -> None:
     mcap = Mcap(tmp_path / "bag.mcap", profile=profile)
+    mcap.channel(ANGLE, WRENCH)  # a second type, without messages
     channels = mcap.channels()
     log = mcap.channel("/log", "Log", schema_encoding="jsonschema", encoding="json")
     for message in gait:
@@ -255,15 +239,6 @@ def test_a_file_of_compressed_messages_asks_for_its_folder(
     (file,) = (path for path in folder.iterdir() if path.name != "metadata.yaml")
     with pytest.raises(UsageError, match=r"has compressed messages: give its folder"):
         BagReader(file)
-
-
-def test_a_second_type_without_messages_does_not_matter(gait: list[RawMessage], tmp_path: Path) -> None:
-    mcap = Mcap(tmp_path / "bag.mcap")
-    mcap.channel(ANGLE, WRENCH)
-    channels = mcap.channels()
-    for message in gait:
-        mcap.write(channels[message.topic], message)
-    assert raw_inputs(mcap.close()) == gait
 
 
 def test_a_joint_that_no_sample_has_is_told_with_those_that_are_there(tmp_path: Path) -> None:
