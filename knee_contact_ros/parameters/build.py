@@ -6,8 +6,7 @@ Implausible parameters are not refused, as somebody may model a rat; `parameter_
 from __future__ import annotations
 
 import warnings
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 from typing import Any, cast
@@ -16,7 +15,7 @@ from knee_contact_ros.joint_reaction.compartments import LoadRule, MeasuredShare
 from knee_contact_ros.joint_reaction.estimator import weight_doubt
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw, check, hertz_stiffness, relative_radius
-from knee_contact_ros.model.mechanisms import MECHANISMS, Mechanism
+from knee_contact_ros.model.mechanisms import MECHANISMS
 from knee_contact_ros.model.profiles import Circle, Profile
 from knee_contact_ros.model.readouts import POINT_CONTACT, SPREADS, ContactPatch
 from knee_contact_ros.model.statics import plain_static_depth
@@ -25,13 +24,12 @@ from knee_contact_ros.model.ticks import LEVELS
 from knee_contact_ros.parameters.files import (
     SHARE_FILE,
     Source,
+    curve_points,
     curve_texts,
     load_parameters,
-    profile_points,
     read_share_table,
-    translation_points,
 )
-from knee_contact_ros.parameters.schema import ContactParameters, Parameters, Translation, constants_of
+from knee_contact_ros.parameters.schema import ContactParameters, Parameters, constants_of
 from knee_contact_ros.results import Results
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS
@@ -150,37 +148,29 @@ def contact_patch(contact: ContactParameters, law: ContactLaw) -> ContactPatch |
 
 def contact_pair(parameters: Parameters, texts: Mapping[str, str]) -> ContactPair:
     """Both surfaces and the mechanism of some parameters; `texts` has the contents of files by parameter."""
-    femur, tibia = parameters.femur, parameters.tibia
-    make = cast("Callable[..., Any]", TIBIAL_GEOMETRIES[tibia.geometry])
-    femoral: Circle | Profile = Circle(femur.radius)
+    femur, tibia, translation = parameters.femur, parameters.tibia, parameters.translation
+
+    def from_file(make: Callable[..., Any], by: str, name: str, scale: float = 1.0) -> Any:
+        points = curve_points(by, name, texts[by])
+        try:
+            return make(*(scale * column for column in points))
+        except ValueError as error:
+            raise UsageError(f"parameter {by}: {name}: {error}") from None
+
     if femur.geometry == "profile":
-        points = profile_points("femur.profile", femur.profile, texts["femur.profile"])
-        with _naming("femur.profile", femur.profile):
-            femoral = Profile(*(femur.scale * column for column in points))
-    moved = mechanism(parameters.translation, texts)
-    if tibia.geometry != "profile":
-        return ContactPair(femoral, make(tibia.slope if tibia.geometry == "plane" else tibia.radius), moved)
-    points = profile_points("tibia.profile", tibia.profile, texts["tibia.profile"])
-    with _naming("tibia.profile", tibia.profile):
-        return ContactPair(femoral, make(*(tibia.scale * column for column in points)), moved)
-
-
-def mechanism(translation: Translation, texts: Mapping[str, str]) -> Mechanism:
-    """Knee mechanism by its name."""
-    if translation.mechanism != "table":
-        return MECHANISMS[translation.mechanism]()
-    columns = translation_points("translation.table", translation.table, texts["translation.table"])
-    with _naming("translation.table", translation.table):
-        return MECHANISMS["table"](*columns)
-
-
-@contextmanager
-def _naming(parameter: str, file: str) -> Iterator[None]:
-    """Turn a ValueError into a UsageError that begins with a parameter and the file that it names."""
-    try:
-        yield
-    except ValueError as error:
-        raise UsageError(f"parameter {parameter}: {file}: {error}") from None
+        femoral = from_file(Profile, "femur.profile", femur.profile, femur.scale)
+    else:
+        femoral = Circle(femur.radius)
+    if translation.mechanism == "table":
+        moved = from_file(MECHANISMS["table"], "translation.table", translation.table)
+    else:
+        moved = MECHANISMS[translation.mechanism]()
+    make = cast("Callable[..., Any]", TIBIAL_GEOMETRIES[tibia.geometry])
+    if tibia.geometry == "profile":
+        plateau = from_file(make, "tibia.profile", tibia.profile, tibia.scale)
+    else:
+        plateau = make(tibia.slope if tibia.geometry == "plane" else tibia.radius)
+    return ContactPair(femoral, plateau, moved)
 
 
 def load_rule(parameters: Parameters, texts: Mapping[str, str]) -> LoadRule:

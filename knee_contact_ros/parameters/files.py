@@ -335,26 +335,20 @@ def read_curve(by: str, name: str) -> str:
         raise UsageError(f"parameter {by}: cannot read {path}: it is not a text file in UTF-8") from None
 
 
-def profile_points(by: str, name: str, text: str) -> Columns:
-    """Read the columns x, y [m] of a profile, each of shape (n,), from the text of the file that a parameter names.
+def curve_points(by: str, name: str, text: str) -> Columns:
+    """Read the two columns of a curve, each of shape (n,), from the text of the file that a parameter names.
+
+    Those of `translation.table` are flexion_angle [rad], x [m]; those of a profile x, y [m].
 
     Raises:
-        UsageError: not two columns of numbers, too many points, or not in m.
+        UsageError: not two columns of numbers, too many points, or in other units.
     """
-    points = _columns(by, name, text, ("x", "y"))
-    if points.size and np.abs(points).max() > 1.0:
+    is_table = by == "translation.table"
+    points = _columns(by, name, text, ("flexion_angle", "x") if is_table else ("x", "y"))
+    if is_table:
+        _refuse_degrees(by, name, points[:, 0])
+    elif np.abs(points).max(initial=0.0) > 1.0:
         raise UsageError(f"parameter {by}: {name} reaches {np.abs(points).max():g}; x and y must be in m")
-    return points[:, 0], points[:, 1]
-
-
-def translation_points(by: str, name: str, text: str) -> Columns:
-    """Read the columns flexion_angle [rad], x [m] of a table, each of shape (n,), from the text of the file.
-
-    Raises:
-        UsageError: not two columns of numbers, too many points, or not in rad.
-    """
-    points = _columns(by, name, text, ("flexion_angle", "x"))
-    _refuse_degrees(by, name, points[:, 0])
     return points[:, 0], points[:, 1]
 
 

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from rosbags.rosbag2 import StoragePlugin
 
 from knee_contact_ros.bags.provenance import load_provenance_record, read_provenance
 from knee_contact_ros.bags.reader import BagReader, RawMessage, metadata_records, names_in_bag, read_bag
@@ -32,7 +31,6 @@ from knee_contact_ros.streams.messages import encode_wrench_stamped
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
 from knee_contact_ros.streams.topics import LOAD_INPUTS, LOAD_RECORDED, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
-from tests.helpers.bags import write_rosbag2
 from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, ground, walk, walking_bag
 
 TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in LOAD_RECORDED}
@@ -160,23 +158,6 @@ def test_its_own_output_gives_the_same_again(walking: Path, tmp_path: Path, more
     for output, bag in (("first.mcap", walking), ("again.mcap", tmp_path / "first.mcap")):
         estimate(bag, tmp_path / output, WHOLE_LEG | more)
     assert raw(tmp_path / "first.mcap") == raw(tmp_path / "again.mcap")
-
-
-def test_the_same_bag_gives_the_same_file(walking: Path, tmp_path: Path) -> None:
-    outputs = [tmp_path / folder / "load.mcap" for folder in ("one", "other")]  # it holds its name
-    for output in outputs:
-        estimate(walking, output)
-    assert outputs[0].read_bytes() == outputs[1].read_bytes()
-
-
-@pytest.mark.parametrize("storage", [StoragePlugin.MCAP, StoragePlugin.SQLITE3])
-@pytest.mark.parametrize("folder", [True, False])
-def test_bags_of_others_give_the_same(estimated: Path, tmp_path: Path, storage: StoragePlugin, folder: bool) -> None:
-    bag = write_rosbag2(tmp_path / "bag", WALK, storage, types=INPUTS)
-    if not folder:
-        (bag,) = (path for path in bag.iterdir() if path.suffix in (".mcap", ".db3"))
-    estimate(bag, tmp_path / "out.mcap")
-    assert raw(tmp_path / "out.mcap") == raw(estimated)
 
 
 @pytest.mark.parametrize(
