@@ -11,8 +11,7 @@ import pytest
 
 from knee_contact_ros import solve
 from knee_contact_ros.bags.recover import Recovery, TopicCount
-from knee_contact_ros.commands import tables as load_table
-from knee_contact_ros.commands import tables as summary_table
+from knee_contact_ros.commands import tables
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.commands.tables import show_recovery
 from knee_contact_ros.lab import gait_bag, trade
@@ -23,7 +22,7 @@ from tests.helpers.walking import walk, walking_bag
 from tests.lab.opensim.storages import kinematics, reactions
 
 COLUMNS = 80
-MODULES = (summary_table, load_table, show, gait_bag, trade, sys.modules[show_recovery.__module__])
+MODULES = (tables, show, gait_bag, trade)
 NO_TABLE = re.compile(r"^(Recording|Bag|Recovered): |^- |^Take ")
 """Files, and what is said in whole lines"""
 RULE = re.compile("─+")

@@ -22,7 +22,7 @@ for needed in (
     "bags.recover",
     "offline.solve",
     "offline.estimate_load",
-    *["offline.view"][:HAS_VIEWER],
+    *["commands.view"][:HAS_VIEWER],
 ):
     import_module(f"knee_contact_ros.{needed}")
 
