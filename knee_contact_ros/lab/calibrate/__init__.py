@@ -194,7 +194,6 @@ def _problem(
     compiled: bool | None,
 ) -> Problem:  # fmt: skip
     """Read the data and the parameters from which a fit starts."""
-    named = isinstance(data, str | PathLike)
     given = params or (() if is_bag(data) else DEFAULT_PARAMETERS)
     sources = [*(given if isinstance(given, list | tuple) else [given]), dict(values)]
     if is_bag(data):
@@ -207,8 +206,10 @@ def _problem(
     if remaps or namespace:
         raise UsageError("--remap or --namespace: a table has columns, and no topics")
     knee = load_parameters(sources)
-    path, drive = Path(expanded(str(data))) if named else None, knee.drive
-    measured = contact.read_measured(path, drive) if path else contact.measured_from(data, drive)
+    if isinstance(data, str | PathLike):
+        measured = contact.read_measured(Path(expanded(str(data))), knee.drive)
+    else:
+        measured = contact.measured_from(data, knee.drive)
     return contact.problem_of(knee, measured, unknowns_of(free, contact.fittable_of(knee, measured)), compiled)
 
 

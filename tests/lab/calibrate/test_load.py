@@ -13,7 +13,7 @@ from knee_contact_ros import UsageError, calibrate, estimate_load
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.parameters.files import load_parameters, values_set_in
 from knee_contact_ros.parameters.schema import LoadParameters
-from tests.lab.calibrate.legs import BODY, EPOCH, FREE, STEP, TRUE, WEIGHT, trial, walk, write_sensors
+from tests.lab.calibrate.legs import BODY, EPOCH, FREE, STEP, TRUE, WEIGHT, trial, write_sensors
 
 AXIAL, TONE = "axial_force", "person.tone"
 
@@ -86,7 +86,7 @@ def test_a_reference_without_any_noise_or_motion_is_fitted_all_the_same(tmp_path
     axial = np.full(200, 1051.6123456789)
     assert 0.0 < np.std(axial) < 1e-12
     reference = {EPOCH + STEP * place: float(axial[0]) for place in range(200)}
-    bag = write_sensors(tmp_path / "b.mcap", *walk(200, standing=True), reference)
+    bag = write_sensors(tmp_path / "b.mcap", 200, reference, standing=True)
     found = estimate_load(bag, {**BODY, TONE: fitted(bag, [TONE]).values[TONE]})
     assert found[AXIAL] == pytest.approx(axial, rel=1e-6)
 
@@ -95,7 +95,7 @@ def test_samples_without_a_reference_and_flagged_ones_are_left_out_and_counted(t
     true = fitted(trial(tmp_path, 3, size=0.0), [TONE], TRUE, with_intervals=False).measured.answers[AXIAL]
     # Every third stamp has a reference, but none of a quarter second; and for so long no angle comes.
     reference = {EPOCH + STEP * place: float(true[place]) for place in range(0, 400, 3) if not 100 < place < 125}
-    bag = write_sensors(tmp_path / "gaps.mcap", *walk(400), reference, without_angle=range(201, 226))
+    bag = write_sensors(tmp_path / "gaps.mcap", 400, reference, without_angle=range(201, 226))
     found = fitted(bag, with_intervals=False)
     column = found.measured.answers[AXIAL]
     assert found.measured.left_out == {"flagged": 25, "without a reference": 26}
@@ -153,7 +153,7 @@ def test_topics_may_have_other_names(tmp_path: Path, capsys: pytest.CaptureFixtu
 
 
 def test_an_estimate_of_our_own_is_no_reference(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    bag = write_sensors(tmp_path / "sensors.mcap", *walk(200))
+    bag = write_sensors(tmp_path / "sensors.mcap", 200)
     assert main(["estimate-load", str(bag), "--output", str(tmp_path / "loads.mcap")]) == 0
     assert run(tmp_path / "loads.mcap", "--free", TONE, "--starts", 1, "--output", tmp_path / "me.yaml") == 0
     assert "the bag also has /load_estimate: its /joint_reaction_force is likely an estimate" in capsys.readouterr().err
@@ -186,7 +186,7 @@ def test_what_is_wrong_is_told_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], reference: dict[int, float] | None, free: list[str],
     options: list[str], reason: str,
 ) -> None:  # fmt: skip
-    bag = write_sensors(tmp_path / "trial.mcap", *walk(150), reference)
+    bag = write_sensors(tmp_path / "trial.mcap", 150, reference)
     assert run(bag, "--output", tmp_path / "me.yaml", *(f"--free={name}" for name in free), *options) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert reason in line
@@ -199,7 +199,7 @@ def test_what_is_wrong_is_told_in_one_line(
 def test_an_interruption_leaves_nothing(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    bag = write_sensors(tmp_path / "trial.mcap", *walk(150), WHOLE)
+    bag = write_sensors(tmp_path / "trial.mcap", 150, WHOLE)
 
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
