@@ -1,11 +1,20 @@
-"""Surfaces of cartilage and bone from files, in m and in the axes of the femur or tibia frame.
+"""Surfaces of cartilage and bone, in m and in the axes of the femur or tibia frame, and the articular side of a slice.
 
 Trimesh or VTK reads meshes, nibabel reads label maps (NIfTI), and clouds of points are text.
+
+Beside the slice itself, parallel ones within a slab are cut: the noise of a mesh differs from one to the next, the bone
+does not.
+
+**Chart.** Coordinates in which a profile is a function g of a single number make smoothing a linear problem. Femur:
+polar, about the centre of its mean circle. g = R/r over the angle α; its curvature has the sign of v = g'' + g, so that
+v > 0 is convexity, and v is constant for a circle about the centre. Tibia: height over x. g = y/L over x/L, and v = g''
+is free.
 """
 
 from __future__ import annotations
 
 import logging
+import math
 import warnings
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -29,6 +38,16 @@ MOST_SHOWN = 12
 """Largest number of labels that a message lists"""
 BODY_AXES, SCANNER_AXES = "x,y,z", "y,z,x"
 """Axes of a mesh in a body's frame, and of a right knee in a scanner's axes (x right, y anterior, z superior)"""
+DISTANCE = 0.5e-3
+"""Distance of adjacent planes of the slab [m], or a little less"""
+COVER = 0.5e-3
+"""Distance [m] behind another part of the surface beyond which a part is not articular; noise is less"""
+LEAST_POINTS = 12
+"""The least number of points of a slice"""
+BLOCK = 256
+"""Number of points that are compared with all pieces at once"""
+LEAST_LENGTH = 0.5e-3
+"""Length [m] above which pieces that are left out are reported"""
 FLEXION = np.radians(np.linspace(0.0, 60.0, 25))
 """Flexion angles [rad] of gait"""
 NEAR = 0.2e-3
@@ -271,3 +290,178 @@ def cut(surface: Surface, z: float) -> Pieces:
     ends = line.lines.reshape(-1, 3)[:, 1:]
     points = np.asarray(line.points, np.float64)[:, :2]
     return Pieces(points[ends[:, 0]], points[ends[:, 1]], np.asarray(line.cell_data["RegionId"]))
+
+
+class Chart(NamedTuple):
+    """Coordinates of a slice: a place along the profile, and the function g across it."""
+
+    femur: bool
+    middle: Floats
+    """Origin, shape (2,) [m]: centre of a femur's circle, middle of a tibia's plateau"""
+    scale: float
+    """Length of a unit of the place, about [m]: radius of a femur's circle, half the width of a tibia's plateau"""
+    direction: float
+    """Direction from a femur's centre to the middle of the profile [rad]"""
+
+    @classmethod
+    def around(cls, points: Floats, femur: bool) -> Chart:
+        """Make the chart for points of shape (n, 2) [m]; that of a femur about the centre of Coope's circle."""
+        if not femur:
+            x, y = points.T
+            middle = np.array([(x.min() + x.max()) / 2.0, y.mean()])
+            return cls(False, middle, max(float(np.ptp(x)) / 2.0, 1e-9), 0.0)
+        centre, radius = circle(points)
+        x, y = (points - centre).mean(axis=0)
+        return cls(True, centre, radius, math.atan2(y, x))
+
+    def place(self, points: Floats) -> Floats:
+        """Places along the profile from posterior to anterior, shape (n,): angles [rad], or half widths."""
+        x, y = (points - self.middle).T
+        angle = (np.arctan2(y, x) - self.direction + math.pi) % math.tau - math.pi
+        return np.asarray(angle if self.femur else x / self.scale)
+
+    def outwards(self, points: Floats) -> Floats:
+        """Distances of points towards the joint [m], shape (n,): from a femur's centre, or heights."""
+        x, y = (points - self.middle).T
+        return np.asarray(np.hypot(x, y) if self.femur else y)
+
+    def values(self, points: Floats) -> tuple[Floats, Floats]:
+        """Values g of points, and the distances across the profile that a unit of g is there [m], shape (n,) each."""
+        out = self.outwards(points)
+        return (self.scale / out, out**2 / self.scale) if self.femur else (out / self.scale, 0.0 * out + self.scale)
+
+    def columns(self, grid: Floats, v: Floats) -> Floats:
+        """Columns g: the two straight lines, for which v = 0, and one for each column of v, shape (grid, 2 + n)."""
+        if not self.femur:
+            return np.column_stack([np.ones_like(grid), grid, _integral(grid, _integral(grid, v))])
+        sine, cosine = np.sin(grid)[:, None], np.cos(grid)[:, None]  # g'' + g = v: the integral of sin(α - β) v(β)
+        curved = sine * _integral(grid, cosine * v) - cosine * _integral(grid, sine * v)
+        return np.column_stack([cosine, sine, curved])
+
+    def curve(self, grid: Floats, g: Floats) -> Floats:
+        """Points of the profile, shape (grid, 2) [m], from g on a grid of places."""
+        if not self.femur:
+            return self.middle + self.scale * np.column_stack([grid, g])
+        angle = grid + self.direction
+        return np.asarray(self.middle + (self.scale / g)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]))
+
+
+class Slices(NamedTuple):
+    """Points of the articular side in a slice and in the slab around it."""
+
+    points: Floats
+    """Points, shape (n, 2) [m]"""
+    offsets: Floats
+    """Distances from the slice over the slab's half thickness, shape (n,), -1 to 1; 0 in the slice itself"""
+    remarks: tuple[str, ...]
+    """What was left out, as sentences"""
+
+    @property
+    def raw(self) -> Floats:
+        """Points of the slice itself, shape (n, 2) [m]; for a cloud with few of them all points of the slab."""
+        own = self.offsets == 0.0
+        return self.points[own] if np.count_nonzero(own) >= LEAST_POINTS else self.points
+
+
+def slices(surface: Surface, z: float, slab: float, femur: bool) -> Slices:
+    """Select the articular side of a surface within `slab` [m] of the plane at `z` [m].
+
+    Raises:
+        UsageError: the plane misses the surface or hardly touches it.
+    """
+    if not len(surface.triangles):
+        return _of_cloud(surface, z, slab)
+    middle = cut(surface, z)
+    if len(middle.begins) < LEAST_POINTS:
+        what = "misses" if not len(middle.begins) else "hardly touches"
+        raise UsageError(f"--slice {1e3 * z:g} {what} {surface.path}, which reaches from {surface.lateral_range}")
+    points, remarks = _articular(middle, Chart.around(np.concatenate([middle.begins, middle.ends]), femur))
+    chart = Chart.around(points, femur)
+    places = chart.place(points)
+    found, offsets = [points], [np.zeros(len(points))]
+    planes = math.ceil(slab / DISTANCE)
+    for step in range(1, planes + 1):
+        beside = [_articular(cut(surface, z + side * slab * step / planes), chart)[0] for side in (-1.0, 1.0)]
+        if min(map(len, beside)) < LEAST_POINTS:
+            remarks = [*remarks, f"the slab of {1e3 * slab:g} mm reaches beyond the surface"]
+            break
+        for side, piece in zip((-1.0, 1.0), beside, strict=True):
+            at = chart.place(piece)
+            found.append(piece[(at >= places.min()) & (at <= places.max())])
+            offsets.append(np.full(len(found[-1]), side * step / planes))
+    return Slices(np.concatenate(found), np.concatenate(offsets), tuple(remarks))
+
+
+def _of_cloud(surface: Surface, z: float, slab: float) -> Slices:
+    """Select the points of a cloud within `slab` [m] of `z` [m], or all of a cloud without a third column."""
+    flat = not surface.points[:, 2].any()
+    distance = np.zeros(len(surface.points)) if flat else surface.points[:, 2] - z
+    inside = np.abs(distance) <= slab
+    if np.count_nonzero(inside) < LEAST_POINTS:
+        raise UsageError(
+            f"--slice {1e3 * z:g}: only {np.count_nonzero(inside)} points of {surface.path} lie within "
+            f"{1e3 * slab:g} mm of it (--slab); it reaches from {surface.lateral_range}"
+        )
+    remark = "a cloud of points is taken whole: it must hold the articular side only"
+    return Slices(surface.points[inside, :2], distance[inside] / (slab or 1.0), (remark,))
+
+
+def _articular(pieces: Pieces, chart: Chart) -> tuple[Floats, list[str]]:
+    """Select the visible points of the line of which most is visible from outside; return remarks on the rest too."""
+    if not len(pieces.begins):
+        return np.empty((0, 2)), []
+    seen = _seen(0.5 * (pieces.begins + pieces.ends), pieces, chart)
+    lengths = np.hypot(*(pieces.ends - pieces.begins).T)
+    visible = np.bincount(pieces.numbers, weights=lengths * seen)
+    whole = np.bincount(pieces.numbers, weights=lengths)
+    best = int(visible.argmax())
+    chosen = (pieces.numbers == best) & seen
+    points = np.unique(np.concatenate([pieces.begins[chosen], pieces.ends[chosen]]), axis=0)
+    remarks = []
+    others = [length for number, length in enumerate(whole) if number != best and length > LEAST_LENGTH]
+    if others:
+        left = ", ".join(f"{1e3 * length:.1f}" for length in sorted(others, reverse=True)[:5])
+        remarks.append(
+            f"the slice has {1 + len(others)} pieces; taken is the one of which most is seen from outside "
+            f"({1e3 * whole[best]:.1f} mm), left out are {left} mm"
+        )
+    hidden = whole[best] - visible[best]
+    if hidden > LEAST_LENGTH:
+        remarks.append(f"{1e3 * hidden:.1f} mm of the slice lie behind the rest and are left out, as no articular side")
+    return points, remarks
+
+
+def _seen(points: Floats, pieces: Pieces, chart: Chart) -> Any:
+    """Whether no piece lies further out than each of points of shape (n, 2) [m] by more than `COVER`, shape (n,)."""
+    begin, end = chart.place(pieces.begins), chart.place(pieces.ends)
+    out_begin, out_end = chart.outwards(pieces.begins), chart.outwards(pieces.ends)
+    low, high = np.minimum(begin, end), np.maximum(begin, end)
+    usual = high - low < (math.pi if chart.femur else math.inf)  # a piece round the back of a femur covers nothing
+    rise = (out_end - out_begin) / np.where(end == begin, 1.0, end - begin)
+    seen = []
+    for first in range(0, len(points), BLOCK):  # of many points at once, the table would be large
+        part = points[first : first + BLOCK]
+        place, out = chart.place(part)[:, None], chart.outwards(part)[:, None]
+        covers = (low <= place) & (place <= high) & usual & (out_begin + rise * (place - begin) > out + COVER)
+        seen.append(~covers.any(axis=1))
+    return np.concatenate(seen)
+
+
+def _integral(grid: Floats, columns: Floats) -> Floats:
+    """Integrate each column from the beginning of the grid, by trapezoids; shape (grid, n)."""
+    from scipy.integrate import cumulative_trapezoid
+
+    return np.asarray(cumulative_trapezoid(columns, grid, axis=0, initial=0.0))
+
+
+def circle(points: Floats) -> tuple[Floats, float]:
+    """Fit a circle to points of shape (n, 2) [m] by least squares; return its centre, shape (2,), and radius [m].
+
+    Coope's linear form: (x² + y²) = 2 a x + 2 b y + c. I. D. Coope 1993, J Optim Theory Appl 76:381-388.
+    """
+    middle = points.mean(axis=0)
+    local = points - middle
+    rows = np.column_stack([2.0 * local, np.ones(len(local))])
+    solution = np.linalg.lstsq(rows, (local**2).sum(axis=1), rcond=None)[0]
+    centre = solution[:2]
+    return centre + middle, math.sqrt(max(float(solution[2] + centre @ centre), 0.0))
