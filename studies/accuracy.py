@@ -14,8 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks import reference
-from benchmarks import reference as femora
-from benchmarks import reference as laws
 from benchmarks.gait import gait
 from benchmarks.report import Section, machine, save
 from knee_contact_ros.model.knee import KneeModel
@@ -52,21 +50,22 @@ class Knee(NamedTuple):
     """A femur on a tibia in both forms: the model's and the reference's."""
 
     pair: ContactPair
-    femur: femora.Femur
+    femur: reference.Femur
 
 
 TURN = np.linspace(-math.pi, math.pi, 1501)
 FORWARDS = table(TURN, TRANSLATION * np.sin(TURN))
 """Mechanism that carries the femur forwards by `TRANSLATION` x sin(angle); the spline is 5e-14 m off"""
 SMOOTH = SmoothFemur(closed_form=Ellipse(A, B).support)
-CIRCLE = Knee(ContactPair(Circle(A), Plane(0.0), hinge()), femora.ByDepth(femora.circle))
-ELLIPSE = Knee(ContactPair(SMOOTH, Plane(0.0), hinge()), femora.ByDepth(femora.ellipse(A, B)))
+CIRCLE = Knee(ContactPair(Circle(A), Plane(0.0), hinge()), reference.ByDepth(reference.circle))
+ELLIPSE = Knee(ContactPair(SMOOTH, Plane(0.0), hinge()), reference.ByDepth(reference.ellipse(A, B)))
 SLOPED = Knee(
-    ContactPair(SMOOTH, Plane(SLOPE), FORWARDS), femora.ByHeight(femora.ellipse_on_slope(A, B, SLOPE, TRANSLATION))
+    ContactPair(SMOOTH, Plane(SLOPE), FORWARDS),
+    reference.ByHeight(reference.ellipse_on_slope(A, B, SLOPE, TRANSLATION)),
 )
 CONCAVE = Knee(
     ContactPair(Circle(A), Cup(TIBIAL_RADIUS), FORWARDS),
-    femora.ByHeight(femora.circle_in_circle(A, TIBIAL_RADIUS, TRANSLATION)),
+    reference.ByHeight(reference.circle_in_circle(A, TIBIAL_RADIUS, TRANSLATION)),
 )
 
 
@@ -76,7 +75,7 @@ class Study(NamedTuple):
     name: str
     series: Series
     law: ContactLaw
-    layers: laws.Layers
+    layers: reference.Layers
     mass: float = MASS
     knee: Knee = CIRCLE
     stiff: bool = False
@@ -90,7 +89,7 @@ def studies() -> list[Study]:
     right, left = gait("right"), gait("left")
     ours = CONTACT_LAWS["two_layer_viscoelastic"]
     impacts = {"hunt_crossley": 1.5 * 0.5, "lankarani_nikravesh": 0.75 * 0.75, "flores": 1.6, "gonthier": 1.5}
-    theirs = laws.kelvin_voigt(K1, EXPONENT, DAMPING)
+    theirs = reference.kelvin_voigt(K1, EXPONENT, DAMPING)
     return [
         Study("gait, right", right, kelvin_voigt, theirs),
         Study("gait, left", left, kelvin_voigt, theirs),
@@ -98,29 +97,29 @@ def studies() -> list[Study]:
         Study("gait, right, ellipse carried forwards on a slope", right, kelvin_voigt, theirs, knee=SLOPED),
         Study("gait, right, circle carried forwards in a concave circle", right, kelvin_voigt, theirs, knee=CONCAVE),
         Study("gait, right, Hertz (undamped)", right, CONTACT_LAWS["hertz"](**spring),
-              laws.kelvin_voigt(K1, EXPONENT, 0.0)),
+              reference.kelvin_voigt(K1, EXPONENT, 0.0)),
         Study("gait, right, two layers as printed", right, ours(**layered, damp_first_layer=False),
-              laws.two_layer(K1, EXPONENT, DAMPING, LAYER, K2, damped=False)),
+              reference.two_layer(K1, EXPONENT, DAMPING, LAYER, K2, damped=False)),
         Study("gait, right, two layers damped", right, ours(**layered, damp_first_layer=True),
-              laws.two_layer(K1, EXPONENT, DAMPING, LAYER, K2, damped=True)),
+              reference.two_layer(K1, EXPONENT, DAMPING, LAYER, K2, damped=True)),
         Study("gait, right, two layers elastic", right,
               CONTACT_LAWS["two_layer_elastic"](**spring, layer_depth=LAYER, stiffness_2=K2),
-              laws.two_layer(K1, EXPONENT, 0.0, LAYER, K2, damped=False)),
+              reference.two_layer(K1, EXPONENT, 0.0, LAYER, K2, damped=False)),
         Study("lift-off and landing", lift_off(), kelvin_voigt, theirs),
         Study("lift-off and landing, ellipse", lift_off(), kelvin_voigt, theirs, knee=ELLIPSE),
         Study("lift-off and landing, circle in a concave circle", lift_off(), kelvin_voigt, theirs, knee=CONCAVE),
         Study("lift-off and landing, two layers", lift_off(), ours(**layered, damp_first_layer=False),
-              laws.two_layer(K1, EXPONENT, DAMPING, LAYER, K2, damped=False)),
+              reference.two_layer(K1, EXPONENT, DAMPING, LAYER, K2, damped=False)),
         *(Study(f"lift-off and landing, {name}", lift_off(),
                 CONTACT_LAWS[name](**spring, restitution=0.5, least_impact_speed=0.1),
-                laws.impact_damped(K1, EXPONENT, loss, 0.1)) for name, loss in impacts.items()),
+                reference.impact_damped(K1, EXPONENT, loss, 0.1)) for name, loss in impacts.items()),
         Study("stiff: K 1e10, C 1e6, 0.1 kg", right, CONTACT_LAWS["kelvin_voigt"](stiffness=1e10, exponent=1.5,
-              damping=1e6), laws.kelvin_voigt(1e10, 1.5, 1e6), mass=0.1, stiff=True),
+              damping=1e6), reference.kelvin_voigt(1e10, 1.5, 1e6), mass=0.1, stiff=True),
         Study("stiff: K 1e12, C 2e3, 0.1 kg, lift-off and landing", cut(lift_off(), 60, 200),
               CONTACT_LAWS["kelvin_voigt"](stiffness=1e12, exponent=1.5, damping=2e3),
-              laws.kelvin_voigt(1e12, 1.5, 2e3), mass=0.1),
+              reference.kelvin_voigt(1e12, 1.5, 2e3), mass=0.1),
         Study("stiff and overdamped: C 1e7, 1 g", right, CONTACT_LAWS["kelvin_voigt"](stiffness=K1, exponent=1.5,
-              damping=1e7), laws.kelvin_voigt(K1, 1.5, 1e7), mass=1e-3, stiff=True),
+              damping=1e7), reference.kelvin_voigt(K1, 1.5, 1e7), mass=1e-3, stiff=True),
     ]  # fmt: skip
 
 

@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks import reference
-from benchmarks import reference as laws
 from benchmarks.reference import ByDepth, circle
 from benchmarks.report import Section, machine, save
 from knee_contact_ros.model import laws as model_laws
@@ -68,7 +67,7 @@ class Case(NamedTuple):
     name: str
     loads: tuple[float, ...]
     law: ContactLaw
-    layers: laws.Layers
+    layers: reference.Layers
 
 
 METHODS = {"implicit": 0.0, "explicit": math.inf}
@@ -90,7 +89,7 @@ def cases() -> list[Case]:
 def one_layer(name: str, loads: tuple[float, ...], stiffness: float, exponent: float) -> Case:
     """A case with a Kelvin-Voigt knee."""
     law = CONTACT_LAWS["kelvin_voigt"](stiffness=stiffness, exponent=exponent, damping=DAMPING)
-    return Case(name, loads, law, laws.kelvin_voigt(stiffness, exponent, DAMPING))
+    return Case(name, loads, law, reference.kelvin_voigt(stiffness, exponent, DAMPING))
 
 
 def two_layers(name: str, loads: tuple[float, ...], stiffness: float, stiffness_2: float, exponent: float) -> Case:
@@ -103,7 +102,7 @@ def two_layers(name: str, loads: tuple[float, ...], stiffness: float, stiffness_
         stiffness_2=stiffness_2,
         damp_first_layer=False,
     )
-    return Case(name, loads, law, laws.two_layer(stiffness, exponent, DAMPING, LAYER, stiffness_2, damped=False))
+    return Case(name, loads, law, reference.two_layer(stiffness, exponent, DAMPING, LAYER, stiffness_2, damped=False))
 
 
 def model_of(case: Case, tolerance: float) -> KneeModel:
@@ -156,7 +155,7 @@ def ended_on_events(case: Case, steps: int, method: str) -> list[float]:
 
 
 def across(law: NDArray[np.float64], _layer: int, depth: float, rate: float, impact: float) -> tuple[float, ...]:
-    """Return a whole contact law as one formula, clamped at zero force; see `laws.force_at`."""
+    """Return a whole contact law as one formula, clamped at zero force; see `reference.force_at`."""
     layer = int(np.sum(law[1:, BEGIN] < depth))
     answer = model_laws.force_at(law, layer, depth, rate, impact)
     return answer if layer > 0 and answer[0] > 0.0 else (0.0, 0.0, 0.0)

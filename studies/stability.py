@@ -20,12 +20,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks import reference
-from benchmarks import reference as laws
 from benchmarks.reference import ByDepth, circle, ellipse
 from benchmarks.report import Section, machine, save
 from knee_contact_ros.model.laws import ContactLaw
 from knee_contact_ros.model.types import Fidelity, Status
-from studies import stability_scenes as stability_families
+from studies import stability_scenes
 from studies.stability_scenes import BUDGET, HALF_AXES, Scene, law_of, run
 
 FINER = 300.0
@@ -226,7 +225,7 @@ class Against(NamedTuple):
 
 def families(scenes: int, seed: int) -> dict[str, Iterable[Scene]]:
     """All scenes, by the family that is their row of the table."""
-    made = stability_families
+    made = stability_scenes
     return {
         "stiffness x damping x mass x exponent x tick": made.grid(),
         "layers 1 µm to 5 mm x stiffness ratio": made.layers(),
@@ -249,18 +248,18 @@ def row(family: str, outcomes: Sequence[Outcome]) -> list[str]:
     return [family, *map(str, (len(outcomes), ticks, failed, flagged, settled, compared)), f"{error:.2g}", balance]
 
 
-def layers_of(scene: Scene) -> laws.Layers:
+def layers_of(scene: Scene) -> reference.Layers:
     """The law of a scene in the form that the reference takes."""
     constants = scene.arguments
     if scene.law == "elastic_foundation":
-        return laws.kelvin_voigt(law_of(scene).static_force(1.0), 2.0, 0.0)
+        return reference.kelvin_voigt(law_of(scene).static_force(1.0), 2.0, 0.0)
     spring = (constants["stiffness"], constants["exponent"])
     damping = constants.get("damping", 0.0)
     if scene.law.startswith("two_layer"):
         damped = bool(constants.get("damp_first_layer", False))
-        return laws.two_layer(*spring, damping, constants["layer_depth"], constants["stiffness_2"], damped)
+        return reference.two_layer(*spring, damping, constants["layer_depth"], constants["stiffness_2"], damped)
     if "restitution" not in constants:
-        return laws.kelvin_voigt(*spring, damping)
+        return reference.kelvin_voigt(*spring, damping)
     e = constants["restitution"]
     loss = {
         "hunt_crossley": 1.5 * (1.0 - e),
@@ -268,7 +267,7 @@ def layers_of(scene: Scene) -> laws.Layers:
         "flores": 1.6 * (1.0 - e) / e,
         "gonthier": (1.0 - e * e) / e,
     }[scene.law]
-    return laws.impact_damped(*spring, loss, constants["least_impact_speed"])
+    return reference.impact_damped(*spring, loss, constants["least_impact_speed"])
 
 
 def against_reference(scene: Scene, budget: int = BUDGET) -> Against:
@@ -327,7 +326,7 @@ def main(output: Path, scenes: int, seed: int) -> None:
 
     rows = []
     with ProcessPoolExecutor() as pool:
-        checked = stability_families.reference_scenes(seed, REFERENCE_SCENES)
+        checked = stability_scenes.reference_scenes(seed, REFERENCE_SCENES)
         pending = pool.map(against_reference, checked)
         random = "random, all ranges"
         given = [(family, "dynamic", list(tried)) for family, tried in families(scenes, seed).items()]

@@ -182,7 +182,7 @@ def common_normal(femur: Femur, plateau: Spline, sine: float, cosine: float, hei
 
 
 class OnPlane:
-    """A measured femur on the level plane: the pose of `reference_femur.ByHeight`."""
+    """A measured femur on the level plane: the pose of `reference.ByHeight`."""
 
     def __init__(self, femur: Femur) -> None:
         self._lowest = lru_cache(maxsize=RECENT)(lambda angle: lowest(femur, angle))
@@ -198,7 +198,7 @@ class OnPlane:
 
 
 class OnPlateau:
-    """A measured femur on a measured plateau: the pose of `reference_femur.ByHeight`."""
+    """A measured femur on a measured plateau: the pose of `reference.ByHeight`."""
 
     def __init__(self, femur: Femur, plateau: Spline) -> None:
         self._deepest = lru_cache(maxsize=RECENT)(lambda angle, height: deepest(femur, plateau, angle, height))

@@ -10,8 +10,6 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq
 
 from benchmarks import reference as by_scipy
-from benchmarks import reference as femora
-from benchmarks import reference as reference_laws
 from benchmarks.gait import gait
 from studies.accuracy import lift_off
 from studies.reference import LAWS, Knee, Law, Reference, solve
@@ -127,17 +125,17 @@ def test_what_an_impact_delivers() -> None:
 
 
 SCENES = {
-    "gait": (LAWS["kelvin_voigt"](**SPRING, damping=C), reference_laws.kelvin_voigt(K1, 1.5, C)),
-    "undamped": (LAWS["hertz"](**SPRING), reference_laws.kelvin_voigt(K1, 1.5, 0.0)),
+    "gait": (LAWS["kelvin_voigt"](**SPRING, damping=C), by_scipy.kelvin_voigt(K1, 1.5, C)),
+    "undamped": (LAWS["hertz"](**SPRING), by_scipy.kelvin_voigt(K1, 1.5, 0.0)),
     "layers": (
         LAWS["two_layer_viscoelastic"](**LAYERS, damping=C, damp_first_layer=False),
-        reference_laws.two_layer(K1, 1.5, C, LAYER, K2, damped=False),
+        by_scipy.two_layer(K1, 1.5, C, LAYER, K2, damped=False),
     ),
     "layers damped": (
         LAWS["two_layer_viscoelastic"](**LAYERS, damping=C, damp_first_layer=True),
-        reference_laws.two_layer(K1, 1.5, C, LAYER, K2, damped=True),
+        by_scipy.two_layer(K1, 1.5, C, LAYER, K2, damped=True),
     ),
-    "impact": (LAWS["flores"](**IMPACT), reference_laws.impact_damped(K1, 1.5, 1.6, 0.1)),
+    "impact": (LAWS["flores"](**IMPACT), by_scipy.impact_damped(K1, 1.5, 1.6, 0.1)),
 }
 
 
@@ -147,7 +145,7 @@ SCENES = {
 def test_scipy_agrees(name: str, series: str) -> None:
     law, layers = SCENES[name]
     time, angle, load = gait("right") if series == "gait" else lift_off()
-    surface = femora.ByHeight(femora.ellipse_on_slope(0.034, 0.028, 0.12, 0.0))
+    surface = by_scipy.ByHeight(by_scipy.ellipse_on_slope(0.034, 0.028, 0.12, 0.0))
     exact = by_scipy.solve(by_scipy.Scene(time, angle, load, layers, MASS, surface))
     solution = solve(Knee(law, MASS, (0.034, 0.028), 0.12), time, angle, load)
     # SciPy's relative tolerance is 1e-12, of heights of 34 mm, over some hundred steps; flights carry errors on
