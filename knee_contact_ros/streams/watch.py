@@ -67,21 +67,8 @@ class Doubts:
         self.plausible_depth, self.limit = other.plausible_depth, other.limit
         self.about_parameters = other.about_parameters
 
-    def add(self, stamp: int, load: float, depth: float, status: int) -> None:
-        """Add an answer: stamp [ns], load [N], penetration depth [m] and status bits."""
-        if not self.ticks:
-            self._first = stamp
-        self._last = max(self._last, stamp)
-        self.ticks += 1
-        self._sum += load
-        self.lowest = min(self.lowest, load)
-        self.highest = max(self.highest, load)
-        if status & IMPLAUSIBLE or depth > self.plausible_depth:
-            self.too_deep += 1
-            self.deepest = max(self.deepest, depth)
-
     def add_all(self, stamps: Integers, loads: Floats, depths: Floats, status: Integers) -> None:
-        """Add many answers, at least one; all arrays have shape (n,). See `add`."""
+        """Add answers, at least one: stamps [ns], loads [N], penetration depths [m] and status bits, shape (n,)."""
         if not self.ticks:
             self._first = int(stamps[0])
         self._last = max(self._last, int(stamps.max()))

@@ -129,12 +129,11 @@ def test_the_limit_follows_parameters_that_change() -> None:
 
 
 def told(loads: np.ndarray, period: float = 0.01, parts: int = 1) -> str:
-    """What is said of loads [N]; the same one by one and in parts."""
+    """What is said of loads [N]; the same of all at once and in parts."""
     stamps = np.rint(np.arange(len(loads)) * period * 1e9).astype(np.int64)
     nothing = np.zeros(len(loads))
     watch, other = Doubts(), Doubts()
-    for stamp, load in zip(stamps.tolist(), loads.tolist(), strict=True):
-        watch.add(stamp, load, 0.0, 0)
+    watch.add_all(stamps, loads, nothing, nothing.astype(np.int64))
     for part in np.array_split(np.arange(len(loads)), parts):
         other.add_all(stamps[part], loads[part], nothing[part], nothing[part].astype(np.int64))
     assert watch.sentences == other.sentences
