@@ -126,6 +126,9 @@ class Layout:
         """Joins parts to the bytes of a message; padding becomes zeros"""
         self.written = self
         """Layout in which such messages are written"""
+        self.is_written = False
+        """Whether `written` takes the parts of a message as they came: not of the other byte order, nor of a text that
+        is no UTF-8"""
 
     @property
     def numbers(self) -> np.dtype[Any]:
@@ -152,7 +155,7 @@ class Layout:
         content = self._constant(4 + self._length())[4:]
         if content.index(0) != len(content) - 1:
             raise ValueError("no text, or not all of it")
-        return content[:-1].decode()
+        return content[:-1].decode(errors="replace")  # as rclpy does
 
     def _count(self) -> int:
         count = self._length()
@@ -204,7 +207,7 @@ class Coder(Generic[Content]):
                 layout = self._read(received)
                 parts = layout.unpack(received)
             content: Content = self.kind(parts[1] * NANOSECONDS + parts[2], *layout.texts, *layout.numbers_in(parts))
-            if parts[0] == LITTLE_ENDIAN and parts[2] < NANOSECONDS:
+            if layout.is_written and parts[2] < NANOSECONDS:
                 return content, layout.written.pack(*parts)
             return content, layout.written.pack(*layout.written.parts(content))
         except UNKNOWN:
@@ -235,13 +238,13 @@ class Coder(Generic[Content]):
         """Find the layout of a message, and remember it; raises one of `UNKNOWN`."""
         layout = Layout(self.kind, data)
         content = self.kind(0, *layout.texts, *layout.numbers_in(layout.unpack(data)))
-        if len(data) > LONGEST:
-            layout.written = Layout(self.kind, _plain(content))
-            return layout
-        layout.written = written_layout(self.kind, shape_of(content))
-        if len(self._layouts) >= MOST_LAYOUTS:
-            self._layouts.clear()
-        self._layouts[len(data)] = layout
+        is_long = len(data) > LONGEST
+        layout.written = Layout(self.kind, _plain(content)) if is_long else written_layout(self.kind, shape_of(content))
+        layout.is_written = data[:2] == LITTLE_ENDIAN and layout.known == layout.written.known
+        if not is_long:
+            if len(self._layouts) >= MOST_LAYOUTS:
+                self._layouts.clear()
+            self._layouts[len(data)] = layout
         return layout
 
 

@@ -173,13 +173,23 @@ def test_other_representations_are_none(kind: Kind, first: int) -> None:
 
 @each_kind
 @pytest.mark.parametrize("frame", [b"\x08\x00\x00\x00tibia\x00_\x00", b"\x08\x00\x00\x00tibia_rr",
-                                   b"\x08\x00\x00\x00tibia\xff_\x00", b"\x08\x00\x00\x00ti\xed\xa0\x80_r\x00",
                                    b"\x00\x00\x00\x00tibia_r\x00", b"\xff\xff\xff\xfftibia_r\x00"])  # fmt: skip
 def test_odd_texts_are_none(kind: Kind, frame: bytes) -> None:
     message = kind.example._replace(frame_id="tibia_r")
     data = kind.coder.encode(message)
     assert kind.decode(data) == message
     assert kind.decode(data[:12] + frame + data[24:]) is None
+
+
+@each_kind
+@pytest.mark.parametrize("text", [b"tibia\xff_", b"ti\xed\xa0\x80_r"])
+def test_a_text_that_is_no_utf_8_is_read_as_rclpy_does_and_recorded_as_text(kind: Kind, text: bytes) -> None:
+    data = kind.coder.encode(kind.example._replace(frame_id="tibia_r"))
+    for _ in range(2):
+        read, recorded = kind.coder.decode(data[:16] + text + data[23:])
+        assert "\ufffd" in read.frame_id
+        assert read == kind.ros_decode(data[:16] + text + data[23:])
+        assert recorded == kind.rosbags_bytes(read)
 
 
 @given(kinds_and_messages, st.booleans(), st.lists(st.tuples(st.integers(0), st.integers(0, 7)), max_size=3))
