@@ -10,8 +10,10 @@ from __future__ import annotations
 import re
 import struct
 import zlib
+from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from heapq import heappop, heappush
 from io import BytesIO
 from itertools import accumulate, zip_longest
@@ -432,8 +434,7 @@ class McapFile:
                 segment, last = self._begun(piece), piece.offset
         if segment:
             self._take(segment)
-        for index in self._lost:
-            self._take_by_index(index)
+        self._take_lost()
         self._conclude()
 
     def _begun(self, piece: Piece) -> Segment | None:
@@ -499,30 +500,41 @@ class McapFile:
         self.segments.append(segment._replace(first=times[0], last=times[1], counts=counts))
         return len(contents.heads)
 
-    def _take_by_index(self, index: ChunkIndex) -> None:
-        """Take in a chunk whose head is wrong as the index describes it, if its checksum fits."""
+    def _take_lost(self) -> None:
+        """Take in the chunks that were not found, as the index describes them, and nothing else at their places."""
+        lost = sorted(self._lost, key=attrgetter("chunk_start_offset"))
+        taken = [span for span in map(self._take_by_index, lost) if span]
+        if not taken:
+            return
+        segments, self.segments = self.segments, []
+        for segment in segments:
+            span = segment.offset, segment.end
+            for begin, end in [span] if segment.chunked else _outside(*span, taken):
+                if (begin, end) == span:
+                    self.segments.append(segment)
+                    continue
+                with suppress(DamagedError):  # what was taken for messages beside the chunk
+                    self._add(segment._replace(offset=begin, begin=begin, end=end, size=end - begin))
+        self.segments.sort(key=attrgetter("offset"))
+        self._unusable = [
+            (begin, end, words) for first, last, words in self._unusable for begin, end in _outside(first, last, taken)
+        ]
+        more = f", and {len(taken) - 1} more," if len(taken) > 1 else ""
+        self._note(f"the head of the chunk at byte {taken[0][0]}{more} is damaged; the index tells what it was")
+
+    def _take_by_index(self, index: ChunkIndex) -> tuple[int, int] | None:
+        """Take in a chunk whose head is wrong if its checksum fits; return where it begins, and its indices end."""
         begin, end = index.chunk_start_offset, index.chunk_start_offset + index.chunk_length
         data, place = end - index.compressed_size, begin + HEAD.size + CHECKSUM_PLACE
-        if not place + 4 <= data <= end <= self.size:
-            return
+        if begin in self._found or not place + 4 <= data <= end <= self.size:
+            return None
         checksum = int.from_bytes(self._records.read(place, place + 4), "little")
-        if not checksum:
-            return
         try:
-            self._add(Segment(begin, data, end, index.uncompressed_size, checksum, index.compression))
+            if checksum:
+                self._add(Segment(begin, data, end, index.uncompressed_size, checksum, index.compression))
         except DamagedError:
-            return
-        end += index.message_index_length  # nothing else that was found up to there is any
-        over = [s for s in self.segments if not s.chunked and s.offset < end and begin < s.end]
-        self.segments = sorted((s for s in self.segments if s not in over), key=attrgetter("offset"))
-        for segment in over:
-            if segment.offset < begin:
-                self._add(segment._replace(end=begin, size=begin - segment.offset))
-        unusable, self._unusable = self._unusable, []
-        for first, last, words in unusable:
-            parts = (first, min(last, begin), words), (max(first, end), last, words)
-            self._unusable += [part for part in parts if part[0] < part[1]]
-        self._note(f"the head of the chunk at byte {begin} is damaged; the index tells what it was")
+            return None
+        return (begin, end + index.message_index_length) if checksum else None
 
     def _declare(self, record: Any, declared: dict[tuple[type, int], Any]) -> None:
         """Take in a schema or channel, which `mcap` has parsed as `record`, into `declared`."""
@@ -603,6 +615,18 @@ class McapFile:
         """Add a fault unless it is known already."""
         if fault not in self.faults:
             self.faults.append(fault)
+
+
+def _outside(begin: int, end: int, spans: list[tuple[int, int]]) -> Iterator[tuple[int, int]]:
+    """Parts of a range that lie outside the `spans`, which are sorted."""
+    for first, last in spans[max(bisect_right(spans, (begin, end)) - 1, 0) :]:
+        if first >= end:
+            break
+        if begin < first:
+            yield begin, first
+        begin = max(begin, last)
+    if begin < end:
+        yield begin, end
 
 
 def _until(following: Segment | None, waiting: list[tuple[int, int, Batch]]) -> Iterator[Batch]:

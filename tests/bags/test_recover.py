@@ -260,6 +260,11 @@ def of_length(length: Callable[[list[int]], int]) -> Damage:
     return lambda content, chunks, summary: put(1, length(chunks).to_bytes(8, "little"), 1)(content, chunks, summary)
 
 
+def every_opcode(content: bytearray, chunks: list[int], _summary: int) -> None:
+    for offset in chunks:
+        content[offset] = 5
+
+
 def wrong_index(content: bytearray, chunks: list[int], summary: int) -> None:
     """Have the index of the chunks lie about the place of one."""
     begin = content.index(chunks[2].to_bytes(8, "little"), summary)
@@ -273,6 +278,7 @@ DAMAGES: dict[str, tuple[Damage, bool, str]] = {
     "opcode of the first chunk": (put(0, b"\x21", 0), True, HEAD_LIES),
     "opcode of a message": (put(0, b"\x05", 2), True, HEAD_LIES),
     "opcode of a message index": (put(0, b"\x07", 2), True, HEAD_LIES),
+    "opcode of every chunk": (every_opcode, True, "and 5 more, is damaged; the index tells what it was"),
     "private opcode": (put(0, b"\x86", 2), True, HEAD_LIES),
     "length": (of_length(lambda chunks: chunks[2] - chunks[1]), True, HEAD_LIES),
     "length beyond all memory": (of_length(lambda _: 2**64 - 1), True, HEAD_LIES),
