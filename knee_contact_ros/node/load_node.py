@@ -4,7 +4,7 @@ Subscribes to `joint_states` (sensor_msgs/JointState: knee, hip and ankle, effor
 `ground_reaction_force` (geometry_msgs/WrenchStamped, what the ground exerts on the foot). Publishes
 `joint_reaction_force` (geometry_msgs/WrenchStamped, what the femur exerts on the tibia) and `load_estimate`
 (knee_contact_ros/LoadEstimate), one each per ground force, and `/diagnostics` once a second.
-Parameters: `parameters/load_schema.py`.
+Parameters: `parameters/schema.py`.
 """
 
 from __future__ import annotations

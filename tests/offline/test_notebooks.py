@@ -1,4 +1,4 @@
-"""`knee_contact_ros.solve`: the answers of the command of that name, bit for bit, and its options."""
+"""`solve` and `estimate_load` of Python: the answers of the commands of these names, bit for bit, and their options."""
 
 from __future__ import annotations
 
@@ -14,6 +14,11 @@ from knee_contact_ros import Results, UsageError
 from knee_contact_ros.bags.reader import read_answers
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.model.types import FLAT, TOLD
+from knee_contact_ros.offline.estimate_load import estimate_load
+from knee_contact_ros.offline.notebooks import DTYPE
+from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.schema import LoadParameters
+from tests.helpers.walking import WHOLE_LEG, walk, walking_bag
 from tests.offline.test_solve import make_bag
 
 ROWS = [(5_000_000 * i, 0.01 * i, 500.0 + 10.0 * i) for i in range(20)]
@@ -137,3 +142,24 @@ def test_what_is_wrong_is_told_in_pythons_words(
     Path("there.mcap").touch()
     with pytest.raises(UsageError, match=told):
         knee_contact_ros.solve(right_bag, **given)
+
+
+def test_a_load_is_what_the_command_estimates(tmp_path: Path) -> None:
+    bag = walking_bag(tmp_path / "in.mcap", walk())
+    each_told = []
+    parameters = load_parameters([WHOLE_LEG, {"person.mass": 60.0}], LoadParameters)
+    estimate_load(bag, parameters, None, lambda *_: None, keep=lambda stamp, each: each_told.append((stamp, *each)))
+    found = knee_contact_ros.estimate_load(bag, WHOLE_LEG, {"person.mass": 60.0}, output=tmp_path / "out.mcap")
+    assert found.dtype == DTYPE
+    assert found.tobytes() == np.array(each_told, DTYPE).tobytes()
+    assert len(knee_contact_ros.solve(tmp_path / "out.mcap")) == len(found)
+
+
+def test_what_is_wrong_with_a_load_is_said_in_python(tmp_path: Path) -> None:
+    bag = walking_bag(tmp_path / "in.mcap", walk())
+    with pytest.raises(UsageError, match=r"did you mean person\.mass"):
+        knee_contact_ros.estimate_load(bag, values={"persn.mass": 60.0})
+    with pytest.raises(UsageError, match=r"remap: .* is not allowed; a mapping"):
+        knee_contact_ros.estimate_load(bag, remap=["joint_states"])  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match="is no input; FROM must be joint_states or ground_reaction"):
+        knee_contact_ros.estimate_load(bag, remap={"joint_reaction_force": "/force"})
