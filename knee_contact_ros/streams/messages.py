@@ -316,12 +316,6 @@ def decode_joint_state(data: bytes | bytearray | memoryview) -> JointState | Non
     return decoded and decoded[0]
 
 
-def decode_wrench_stamped(data: bytes | bytearray | memoryview) -> WrenchStamped | None:
-    """Content of a WrenchStamped; None if the bytes are none."""
-    decoded = WRENCH.decode(data)
-    return decoded and decoded[0]
-
-
 LAST_STAMP = 2**31 * NANOSECONDS - 1
 """Latest stamp [ns] that a ROS message can hold"""
 

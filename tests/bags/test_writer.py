@@ -30,7 +30,7 @@ from knee_contact_ros.bags.recorder import (
     prepare_metadata,
 )
 from knee_contact_ros.model.types import Contact
-from knee_contact_ros.streams.messages import decode_wrench_stamped, encode_answer, encode_answer_wrench
+from knee_contact_ros.streams.messages import WRENCH, encode_answer, encode_answer_wrench
 from knee_contact_ros.streams.topics import KNEE_CONTACT, KNEE_CONTACT_WRENCH, MESSAGE_TYPES, definition, typestore
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.answers import FIELDS, contact, contacts_of
@@ -264,7 +264,7 @@ def test_a_folder_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
 
 
 def test_the_wrench_presses_the_tibia_down() -> None:
-    message = decode_wrench_stamped(encode_answer_wrench(0, "tibia_r", CONTACT.tobytes()))
+    message = WRENCH.decode(encode_answer_wrench(0, "tibia_r", CONTACT.tobytes()))[0]
     assert message is not None
     assert message.force == (0.0, -3.0, 0.0)
     assert message.torque == (0.0, 0.0, pytest.approx(0.005 * -3.0))

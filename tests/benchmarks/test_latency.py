@@ -19,7 +19,7 @@ from benchmarks.latency import bare, driver
 from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.node.inputs import DEPTH
 from knee_contact_ros.node.session import OUTPUT_DEPTH
-from knee_contact_ros.streams.messages import decode_joint_state, decode_wrench_stamped
+from knee_contact_ros.streams.messages import WRENCH, decode_joint_state
 from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.processes import child_process
@@ -42,7 +42,7 @@ def test_figures_and_their_ratios() -> None:
 def test_samples_are_gait_forth_and_back_without_a_leap() -> None:
     found = list(islice(driver.samples(1000.0, 7), 9000))
     states, forces = zip(
-        *((decode_joint_state(each.angle), decode_wrench_stamped(each.force)) for each in found), strict=True
+        *((decode_joint_state(each.angle), WRENCH.decode(each.force)[0]) for each in found), strict=True
     )
     stamps = [7 + number * MS for number in range(9000)]
     assert (

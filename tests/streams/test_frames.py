@@ -20,9 +20,9 @@ from knee_contact_ros.streams.frames import (
     turned_wrench,
 )
 from knee_contact_ros.streams.messages import (
+    WRENCH,
     RefusedSampleError,
     WrenchStamped,
-    decode_wrench_stamped,
     encode_wrench_stamped,
 )
 
@@ -44,7 +44,7 @@ def wrench(
 def take(frame: ForceFrame, given: WrenchStamped) -> WrenchStamped:
     """What comes of a force that is taken; the bytes must be its own."""
     turned, data = frame.turned(given, encode_wrench_stamped(given))
-    assert decode_wrench_stamped(data) == turned
+    assert WRENCH.decode(data)[0] == turned
     if not frame.is_held:
         frame.hold(given.frame_id)
     return turned

@@ -24,9 +24,9 @@ from knee_contact_ros.parameters.schema import lateral_knee
 from knee_contact_ros.streams.columns import Column
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.messages import (
+    WRENCH,
     JointState,
     WrenchStamped,
-    decode_wrench_stamped,
     encode_joint_state,
     encode_wrench_stamped,
 )
@@ -121,7 +121,7 @@ def test_medial_and_lateral_load_are_the_axial_load(share: float, moment: float,
 def test_the_wrench_is_that_of_both_forces_at_the_origin() -> None:
     """On planes without slope the forces point down: their moment about x is d (lateral - medial)."""
     answers, (medial, lateral) = one_by_one(pipeline_of({"load.share": 0.7}))
-    wrenches = [decode_wrench_stamped(answer.records[-1][2]) for answer in answers]
+    wrenches = [WRENCH.decode(answer.records[-1][2])[0] for answer in answers]
     total = medial["contact_force"] + lateral["contact_force"]
     assert [wrench.force[1] for wrench in wrenches if wrench] == pytest.approx((-total).tolist(), rel=ROUNDINGS)
     moment = 0.025 * (lateral["contact_force"] - medial["contact_force"])
@@ -137,7 +137,7 @@ def test_the_moment_that_splits_the_load_comes_out_again() -> None:
     answers, (medial, lateral) = one_by_one(pipeline_of(values), 4.0)
     pressed = (medial["load"] > 0.0) & (lateral["load"] > 0.0)
     assert pressed.sum() > TICKS // 3
-    wrenches = [decode_wrench_stamped(answer.records[-1][2]) for answer in answers]
+    wrenches = [WRENCH.decode(answer.records[-1][2])[0] for answer in answers]
     moments = np.array([wrench.torque[0] for wrench in wrenches if wrench])
     # The statics ends within its tolerance of the depth, 1e-6 m of 7e-4 m under 1000 N: some 2 N of either force.
     assert moments[pressed] == pytest.approx(4.0, abs=0.025 * 4.0)
