@@ -71,8 +71,9 @@ class InputMeter:
 
     def begin(self) -> None:
         """Start to measure: neither silence nor rate counts the time before."""
+        self.take()  # they stay in the total
         self.last = self.report_time = time.monotonic()
-        self.periods, self.ages, self.arrivals = [], [], []
+        self.periods, self.ages = [], []
 
     def take(self) -> None:
         """Count the messages that have arrived since the last call."""

@@ -151,6 +151,7 @@ class Session(ABC):
 
     def retune(self, parameters: Any, changes: dict[str, Any]) -> None:
         """Continue with changed parameters; `changes` has the values that have changed, by dotted name."""
+        self.health.take()  # by the limits that held for these answers
         self.parameters = self.health.parameters = parameters
         self.pipeline.retune(parameters)
         self.outputs.note(PARAMETERS_CHANGED, change_record(self.pipeline.ticks, changes))

@@ -134,6 +134,19 @@ def test_periods_and_ages_are_told_as_topic_statistics_are(monkeypatch: pytest.M
     }  # fmt: skip
 
 
+def test_messages_before_a_pause_of_the_node_stay_in_the_total(monkeypatch: pytest.MonkeyPatch) -> None:
+    """They may have come after the last report; the silence of the pause is no period."""
+    clock = Time(monkeypatch)
+    meter = InputMeter(last=clock.now)
+    clock.receive(meter, 3, 0.01)
+    meter.arrivals.append((clock.now, 1000.0 + clock.now, None))
+    clock.now += 5.0
+    meter.begin()
+    clock.receive(meter, 2, 0.01)
+    values, _ = meter.report()
+    assert (values["received"], values["longest pause [ms]"]) == ("6", "10.0")
+
+
 @pytest.mark.parametrize("bit", [bit for bit in Status if bit])
 def test_usable_is_said_of_the_newest_answer(bit: Status, monkeypatch: pytest.MonkeyPatch) -> None:
     clock = Time(monkeypatch)
