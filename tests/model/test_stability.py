@@ -10,10 +10,19 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from knee_contact_ros.model.types import Status
-from studies.stability import against_reference
-from studies.stability_checks import energy_gains, judge, promises, signed_depth
-from studies.stability_families import DEGENERATE, LAWS, SPEED, Uniform, random_scene
-from studies.stability_scenes import Scene, arguments_of, femur, knee, run
+from studies.stability import against_reference, energy_gains, judge, promises, signed_depth
+from studies.stability_scenes import (
+    DEGENERATE,
+    LAWS,
+    SPEED,
+    Scene,
+    Uniform,
+    arguments_of,
+    femur,
+    knee,
+    random_scene,
+    run,
+)
 
 BUDGET = 2000
 """Keeps the tests short: what cannot be solved within it must be said."""
