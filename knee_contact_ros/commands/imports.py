@@ -93,6 +93,7 @@ sensor_map_option = click.option(
     help="rosbag2 folder to write; of both sides BAG_right and BAG_left.",
 )
 @click.option("--overwrite", is_flag=True, help="Replace a bag of that name.")
+@click.option("--anyway", is_flag=True, help="Write it although something is likely a mistake; that is then a warning.")
 def import_opensim(side: str, output: Path, overwrite: bool, **options: Any) -> None:
     """Make a gait bag of OpenSim's results, or run OpenSim first.
 

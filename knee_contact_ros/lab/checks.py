@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from knee_contact_ros.joint_reaction.estimator import LEAST_PEAK, LIGHTEST, MOST_PEAK, STIFF, weight_doubt
-from knee_contact_ros.lab.tables import BODY_WEIGHT, FORCE, UNITS, Floats, Series, Table
+from knee_contact_ros.lab.tables import BODY_WEIGHT, FORCE, PERCENT, Floats, Series, Table, factor
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_LOAD
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
@@ -27,6 +27,10 @@ EXTENDS, FLEXES = math.radians(-30.0), math.radians(170.0)
 """Range of flexion angles of any knee [rad]"""
 WIDEST = math.radians(180.0)
 """Range of motion [rad] beyond that of any knee"""
+BENT, FOLDED = math.radians(90.0), math.radians(160.0)
+"""Flexion [rad] that a knee falls below in every step, and one that no knee exceeds under load"""
+SPIKE, ALONE = 1.5, 2.0
+"""Load [BW] by which a row exceeds both its neighbours, and how many times as large it is, that point to a spike"""
 JUMP = math.radians(30.0)
 """Step [rad] from one row to the next that points to a loose contact, or to a new turn of an encoder"""
 SLOWEST = 5.0
@@ -38,6 +42,10 @@ SMALLEST_FORCE, LARGEST_FORCE = 20.0, 1e6
 """Range of the peak of an axial force [N], outside of which the force is not in N"""
 USUAL_WEIGHT = (LIGHTEST, 2500.0)
 """Range of body weights [N] that is assumed where none is given"""
+MIDDLE_WEIGHT = 700.0
+"""Body weight [N] that limits of spikes are of where none is given"""
+USUAL_LOAD = (400.0, 8000.0)
+"""Range of peak loads [N] outside of which a body weight is asked for where none is given"""
 USUAL_PEAK = (1.5, 4.0)
 """Range of peak loads [BW] into which the right unit would bring a peak"""
 STANDS = 100.0
@@ -175,16 +183,67 @@ def impossible(angle: Series, load: Series | None = None) -> str:
     return ""
 
 
-def doubts(angle: Series, load: Series, unit: str, weight: float | None, max_gap: float) -> list[str]:
-    """List what is likely a mistake; `unit` is the load's, `weight` the body's [N], `max_gap` [s] between rows."""
-    sentences = ["" if weight is None else weight_doubt(weight), _slow(angle), _still(angle), _outside(angle)]
-    sentences += [_jumps(angle, max_gap), _slow(load), _peak(load, unit, weight)]
+def doubts(angle: Series, load: Series, unit: str | None, weight: float | None, max_gap: float) -> list[str]:
+    """List what is likely a mistake.
+
+    `unit` is the load's in the map, None for OpenSim's results, which need none; `weight` is the body's [N]; `max_gap`
+    is the longest time [s] between rows that is no gap.
+    """
+    ask = "are its times in s?" if unit is None else "is time.unit right?"
+    sentences = ["" if weight is None else weight_doubt(weight), _slow(angle, ask)]
+    if unit is not None:
+        sentences.append(_still(angle))
+    sentences += [
+        _included(angle, unit) or _outside(angle),
+        _jumps(angle, max_gap),
+        _slow(load, ask),
+        _spike(load, weight),
+    ]
+    sentences.append(_peak(load, unit, weight))
     return [sentence for sentence in sentences if sentence]
 
 
-def _slow(series: Series) -> str:
+def unusual(load: Series, weight: float | None) -> list[str]:
+    """List what may be a mistake, and cannot be told without a body weight [N]."""
+    peak, (least, most) = float(load.values.max()), USUAL_LOAD
+    if weight or least <= peak <= most:
+        return []
+    hint = "percent of body weight, or kN?" if peak < least else "a spike, or another unit?"
+    return [f"{load.where} presses with {peak:.4g} N at most, which is {'little' if peak < least else 'much'}: {hint}"]
+
+
+def _slow(series: Series, ask: str) -> str:
     rate = NANOSECONDS / float(np.median(np.diff(series.stamps)))
-    return "" if rate >= SLOWEST else f"{series.path} has {rate:.3g} rows a second: is time.unit right?"
+    if rate >= SLOWEST:
+        return ""
+    return f"{series.path} has {rate:.3g} rows a second: {ask} In ms there would be {1000.0 * rate:.3g}"
+
+
+def _included(angle: Series, unit: str | None) -> str:
+    """Doubt about a knee that is never less bent than 90 degrees, or more than a loaded one can be."""
+    low, high = float(angle.values.min()), float(angle.values.max())
+    if high <= FOLDED and low < BENT:
+        return ""
+    cure = "" if unit is None else f" Then {angle.name}.sign: -1, and {angle.name}.offset: 180 (in deg)"
+    return (
+        f"{angle.where} is {math.degrees(low):.0f} to {math.degrees(high):.0f} deg of flexion: is it the included "
+        f"angle, 180 deg less flexion?{cure}"
+    )
+
+
+def _spike(load: Series, weight: float | None) -> str:
+    """Doubt about rows that stand out of both their neighbours."""
+    inner = load.values[1:-1]
+    beside = np.maximum(load.values[:-2], load.values[2:])
+    spikes = (inner - beside > SPIKE * (weight or MIDDLE_WEIGHT)) & (inner > ALONE * beside)
+    if not spikes.any():
+        return ""
+    row = int(np.argmax(np.where(spikes, inner, -math.inf)))
+    times = np.count_nonzero(spikes)
+    return (
+        f"{load.where} is {inner[row]:.5g} N at {load.stamps[row + 1] / NANOSECONDS:.7g} s and {beside[row]:.5g} N at "
+        f"most in the rows beside{f', and so {times} times in all' if times > 1 else ''}: a spike?"
+    )
 
 
 def _still(angle: Series) -> str:
@@ -202,7 +261,7 @@ def _outside(angle: Series) -> str:
     return (
         f"{angle.where} is {math.degrees(low):.1f} to {math.degrees(high):.1f} deg of flexion, and a knee has "
         f"{math.degrees(EXTENDS):.0f} to {math.degrees(FLEXES):.0f}: is {angle.name}.sign right, or has the sensor an "
-        "offset (knee-contact align)?"
+        f"offset ({angle.name}.offset, or knee-contact align)?"
     )
 
 
@@ -217,7 +276,7 @@ def _jumps(angle: Series, max_gap: float) -> str:
     return f"{jumps}{f', and {times} times in all' if times > 1 else ''}: a loose contact, or an encoder's turn?"
 
 
-def _peak(load: Series, unit: str, weight: float | None) -> str:
+def _peak(load: Series, unit: str | None, weight: float | None) -> str:
     """Doubt about a peak load that is not of the order of the body weight, with the unit in which it would be."""
     peak = float(load.values.max())
     lightest, heaviest = (weight, weight) if weight else USUAL_WEIGHT
@@ -227,10 +286,16 @@ def _peak(load: Series, unit: str, weight: float | None) -> str:
     measured = f"{peak:.4g} N" + (f", {peak / weight:.3g} body weights" if weight else "")
     usual = f"{LEAST_PEAK:g} to {MOST_PEAK:g}" if weight else f"{least:.0f} to {most:.0f} N"
     hint = f"is load.unit {unit} right, and is it a load's column?"
-    if weight and unit != BODY_WEIGHT and unit in UNITS[FORCE]:
-        for other in ("lbf", "N", "kgf", "kN"):
-            there = peak / UNITS[FORCE][unit] * UNITS[FORCE][other] / weight
-            if unit != other and USUAL_PEAK[0] <= there <= USUAL_PEAK[1]:
-                hint = f"is load.unit {unit} right? In {other} it would be {there:.2g} body weights"
-                break
+    if unit is None:
+        hint = "is it this person's (model), in N, and without spikes?"
+    elif weight:
+        fitting = []
+        for other in ("lbf", "N", "kgf", "kN", BODY_WEIGHT, PERCENT):
+            there = peak / factor(unit, FORCE, "load", weight) * factor(other, FORCE, "load", weight) / weight
+            if USUAL_PEAK[0] <= there <= USUAL_PEAK[1]:
+                fitting.append((other, f"{there:.2g}"))
+        if fitting:
+            (first, times), *more = fitting
+            hint = f"is load.unit {unit} right? In {first} it would be {times} body weights"
+            hint += "".join(f", in {other} {there}" for other, there in more)
     return f"{load.where} presses with {measured} at most, and a knee that bears its body with {usual}: {hint}"

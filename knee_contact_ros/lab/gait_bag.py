@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 from rich.console import Console
 from rich.table import Table
 
@@ -106,6 +107,9 @@ class Gait(NamedTuple):
     ground: Signal | None = None
     """What the ground exerts on the foot, about the ankle joint's centre, in upright axes (x forward, y up, z right)"""
 
+    doubts: tuple[str, ...] = ()
+    """What is likely a mistake, as sentences"""
+
     @property
     def angle(self) -> Signal:
         """Flexion of the knee."""
@@ -159,6 +163,26 @@ def grid(window: tuple[int, int], rate: float) -> Stamps:
     if len(counts) < 2:
         raise UsageError(f"--rate {rate:g}: fewer than two samples in {(window[1] - window[0]) / NANOSECONDS:g} s")
     return np.clip(np.rint(counts * period).astype(np.int64), *window)
+
+
+def gaps(name: str, known: Stamps, longest: float) -> list[str]:
+    """Note on the gaps between rows at stamps `known` that are longer than `longest` [s], if there are any."""
+    steps = np.diff(known) / NANOSECONDS
+    wide = np.count_nonzero(steps > longest)
+    if not wide:
+        return []
+    worst = int(np.argmax(steps))
+    return [
+        f"{name}: {wide} gaps longer than {longest:g} s, the longest of {steps[worst]:.3g} s "
+        f"at {known[worst] / NANOSECONDS:.7g} s; answers there are flagged STALE_INPUT"
+    ]
+
+
+def bridged(stamps: Stamps, known: Stamps, longest: float) -> NDArray[np.bool_]:
+    """Which stamps lie on a row or between rows that are at most `longest` [s] apart; truth values, shape (n,)."""
+    after = np.clip(np.searchsorted(known, stamps, "left"), 1, len(known) - 1)
+    near: NDArray[np.bool_] = (known[after] - known[after - 1] <= longest * NANOSECONDS) | np.isin(stamps, known)
+    return near
 
 
 def write_bag(gait: Gait, folder: Path, origin: dict[str, str]) -> None:

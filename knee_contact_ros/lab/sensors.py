@@ -15,7 +15,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from knee_contact_ros.lab import checks, gait_bag, tables
 from knee_contact_ros.lab.gait_bag import Gait, Signal
-from knee_contact_ros.lab.tables import Series, Stamps, Table
+from knee_contact_ros.lab.tables import Series, Table
 from knee_contact_ros.parameters.files import first_error
 from knee_contact_ros.parameters.schema import Section, one_of
 from knee_contact_ros.streams.topics import NANOSECONDS
@@ -37,6 +37,7 @@ class Channel(Section):
     columns: dict[str, float] | None = Field(None, min_length=1, description="names with weights")
     unit: str = Field(description="of the sum")
     scale: float = Field(1.0, description="which the sum is multiplied by, as a calibration says")
+    offset: float = Field(0.0, description="in `unit`, added at the end, behind scale, sign and direction")
     file: str = Field("", description="pattern of the file's name, as *_motion.csv, if several have such columns")
 
     @model_validator(mode="after")
@@ -131,7 +132,7 @@ def import_csv(files: Sequence[Path], map_file: Path, output: Path, *, overwrite
         gait_bag.write_bag(gait, work / output.name, origin)
         replace(work / output.name, output)
     show(channels, gait, sensors, output)
-    warn(doubtful)
+    warn([*doubtful, *checks.unusual(load, sensors.body_weight)])
 
 
 def read_map(path: Path) -> SensorMap:
@@ -227,6 +228,9 @@ def _series(name: str, channel: Channel, table: Table, to_si: float, leave_out: 
     weights = np.array(list(channel.weights.values()))
     values = (table.values[there][:, places] @ weights) * (to_si * channel.scale * channel.turned)
     words = " + ".join(column if w == 1.0 else f"{w:g} {column}" for column, w in channel.weights.items())
+    if channel.offset:
+        values += to_si * channel.offset
+        notes.append(f"{name}: {channel.offset:g} {channel.unit} added (offset)")
     return Series(name, table.path, words, table.stamps[there], values, tuple(notes))
 
 
@@ -248,10 +252,12 @@ def gait_of(channels: dict[str, Series], sensors: SensorMap) -> Gait:
     early = int(np.count_nonzero(load.stamps < 0))
     notes += [f"{early} rows of the load lie before time 0, which no stamp does, and are left out"] * (early > 0)
     window = gait_bag.common_window(flexion, reaction)
-    notes += gaps(angle, sensors.max_gap) + gaps(load, sensors.max_gap)
+    notes += gait_bag.gaps("angle", angle.stamps, sensors.max_gap) + gait_bag.gaps("load", load.stamps, sensors.max_gap)
     if sensors.rate:
         stamps = gait_bag.grid(window, sensors.rate)
-        stamps = stamps[np.all([bridged(stamps, each.stamps, sensors.max_gap) for each in (angle, load)], axis=0)]
+        stamps = stamps[
+            np.all([gait_bag.bridged(stamps, each.stamps, sensors.max_gap) for each in (angle, load)], axis=0)
+        ]
         if len(stamps) < 2:
             raise UsageError(f"map: rate {sensors.rate:g}: fewer than two samples lie outside gaps (max_gap)")
         flexion, reaction = flexion.at(stamps), reaction.at(stamps)
@@ -263,24 +269,6 @@ def gait_of(channels: dict[str, Series], sensors: SensorMap) -> Gait:
         notes += [f"{outside} rows of the load left out: no angle at their time"] * (outside > 0)
     columns = {name: series.columns for name, series in channels.items()}
     return Gait(sensors.side, {sensors.angle.joint: flexion.with_rate()}, reaction, columns, notes)
-
-
-def gaps(series: Series, longest: float) -> list[str]:
-    """Note on the gaps between rows that are longer than `longest` [s], if there are any."""
-    steps = np.diff(series.stamps) / NANOSECONDS
-    wide, worst = np.count_nonzero(steps > longest), int(np.argmax(steps))
-    note = (
-        f"{series.name}: {wide} gaps longer than {longest:g} s, the longest of {steps[worst]:.3g} s "
-        f"at {series.stamps[worst] / NANOSECONDS:.7g} s; answers there are flagged STALE_INPUT"
-    )
-    return [note] * bool(wide)
-
-
-def bridged(stamps: Stamps, known: Stamps, longest: float) -> Bools:
-    """Which stamps lie on a row or between rows that are at most `longest` [s] apart; truth values, shape (n,)."""
-    after = np.clip(np.searchsorted(known, stamps, "left"), 1, len(known) - 1)
-    near: Bools = (known[after] - known[after - 1] <= longest * NANOSECONDS) | np.isin(stamps, known)
-    return near
 
 
 def show(channels: dict[str, Series], gait: Gait, sensors: SensorMap, bag: Path) -> None:

@@ -11,8 +11,10 @@ import csv
 import difflib
 import io
 import math
+import re
 from array import array
-from collections.abc import Collection, Iterator, Sequence
+from collections import Counter
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -41,19 +43,30 @@ LONGEST_LINE = 2**20
 COMMENT = "#"
 POUND_FORCE, KILOPOND, INCH = 4.4482216152605, 9.80665, 0.0254
 TIME, ANGLE, FORCE, MOMENT = "time", "angle", "force", "moment"
-BODY_WEIGHT = "BW"
-"""Unit of force that needs the map's `body_weight`"""
+BODY_WEIGHT, PERCENT = "BW", "%BW"
+"""Units of force that need the map's `body_weight`"""
+NOT_A_NUMBER = re.compile(r"[-+]?(?:nan(?:\(\w*\))?|\d\.#\w+)", re.IGNORECASE)
+"""How computers write NaN, and Windows also infinity: nan, -nan(ind), 1.#QNAN, -1.#IND, 1.#INF"""
+GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}(?:(?:\.\d{3})+(?:,\d*)?|(?:,\d{3})+(?:\.\d*)?)")
+"""Numbers that may have thousands marks: 1.760 and 1,760 have, or have a decimal mark; 1.760,5 and 1,760.5 have"""
+DECIMAL_COMMA = re.compile(r"[-+]?(?:0,\d+|\d+,(?:\d{1,2}|\d{4,}))")
+"""Numbers whose comma is no thousands mark"""
+BEGINS = re.compile(r"\s*[-+]?(?:\.?\d|nan\b|inf)", re.IGNORECASE)
+"""Begin of a line of numbers"""
+SOME = 3
+"""Number of cells from which a column's way to write numbers is told"""
 UNITS = {
     TIME: {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
     ANGLE: {"rad": 1.0, "deg": math.radians(1.0), "mrad": 1e-3, "rev": 2.0 * math.pi},
-    FORCE: {"N": 1.0, "kN": 1e3, "mN": 1e-3, "lbf": POUND_FORCE, "kgf": KILOPOND, BODY_WEIGHT: math.nan},
+    FORCE: {"N": 1.0, "kN": 1e3, "mN": 1e-3, "lbf": POUND_FORCE, "kgf": KILOPOND, BODY_WEIGHT: 1.0, PERCENT: 0.01},
     MOMENT: {"N*m": 1.0, "N*mm": 1e-3, "kN*m": 1e3, "lbf*in": POUND_FORCE * INCH, "lbf*ft": 12.0 * POUND_FORCE * INCH},
 }
-"""Factors of units to s, rad, N and N m, by quantity"""
+"""Factors of units to s, rad, N (or body weights) and N m, by quantity"""
 ALIASES = {
     "sec": "s", "second": "s", "seconds": "s", "µs": "us", "μs": "us",
     "degree": "deg", "degrees": "deg", "°": "deg", "radian": "rad", "radians": "rad",
     "newton": "N", "newtons": "N", "lb": "lbf", "kp": "kgf", "Nm": "N*m", "Nmm": "N*mm", "N m": "N*m", "N mm": "N*mm",
+    "xBW": BODY_WEIGHT, "bw": BODY_WEIGHT, "% BW": PERCENT, "%bw": PERCENT, "% bw": PERCENT, "percent BW": PERCENT,
 }  # fmt: skip
 
 
@@ -71,22 +84,35 @@ class Table(NamedTuple):
     """Value of `inDegrees` in a storage file's header; None: there is none"""
     duplicates: int
     """Number of rows that were left out for a later one of the same stamp"""
+    words: Mapping[tuple[int, str], str] = {}
+    """Cells of a storage file that are no numbers, and NaN in `values`, by stamp and column"""
 
     def columns(self, names: Sequence[str]) -> Floats:
-        """Return columns by their names, shape (n, columns)."""
-        return self.values[:, [self.names.index(name) for name in names]]
+        """Return columns by their names, shape (n, columns).
+
+        Raises:
+            UsageError: a column is not there or there twice.
+        """
+        return self.values[:, [_place(name, self.names, self.path) for name in names]]
 
     def column(self, name: str) -> Floats:
         """Return a column by its name, shape (n,).
 
         Raises:
-            UsageError: the column has a value that is not finite.
+            UsageError: the column is not there or there twice, or has a value that is not finite.
         """
-        values = self.values[:, self.names.index(name)]
+        values = self.values[:, _place(name, self.names, self.path)]
         if not np.isfinite(values).all():
             row = int(np.argmin(np.isfinite(values)))
-            raise UsageError(f"{self.path}: column {name} is {values[row]} at {self.time(row)} s; it must be finite")
+            cell = self.words.get((int(self.stamps[row]), name), values[row])
+            raise UsageError(f"{self.path}: column {name} is {cell} at {self.time(row)} s; it must be a finite number")
         return values
+
+    def needed(self, names: Sequence[str], start: float | None, end: float | None) -> Table:
+        """Leave out rows before `start` and after `end` [s] that have no number in one of the columns `names`."""
+        first, last = (edge if s is None else s * NANOSECONDS for s, edge in ((start, -math.inf), (end, math.inf)))
+        kept = (self.stamps >= first) & (self.stamps <= last) | np.isfinite(self.columns(names)).all(axis=1)
+        return self._replace(stamps=self.stamps[kept], values=self.values[kept])
 
     def time(self, row: int) -> str:
         """Return the time [s] of a row as text."""
@@ -153,13 +179,13 @@ def factor(unit: str, kind: str, what: str, body_weight: float | None = None) ->
     """Factor of a unit to SI; `kind` is the quantity that it must be of, `what` names the value in messages.
 
     Raises:
-        UsageError: the unit is not known or is of another quantity, or it is BW and there is no `body_weight` [N].
+        UsageError: the unit is not known or is of another quantity, or in body weights without `body_weight` [N].
     """
     name = ALIASES.get(unit, unit)
-    if name == BODY_WEIGHT and kind == FORCE:
+    if name in {BODY_WEIGHT, PERCENT} and kind == FORCE:
         if body_weight is None:
-            raise UsageError(f"{what}: unit BW needs body_weight [N] in the map")
-        return body_weight
+            raise UsageError(f"{what}: unit {name} needs body_weight [N] in the map")
+        return UNITS[FORCE][name] * body_weight
     if name in UNITS[kind]:
         return UNITS[kind][name]
     known = ", ".join(UNITS[kind])
@@ -182,14 +208,40 @@ def read_storage(path: Path) -> Table:
         raise UsageError(f"{path} holds {header['datatype']} (DataType in its header); only numbers can be read")
     if not rows:
         raise UsageError(f"{path} has no rows")
+    words: dict[tuple[int, int], str] = {}
     try:
         numbers = np.loadtxt(rows, ndmin=2, comments=None)
-    except ValueError as error:
-        raise UsageError(f"{path}: its table cannot be read: {str(error).split(';')[0]}") from None
+    except ValueError:
+        numbers, words = _by_cells(path, names, rows)
     if numbers.shape[1] != len(names):
         raise UsageError(f"{path}: {len(names)} column names, but {numbers.shape[1]} columns")
     degrees = {"yes": True, "no": False}.get(header.get("indegrees", "").lower())
-    return _over_time(path, names[1:], numbers, degrees)
+    table = _over_time(path, names[1:], numbers, degrees)
+    stamps = {row: round(numbers[row, 0] * NANOSECONDS) for row, _ in words}
+    return table._replace(words={(stamps[row], names[place]): cell for (row, place), cell in words.items()})
+
+
+def _by_cells(path: Path, names: Sequence[str], rows: Sequence[str]) -> tuple[Floats, dict[tuple[int, int], str]]:
+    """Read rows that hold more than numbers with points, cell by cell.
+
+    Returns the numbers, NaN where a cell has none, shape (n, columns), and such cells by row and column. Commas are
+    decimal ones if no cell has a point, and those of the times cannot be thousands marks.
+    """
+    cells = [row.split("\t") if row.count("\t") == len(names) - 1 else row.split() for row in rows]
+    comma = "." not in "".join(rows) and any(DECIMAL_COMMA.fullmatch(row[0].strip()) for row in cells)
+    numbers, words = np.empty((len(rows), len(names))), {}
+    for row, texts in enumerate(cells):
+        if len(texts) != len(names):
+            raise UsageError(f"{path}: {len(names)} column names, but {len(texts)} columns in row {row + 1}")
+        for place, text in enumerate(texts):
+            try:
+                numbers[row, place] = _number(text, "," if comma else ".", strict=True)
+            except ValueError:
+                if place == 0:
+                    fault = f"{path}: time is {text.strip()[:40]!r} in row {row + 1}; numbers must have decimal points"
+                    raise UsageError(fault) from None
+                numbers[row, place], words[row, place] = math.nan, repr(text.strip()[:40])
+    return numbers, words
 
 
 def _over_time(path: Path, names: Sequence[str], numbers: Floats, degrees: bool | None = None) -> Table:
@@ -230,7 +282,7 @@ def split(path: Path, text: str) -> tuple[dict[str, str], list[str], list[str]]:
     """Split a storage file's text into header entries (by names in lower case), column names and lines of the table.
 
     OpenSim 4.6 writes an empty header, and parts of a second one, before the names in `*_states.sto`: the names are
-    the line right before the numbers.
+    the line right before the numbers. Where tabs divide them they may hold blanks; commas may divide columns too.
 
     Raises:
         UsageError: the text is no storage file.
@@ -239,12 +291,16 @@ def split(path: Path, text: str) -> tuple[dict[str, str], list[str], list[str]]:
     end = next((number for number, line in enumerate(lines) if line.strip().lower() == END), None)
     if end is None:
         raise UsageError(f"{path} is not an OpenSim storage file (.sto, .mot): it has no line {END}")
-    first = next((n for n in range(end + 1, len(lines)) if _is_number(lines[n].split()[0])), len(lines))
-    names = lines[first - 1].split()
+    first = next((n for n in range(end + 1, len(lines)) if BEGINS.match(lines[n])), len(lines))
+    names, rows = [name.strip() for name in lines[first - 1].strip().split("\t")], lines[first:]
+    if len(names) == 1 and " " not in names[0] and "," in names[0]:
+        names, rows = [name.strip() for name in names[0].split(",")], [row.replace(",", "\t") for row in rows]
+    elif len(names) == 1:
+        names = names[0].split()
     if first > end + 1 and names[0].lower() != TIME:
         raise UsageError(f"{path}: its first column is {names[0]}, and must be {TIME}")
     entries = [line.split("=", 1) for line in lines[:end] if "=" in line]
-    return {key.strip().lower(): value.strip() for key, value in entries}, names, lines[first:]
+    return {key.strip().lower(): value.strip() for key, value in entries}, names, rows
 
 
 def repaired(text: str, path: Path) -> str:
@@ -276,10 +332,12 @@ def read_columns(path: Path, wanted: Collection[str], time: TimeColumn, table_fo
         UsageError: the file cannot be read, a column is not there or there twice, a cell is no number, or time stands
             still or goes back.
     """
+    to_seconds = factor(time.unit, TIME, "time")
     if path.suffix.lower() in STORAGES:
         storage = read_storage(path)
-        return storage._replace(stamps=storage.stamps + round(time.offset * 1e9))
-    to_seconds = factor(time.unit, TIME, "time")
+        storage.columns(list(wanted))
+        stamps = storage.stamps if to_seconds == 1.0 else np.rint(storage.stamps * to_seconds).astype(np.int64)
+        return storage._replace(stamps=stamps + round(time.offset * NANOSECONDS))
     header = _header(path, table_format)
     numbers = _numbers(
         path, header, [_place(name, header.names, path) for name in (time.column, *wanted)], table_format
@@ -331,8 +389,10 @@ def _place(name: str, names: Sequence[str], path: Path) -> int:
 
 def _numbers(path: Path, header: Header, places: Sequence[int], table_format: TableFormat) -> Floats:
     """Read the numbers of the columns at some places, shape (rows, places)."""
-    decimal_comma = table_format.decimal == "," or (table_format.decimal == "auto" and header.delimiter != ",")
-    flat = array("d")
+    either = table_format.decimal == "auto" and header.delimiter != ","
+    decimal = "." if table_format.decimal == "auto" else table_format.decimal
+    stated = table_format.decimal != "auto"
+    flat, marks = array("d"), Marks(places)
     width, first = len(header.names), table_format.first_line or header.line + 1
     with _opened(path) as file:
         for line, cells in _rows(file, path, header.delimiter):
@@ -342,29 +402,85 @@ def _numbers(path: Path, header: Header, places: Sequence[int], table_format: Ta
                 raise UsageError(f"{path}: line {line} has {len(cells)} columns, and the names are {width}")
             for place in places:
                 try:
-                    flat.append(_number(cells[place], decimal_comma))
+                    flat.append(_number(cells[place], "" if either else decimal, strict=not stated))
                 except ValueError:
                     fault = (
                         f"{path}: line {line}, column {header.names[place]}: {cells[place].strip()[:40]!r} is no number"
                     )
-                    raise UsageError(fault + _cause(cells, place, line == first)) from None
+                    cause = _stated(cells[place], decimal) if stated else _cause(cells, place, line == first)
+                    raise UsageError(fault + cause) from None
+                if not stated:
+                    marks.add(place, cells[place].strip(), line)
+    if not stated:
+        marks.check(path, header.names)
     return np.array(flat).reshape(-1, len(places))
 
 
-def _number(cell: str, decimal_comma: bool) -> float:
-    """Number in a cell, NaN if it is empty; a ValueError if it has no number."""
-    if "_" in cell:  # which Python takes
-        raise ValueError
+class Marks:
+    """Decimal and thousands marks in columns, where the table's format does not say which is which."""
+
+    def __init__(self, places: Sequence[int]) -> None:
+        """Begin for the columns at some places."""
+        self._kinds = {place: Counter[str]() for place in places}
+        self._first: dict[tuple[int, str], tuple[int, str]] = {}
+
+    def add(self, place: int, cell: str, line: int) -> None:
+        """Count a cell by its mark: none, one that is a decimal mark, or one that may be a thousands mark (`?`)."""
+        mark = "." if "." in cell else "," if "," in cell else ""
+        if mark and GROUPED.fullmatch(cell) and not (mark == "." and "," in cell):
+            mark += "?"
+            self._first.setdefault((place, mark), (line, cell))
+        self._kinds[place][mark] += 1
+
+    def check(self, path: Path, names: Sequence[str]) -> None:
+        """Refuse a cell as 1.760 if another cell's comma is the decimal mark, or no cell below 1000 has a mark."""
+        sure = {mark for kinds in self._kinds.values() for mark in kinds}
+        for (place, mark), (line, cell) in self._first.items():
+            kinds, other = self._kinds[place], "," if mark == ".?" else "."
+            whole = mark[0] not in kinds and min(kinds[""], kinds[mark]) >= SOME
+            if other in sure or whole:
+                sign = "point" if mark == ".?" else "comma"
+                raise UsageError(
+                    f"{path}: line {line}, column {names[place]}: the {sign} of {cell!r} may be a decimal or a "
+                    "thousands mark; say which mark is the decimal one (table.decimal: '.' or ',')"
+                )
+
+
+def _number(cell: str, decimal: str, *, strict: bool = False) -> float:
+    """Number in a cell, NaN if it is empty or not a number; a ValueError if it is something else.
+
+    Args:
+        cell: text of the cell.
+        decimal: decimal mark; the other mark then is a thousands mark, if the digits are so grouped. Empty: both are
+            decimal marks, and in a cell with both the last one.
+        strict: refuse thousands marks too, if `decimal` is not empty.
+    """
     text = cell.strip()
-    if decimal_comma and "," in text and "." not in text:
-        text = text.replace(",", ".", 1)
-    return float(text) if text else math.nan
+    if not text or NOT_A_NUMBER.fullmatch(text):
+        return math.nan
+    if "_" in text:  # which Python takes
+        raise ValueError
+    mark = decimal or ("," if text.rfind(",") > text.rfind(".") else ".")
+    other = "." if mark == "," else ","
+    if other in text:
+        if (strict and decimal) or not GROUPED.fullmatch(text) or (mark in text and text.find(mark) < text.find(other)):
+            raise ValueError
+        text = text.replace(other, "")
+    return float(text.replace(mark, ".", 1))
+
+
+def _stated(cell: str, decimal: str) -> str:
+    """Hint at a cell with the mark that is not the stated decimal mark."""
+    other = "." if decimal == "," else ","
+    return f"; table.decimal says {decimal!r}, and digits are not grouped by {other!r}" if other in cell else ""
 
 
 def _cause(cells: Sequence[str], place: int, first: bool) -> str:
     """Hint at the cause of a cell that has no number; `first`: it is in the first row."""
     if first and not any(_is_number(cell) for cell in cells if cell.strip()):
         return "; where the rows begin later, say so (table.first_line)"
+    if GROUPED.fullmatch(cells[place].strip()):
+        return "; say which mark is the decimal one (table.decimal: '.' or ',')"
     return "; for decimal commas say table.decimal: ','" if "," in cells[place] else ""
 
 

@@ -69,6 +69,37 @@ def test_columns_become_what_the_node_listens_to(importing: Importing, capsys: p
     assert re.fullmatch("[0-9a-f]{64}", record["file 1_sha256"])
 
 
+@pytest.mark.parametrize(
+    ("before", "after", "of_load", "of_angle"),
+    [
+        ("unit: N", "unit: kN", lambda load: load / 1e3, lambda angle: angle),
+        ("unit: N", "unit: '%BW'", lambda load: load / 7.0, lambda angle: angle),
+        ("unit: N", "unit: N\n  offset: -30", lambda load: load + 120.0 / 4.0, lambda angle: angle),
+        ("unit: deg}", "unit: deg, sign: -1, offset: 180}", lambda load: load, lambda angle: 180.0 - angle),
+        ("unit: deg}", "unit: deg, sign: -1, offset: 90}", lambda load: load, lambda angle: 90.0 - angle),
+    ],
+)
+def test_units_and_offsets_of_sensors(
+    importing: Importing, before: str, after: str, of_load: Callable[[Any], Any], of_angle: Callable[[Any], Any]
+) -> None:
+    table, total = cells(), load(cells()["time_s"])
+    table["goniometer_deg"] = of_angle(table["goniometer_deg"])
+    table |= {"am_n": of_load(total)} | dict.fromkeys(("pm_n", "al_n", "pl_n"), 0.0 * total)
+    assert importing(table, MAP.replace(before, after, 1)) == 0
+    angles, forces = content()
+    np.testing.assert_allclose([-force.force[1] for force in forces], total, atol=2e-3)
+    np.testing.assert_allclose([a.position[0] for a in angles], np.radians(cells()["goniometer_deg"]), atol=1e-7)
+
+
+def test_without_a_body_weight_a_strange_load_is_a_warning(
+    importing: Importing, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for times, words in ((0.14, "which is little: percent of body weight"), (6.0, "which is much: a spike, or")):
+        text = MAP.replace("body_weight: 700.0\n", "").replace("unit: N", f"unit: N\n  scale: {times}")
+        assert importing(cells(), text, "--overwrite") == 0
+        assert words in " ".join(capsys.readouterr().err.split())
+
+
 def test_files_of_one_trial_make_one_bag(importing: Importing) -> None:
     """Motion in one, the cells in the other; both have a column time_s."""
     moved = write_csv(Path("motion.csv"), motion())
@@ -161,6 +192,15 @@ SPOILT: dict[str, tuple[Callable[[dict], dict], str]] = {
                 r"pulls the knee apart.*load\.direction"),
     "radians given as degrees": (lambda t: t | {"goniometer_deg": np.radians(t["goniometer_deg"])},
                                  r"moves by 0\.\d+ deg in all: is angle\.unit right"),
+    "included angle": (lambda t: t | {"goniometer_deg": 180.0 - t["goniometer_deg"]},
+                       r"deg of flexion: is it the included angle, .* angle\.sign: -1, and angle\.offset: 180"),
+    "angle of an encoder": (lambda t: t | {"goniometer_deg": t["goniometer_deg"] - 90.0},
+                            r"offset \(angle\.offset, or"),
+    "spike": (lambda t: t | {"pm_n": np.where(t["time_s"] == 1.0, 2500.0, t["pm_n"])}, r"N at 1 s and .*: a spike\?"),
+    "newtons that are body weights": (lambda t: t | {n: v / 700.0 for n, v in t.items() if n.endswith("_n")},
+                                      r"In kN it would be 3\.1 body weights, in BW 2\.2"),
+    "newtons that are percent": (lambda t: t | {n: v / 7.0 for n, v in t.items() if n.endswith("_n")},
+                                 r"In kgf it would be 3\.1 body weights, in %BW 2\.2"),
     "sign": (lambda t: t | {"goniometer_deg": -t["goniometer_deg"] - 30.0}, r"of flexion, and a knee has -30 to 170"),
     "another column": (lambda t: t | {"goniometer_deg": t["am_n"], "am_n": t["goniometer_deg"]},
                        r"goes from .* deg, which no knee does"),

@@ -58,7 +58,11 @@ def test_a_stray_empty_header_is_passed_over_and_repaired(tmp_path: Path, stray:
         ("endheader", "", "no line endheader"),
         ("time\t", "t\t", "first column is t, and must be time"),
         ("\ta\tb", "\ta", "2 column names, but 3 columns"),
-        ("-2.000000000000", "two", "cannot be read.*two"),
+        ("-2.000000000000", "two", r"column a is 'two' at 0\.1 s"),
+        ("-2.000000000000", "1,760", r"column a is '1,760' at 0\.1 s"),
+        ("-2.000000000000", "-nan(ind)", r"column a is nan at 0\.1 s"),
+        ("0.100000000000", "0,100", r"time is '0,100' in row 2; numbers must have decimal points"),
+        ("time\ta\tb", "time\ta\ta", "has 2 columns a; their names must differ"),
         ("-2.000000000000", "nan", r"column a is nan at 0\.1 s"),
         ("version=1", "version=1\nDataType=Vec3", "holds Vec3"),
         ("0.100000000000", "0.250000000000", "goes back from 0.25 to 0.2 s"),
@@ -82,6 +86,50 @@ def test_what_is_no_storage_file_is_refused_in_a_line(
     assert "\n" not in str(refused.value)
 
 
+@pytest.mark.parametrize(
+    ("names", "rows"),
+    [
+        ("time\ta\tb", "0.0\t1.5\t2\n0.1\t-1250\t3"),
+        ("time\tEMG of right vastus\ta", "0.0\t7\t1.5\n0.1\t8\t-1250"),
+        ("time\ta\tb", "0,0\t1,5\t2\n0,1\t-1250\t3"),
+        ("time\tb\ta", "0,000\t1,500\t1,5\n0,100\t1,500\t-1250"),
+        ("time,a,b", "0.0,1.5,2\n0.1,-1250,3"),
+        *[("time\tb\ta", f"0.0\t{nan}\t1.5\n0.1\t2\t-1250") for nan in
+          ("-nan(ind)", "nan", "1.#QNAN", "-1.#IND", "1.#INF", "-1.#IND00", "NaN(ind)", "no value")],
+    ],
+)  # fmt: skip
+def test_the_ways_in_which_storage_files_are_written(tmp_path: Path, names: str, rows: str) -> None:
+    """Also what is no number in a column that is not asked for."""
+    path = tmp_path / "q.mot"
+    path.write_text(f"Coordinates\nversion=1\ninDegrees=yes\nendheader\n{names}\n{rows}\n")
+    table = read_storage(path)
+    assert table.column("a").tolist() == [1.5, -1250.0]
+    assert table.stamps.tolist() == [0, 100_000_000]
+
+
+DIGITS = ("0,02;8,856;91,0", "0,04;9,812;1.150", "0,06;11,385;1.281,5", "0,08;12,581;875,25")
+"""Rows of a table with decimal commas, and points between thousands"""
+SWAP = str.maketrans(",.", ".,")
+
+
+@pytest.mark.parametrize(
+    ("mark", "decimal", "rows"),
+    [
+        (";", ",", DIGITS),
+        ("\t", ".", [row.translate(SWAP).replace(";", "\t") for row in DIGITS]),
+        (",", ".", [row.translate(SWAP).replace(";", '","').join('""') for row in DIGITS]),
+    ],
+)
+def test_thousands_marks_are_read_where_the_decimal_mark_is_stated(
+    tmp_path: Path, mark: str, decimal: str, rows: list[str]
+) -> None:
+    path = tmp_path / "a.csv"
+    path.write_text("\n".join([mark.join(("time", "angle", "load")), *rows]) + "\n")
+    table = read_columns(path, ["angle", "load"], TimeColumn(), TableFormat(decimal=decimal))
+    assert table.column("load").tolist() == [91.0, 1150.0, 1281.5, 875.25]
+    assert table.column("angle").tolist() == [8.856, 9.812, 11.385, 12.581]
+
+
 @settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.lists(st.tuples(st.sampled_from(PIECES), st.floats(0.0, 1.0), st.integers(0, 3)), min_size=1, max_size=4))
 def test_damage_ends_in_numbers_or_in_one_line(tmp_path: Path, damage: list[tuple[bytes, float, int]]) -> None:
@@ -102,6 +150,30 @@ def test_damage_ends_in_numbers_or_in_one_line(tmp_path: Path, damage: list[tupl
     else:
         assert str(path) in told
         assert "\n" not in told
+
+
+@pytest.mark.parametrize(
+    ("rows", "decimal", "says"),
+    [
+        (DIGITS, "auto", r"line 3, column load: the point of '1\.150' may be a decimal or a thousands mark; say"),
+        (["0.02\t8.5\t91", "0.04\t9.5\t1,150"], "auto", "line 3, column load: the comma of '1,150' may be"),
+        (["0;1;91", "1;2;950", "2;3;975", "3;4;1.150", "4;5;1.350", "5;6;1.287"], "auto", "the point of '1.150'"),
+        (
+            ["0,1,91", "1,2,950", "2,3,975", "3,4,1.150", "4,5,1.350", "5,6,1.287"],
+            "auto",
+            "the point of '1.150' may be",
+        ),
+        (["0,02;8;1.15", "0,04;9;91"], ",", r"'1\.15' is no number; table\.decimal says ',', and digits are not"),
+        (["0,02;8;0.150", "0,04;9;91"], ",", r"'0\.150' is no number; table\.decimal says ','"),
+        (["0.02\t8\t1,5", "0.04\t9\t91"], ".", r"'1,5' is no number; table\.decimal says '\.'"),
+        (['0.02,8,"1,150"', "0.04,9,91"], "auto", r"'1,150' is no number; say which mark is the decimal one"),
+    ],
+)
+def test_a_cell_with_a_mark_of_two_meanings_is_named(tmp_path: Path, rows: list[str], decimal: str, says: str) -> None:
+    path, mark = tmp_path / "a.csv", next(mark for mark in ";\t," if mark in rows[0])
+    path.write_text("\n".join([mark.join(("time", "angle", "load")), *rows]) + "\n")
+    with pytest.raises(UsageError, match=says):
+        read_columns(path, ["load"], TimeColumn(), TableFormat(decimal=decimal))
 
 
 @pytest.mark.parametrize("text", ["1_000", "0x10", "1e5x", "--1", "1.2.3", "1,2,3", "true", "١٢x"])

@@ -20,12 +20,12 @@ from knee_contact_ros.lab.opensim import leg as legs
 from knee_contact_ros.lab.opensim import pipeline, results, setup_files
 from knee_contact_ros.lab.opensim.pipeline import Check, Run
 from knee_contact_ros.lab.opensim.results import LEFT, RIGHT, Settings, coordinate_of
-from knee_contact_ros.lab.tables import read_storage
+from knee_contact_ros.lab.tables import Series, read_storage
 from knee_contact_ros.streams.gait_events import LOAD_PEAK, GaitEvents
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import replace, work_folder
-from knee_contact_ros.system.terminal import WIDTH, progress, say, shown
+from knee_contact_ros.system.terminal import WIDTH, progress, say, shown, warn
 
 LOADS = "external_loads_file"
 USUAL_WEIGHT = 737.068
@@ -49,7 +49,7 @@ class Files(NamedTuple):
 
 def import_opensim(
     side: str, output: Path, overwrite: bool, setups: Sequence[Path], steps: str, work: Path | None, ground: str | None,
-    rate: float, angle_sign: str, **rest: Any,
+    rate: float, angle_sign: str, anyway: bool, **rest: Any,
 ) -> None:  # fmt: skip
     """Import results of OpenSim, or run OpenSim first; arguments are the options of the command, by name.
 
@@ -60,7 +60,9 @@ def import_opensim(
             failed; nothing is then written.
     """
     files = {name: rest.pop(name) for name in ("kinematics", "reactions", "speeds", "model")}
-    settings = Settings(**rest, angle_sign=None if angle_sign == "auto" else int(angle_sign), rate=rate or None)
+    settings = Settings(
+        **rest, angle_sign=None if angle_sign == "auto" else int(angle_sign), rate=rate or None, anyway=anyway
+    )
     chosen, given = tuple(filter(None, steps.split(","))), [f"--{name}" for name, path in files.items() if path]
     if setups:
         if given:
@@ -152,11 +154,13 @@ def store(files: Files, settings: Settings, bags: Mapping[str, Path], work: Path
         origin |= {"conversions": "\n".join(gait.notes), "settings": json.dumps(settings._asdict())}
         origin |= gait_bag.QUANTITIES | (gait_bag.LEG_QUANTITIES if gait.ground else {})
         origin |= ({"body_weight": f"{weight:.3f} N"} if weight else {}) | more
+        origin |= {"doubts": "\n".join(gait.doubts)} if gait.doubts else {}
         gait_bag.write_bag(gait, work / bags[side].name, origin)
     for bag in bags.values():
         replace(work / bag.name, bag)
     for side, (gait, weight) in knees.items():
         show_knee(gait, weight, files, bags[side])
+        warn(gait.doubts)
 
 
 def read_knee(side: str, files: Files, settings: Settings, work: Path) -> tuple[Gait, float | None]:
@@ -173,10 +177,12 @@ def read_knee(side: str, files: Files, settings: Settings, work: Path) -> tuple[
             raise UsageError(f"--{name} {value}: it must be a finite number")
     kinematics, reactions = read_storage(files.kinematics), read_storage(files.reactions)
     column = results.angle_column(kinematics, side, settings.coordinate)
+    kinematics = kinematics.needed([column], settings.start, settings.end)
     facts = results.read_model(files.model, coordinate_of(column)) if files.model else None
     angle, notes = results.read_angles(kinematics, column, files.speeds, settings, facts.bounds if facts else None)
     chosen = results.find_reaction(reactions, side, settings.joint)
-    reaction, of_reaction = results.read_reaction(reactions, chosen, side)
+    wanted = [chosen.column(axis) for axis in results.AXES]
+    reaction, of_reaction = results.read_reaction(reactions.needed(wanted, settings.start, settings.end), chosen, side)
     columns = {"angle": column, "reaction": chosen.column(f"({' '.join(results.AXES)})")}
     notes += of_reaction
     leg = None
@@ -188,9 +194,18 @@ def read_knee(side: str, files: Files, settings: Settings, work: Path) -> tuple[
         columns["ground force"] = leg.columns
         notes += leg.notes
     ground_force = leg.ground if leg else None
+    known = angle.stamps, reaction.stamps
     window = gait_bag.common_window(angle, reaction, settings.start, settings.end, ground_force)
+    doubtful, unusual = _doubts(angle.inside(window), reaction.inside(window), files, columns, facts and facts.weight)
+    if doubtful and not settings.anyway:
+        raise UsageError(f"{doubtful[0]} (--anyway imports it as it is)")
     if settings.rate:
         stamps = gait_bag.grid(window, settings.rate)
+        stamps = stamps[np.all([gait_bag.bridged(stamps, each, results.MAX_GAP) for each in known], axis=0)]
+        if len(stamps) < 2:
+            raise UsageError(
+                f"--rate {settings.rate:g}: fewer than two samples lie outside gaps of {results.MAX_GAP} s"
+            )
         angle, reaction = angle.at(stamps), reaction.at(stamps)
         ground_force = ground_force and ground_force.at(stamps)
         notes.append(f"{'all' if leg else 'both'} interpolated linearly at {settings.rate:g} Hz")
@@ -200,9 +215,25 @@ def read_knee(side: str, files: Files, settings: Settings, work: Path) -> tuple[
         ground_force = ground_force and ground_force.inside(window)
         if outside := rows - len(reaction.stamps):
             notes.append(f"{outside} reactions left out: no angle at their time, or outside --start and --end")
+    for name, stamps in zip(("angle", "reaction"), known, strict=True):
+        inside = stamps[(stamps >= window[0]) & (stamps <= window[1])]
+        notes += gait_bag.gaps(name, inside, results.MAX_GAP)
     angles = {gait_bag.JOINT: angle.with_rate()}
     angles |= {name: getattr(leg, name).at(angle.stamps).with_rate() for name in ("hip", "ankle") if leg}
-    return Gait(side, angles, reaction, columns, notes, ground_force), facts and facts.weight
+    gait = Gait(side, angles, reaction, columns, notes, ground_force, (*doubtful, *unusual))
+    return gait, facts and facts.weight
+
+
+def _doubts(
+    angle: gait_bag.Signal, reaction: gait_bag.Signal, files: Files, columns: Mapping[str, str], weight: float | None
+) -> tuple[list[str], list[str]]:
+    """List what is likely a mistake, and what may be one."""
+    if min(len(angle.stamps), len(reaction.stamps)) < 2:
+        return [], []
+    flexion = Series("angle", files.kinematics, columns["angle"], angle.stamps, angle.values[:, 0])
+    axial = columns["reaction"].replace(f"({' '.join(results.AXES)})", "fy")
+    load = Series("load", files.reactions, axial, reaction.stamps, -reaction.values[:, 1])
+    return checks.doubts(flexion, load, None, weight, results.MAX_GAP), checks.unusual(load, weight)
 
 
 def show_knee(gait: Gait, weight: float | None, files: Files, bag: Path) -> None:

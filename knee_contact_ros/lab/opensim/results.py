@@ -27,9 +27,13 @@ ANGLE_WORDS = {"angle", "flexion", "flex", "extension", "ext", "fe"}
 TIBIA, FEMUR = ("tibia", "shank"), ("femur", "femor", "thigh")
 """Beginnings of words in the names of bodies"""
 REACTION = re.compile(r"(?P<joint>.+)_on_(?P<body>.+)_in_(?P<frame>.+)_(?:[fmp][xyz])")
+MOCO = "reaction_on_"
+"""Part of the names of the columns that Moco's study writes: /jointset/knee_r|reaction_on_child_1 and so on"""
 AXES = ("fx", "fy", "fz", "mx", "my", "mz")
 POINT = ("px", "py", "pz")
 HOW = "in the JointReaction set-up: apply_on_bodies child, express_in_frame child"
+MAX_GAP = 0.1
+"""Longest time between rows [s] across which is interpolated, as `max_gap` of import-csv"""
 
 
 class Settings(NamedTuple):
@@ -49,6 +53,8 @@ class Settings(NamedTuple):
     """Last time [s]; None: the last that all files have"""
     rate: float | None = None
     """Rate of interpolated samples [Hz]; None: every row keeps its stamp"""
+    anyway: bool = False
+    """Whether to import what is likely a mistake"""
 
 
 class ModelFacts(NamedTuple):
@@ -105,16 +111,17 @@ def angle_column(table: Table, side: str, coordinate: str | None) -> str:
     Raises:
         UsageError: there is no such column, or more than one.
     """
-    by_coordinate = {found: name for name in table.names if (found := coordinate_of(name)) is not None}
+    names = list(dict.fromkeys(table.names))  # one that is there twice is refused when it is read
     if coordinate is not None:
-        if coordinate not in {*table.names, *by_coordinate}:
-            raise UsageError(f"{table.path} has no column {coordinate} (--coordinate); it has {some(table.names)}")
-        return coordinate if coordinate in table.names else by_coordinate[coordinate]
-    fitting = [name for name in by_coordinate if is_knee_angle(name, side)]
+        fitting = [coordinate] if coordinate in names else [name for name in names if coordinate_of(name) == coordinate]
+        if not fitting:
+            raise UsageError(f"{table.path} has no column {coordinate} (--coordinate); it has {some(names)}")
+    else:
+        fitting = [name for name in names if is_knee_angle(coordinate_of(name) or "", side)]
     if len(fitting) != 1:
-        found = ", ".join(fitting) or f"no angle of the {side} knee, but {some(table.names)}"
+        found = ", ".join(fitting) or f"no angle of the {side} knee, but {some(names)}"
         raise UsageError(f"{table.path} has {found}; choose one with --coordinate NAME")
-    return by_coordinate[fitting[0]]
+    return fitting[0]
 
 
 def is_knee_angle(name: str, side: str) -> bool:
@@ -150,6 +157,11 @@ def find_reaction(table: Table, side: str, joint: str | None) -> Reaction:
     """
     matches = [REACTION.fullmatch(name) for name in table.names]
     there = list(dict.fromkeys(Reaction(*match.groups()) for match in matches if match))
+    if not there and (moco := next((name for name in table.names if MOCO in name), None)):
+        raise UsageError(
+            f"{table.path}: {moco} is Moco's reaction, torque before force, in ground, and must be in the tibia's "
+            f"frame: run JointReaction (AnalyzeTool) on Moco's solution; {HOW}"
+        )
     if not there:
         raise UsageError(f"{table.path} has no reaction <joint>_on_<body>_in_<frame>_fx ..., but {some(table.names)}")
     joints = list(dict.fromkeys(reaction.joint for reaction in there))
@@ -166,10 +178,17 @@ def find_reaction(table: Table, side: str, joint: str | None) -> Reaction:
         fault = f"{joint} on {body} is expressed in {frame}, and must be in the tibia's frame"
         if not is_part(body, (*TIBIA, *FEMUR)):
             fault = f"{joint} acts on {body}, and must on the tibia"
-        raise UsageError(f"{table.path}: {fault}; {HOW}")
+        others = [each.joint for each in there if (each.on_tibia or each.on_femur) and _of_side(each, side)]
+        cure = f"in this file {some(others)} does: --joint {others[0]}" if others else HOW
+        raise UsageError(f"{table.path}: {fault}; {cure}")
     if missing := [name for name in map(usable[0].column, AXES) if name not in table.names]:
         raise UsageError(f"{table.path} has no column {', '.join(missing)}")
     return usable[0]
+
+
+def _of_side(reaction: Reaction, side: str) -> bool:
+    """Whether the name of a reaction's joint or body has a word for a side."""
+    return bool((words(reaction.joint) | words(reaction.body)) & SIDE_WORDS[side])
 
 
 def is_part(name: str, beginnings: tuple[str, ...]) -> bool:

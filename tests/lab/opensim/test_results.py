@@ -69,6 +69,8 @@ ANGLES = [
     (["/jointset/k/kfr/value", "x"], "right", "kfr", "^/jointset/k/kfr/value$"),
     (["knee_angle_r", "hip"], "left", None, r"no angle of the left knee, but knee_angle_r, hip.*--coordinate"),
     (["knee_angle_r", "knee_flexion_r"], "right", None, "has knee_angle_r, knee_flexion_r; choose one with --coord"),
+    (["knee_angle_r", "/jointset/knee_r/knee_angle_r/value"], "right", None,
+     r"has knee_angle_r, /jointset/knee_r/knee_angle_r/value; choose one with --coord"),
     (["x"], "right", "kfl", r"no column kfl \(--coordinate\); it has x"),
 ]  # fmt: skip
 OTHER_REACTIONS = (
@@ -87,6 +89,11 @@ REACTIONS = [
     (["knee_r_on_tibia_r_in_femur_r"], None, "expressed in femur_r"),
     (["knee_r_on_femur_r_in_femur_r"], None, "on femur_r is expressed in femur_r, .*apply_on_bodies child"),
     (["knee_r_on_femur_r_in_tibia_r_offset"], None, "expressed in tibia_r_offset"),
+    (
+        ["knee_r_on_articulation_r_in_articulation_r", "weld_r_on_tibial_plat_r_in_tibial_plat_r"],
+        None,
+        "acts on articulation_r, and must on the tibia; in this file weld_r does: --joint weld_r",
+    ),
     (["knee_r_on_patella_r_in_patella_r"], None, "acts on patella_r, and must on the tibia"),
     ([], None, "no joint of the right knee among hip_r, patellofemoral_r, knee_l; .*--joint"),
 ]
@@ -130,6 +137,10 @@ def test_a_reaction_with_columns_missing_and_a_file_without_one() -> None:
     assert re.search(rf"no column {ON_TIBIA}_fy, .*_mz", str(outcome(find_reaction, table(some), "right", None)))
     found = outcome(find_reaction, table(["knee_angle_r"]), "right", None)
     assert "no reaction <joint>_on_<body>_in_<frame>_fx" in str(found)
+    moco = table([f"/jointset/knee_r|reaction_on_child_{number}" for number in range(1, 7)])
+    assert re.search(
+        "_1 is Moco's reaction, torque .* in ground, .*child", str(outcome(find_reaction, moco, "right", None))
+    )
 
 
 @pytest.mark.parametrize(("names", "angle", "found"), RATES)
@@ -240,6 +251,65 @@ def test_what_cannot_be_is_refused_in_a_line(
     with pytest.raises(UsageError, match=says) as refused:
         knee(Files(kinematics(tmp_path / "q.sto"), jr), **settings)
     assert "\n" not in str(refused.value)
+
+
+def test_a_gap_is_told_and_not_interpolated_across(tmp_path: Path) -> None:
+    there = (TIME <= 0.5) | (TIME >= 0.74)
+    q = storages.write_storage(
+        tmp_path / "q.sto", TIME[there], {"knee_angle_r": -np.degrees(flexion(TIME[there]))}, "yes"
+    )
+    for rate, rows in ((200.0, 241 - 47), (None, 1201)):
+        gait = knee(Files(q, reactions(tmp_path / "jr.sto")), rate=rate)
+        assert any("angle: 1 gaps longer than 0.1 s, the longest of 0.24 s at 0.5 s" in note for note in gait.notes)
+        assert len(gait.reaction.stamps) == rows
+        assert gait.angle.values[:, 0] == pytest.approx(flexion(gait.angle.stamps * 1e-9), abs=3e-4)
+
+
+def test_rows_outside_the_time_that_is_asked_for_do_not_matter(tmp_path: Path) -> None:
+    angle = np.where(TIME < 0.2, np.nan, -np.degrees(flexion(TIME)))
+    q = storages.write_storage(tmp_path / "q.sto", TIME, {"knee_angle_r": angle, "hip": np.nan * TIME}, "yes")
+    gait = knee(Files(q, reactions(tmp_path / "jr.sto")), start=0.25, end=1.0, rate=100.0)
+    assert gait.angle.values[:, 0] == pytest.approx(flexion(gait.angle.stamps * 1e-9), abs=DIGITS)
+    with pytest.raises(UsageError, match=r"column knee_angle_r is nan at 0\.1 s; it must be a finite number"):
+        knee(Files(q, reactions(tmp_path / "jr.sto")), start=0.1)
+
+
+def strange(folder: Path, what: str) -> Files:
+    """Results of which something is likely a mistake."""
+    read, model = files(folder), storages.write_model(folder / "m.osim")
+    time = np.linspace(0.0, DURATION, 241)
+    load = 900.0 + 900.0 * np.sin(2.0 * np.pi * time / DURATION) ** 2
+    if what == "ms":
+        columns = {f"knee_angle_{side}": -np.degrees(flexion(TIME)) for side in "rl"}
+        return read._replace(kinematics=storages.write_storage(folder / "q.sto", 1e3 * TIME, columns, "yes"),
+                             reactions=reactions(folder / "jr.sto", end=1e3 * DURATION))  # fmt: skip
+    if what == "spike":
+        load[100] = 5000.0
+    load *= {"large": 5.0, "small": 0.2, "much": 4.8}.get(what, 1.0)
+    columns = {f"{ON_TIBIA}_{axis}": -load if axis == "fy" else 0.0 * load for axis in AXES[:6]}
+    jr = storages.write_storage(folder / "jr.sto", time, columns, "no")
+    return Files(read.kinematics, jr, model=None if what == "much" else model)
+
+
+@pytest.mark.parametrize(
+    ("what", "says"),
+    [
+        ("ms", r"q\.sto has 0\.1 rows a second: are its times in s\? In ms there would be 100"),
+        ("spike", r"jr\.sto: .*_fy is 5000 N at 0\.5 s and \d+.* N at most in the rows beside: a spike\?"),
+        ("large", r"presses with 9000 N, 12\.6 body weights at most, .*model"),
+        ("small", r"presses with 360 N, 0\.506 body weights at most"),
+    ],
+)
+def test_what_is_likely_a_mistake_is_imported_only_if_the_user_insists(tmp_path: Path, what: str, says: str) -> None:
+    read = strange(tmp_path, what)
+    with pytest.raises(UsageError, match=f"{says}.*--anyway"):
+        knee(read)
+    assert re.search(says, knee(read, anyway=True).doubts[0])
+
+
+def test_without_a_model_a_large_load_is_a_warning(tmp_path: Path) -> None:
+    assert "presses with 8640 N at most, which is much" in knee(strange(tmp_path, "much")).doubts[0]
+    assert not knee(files(tmp_path)).doubts
 
 
 def test_a_model_tells_sign_and_weight(tmp_path: Path) -> None:
