@@ -43,12 +43,14 @@ from knee_contact_ros.commands.options import (
     show_default=True,
     help="For --slice auto: medial is z < 0, lateral z > 0.",
 )
-@click.option("--unit", type=click.Choice(["m", "mm"]), help="Of the files. [default: m; label maps: mm]")
+@click.option(
+    "--unit", type=click.Choice(["m", "mm", "cm"]), help="Of the files. [default: m; label maps, 3D Slicer: mm]"
+)
 @click.option(
     "--axes",
     metavar="X,Y,Z",
     help="The file's axes that point anterior, superior and lateral, as "
-    "--axes=-y,z,x. [default: x,y,z; label maps: y,z,x, a right knee in the scanner's axes]",
+    "--axes=-y,z,x. [default: a right knee's where the file says its space (label maps, SPACE=RAS); else x,y,z]",
 )
 @click.option(
     "--origin",

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 
 from knee_contact_ros.lab.fit_files import write_complete
-from knee_contact_ros.lab.profiles.fit import SLAB, TOLERANCE, Fit, concave, dented, fit
-from knee_contact_ros.lab.profiles.surfaces import Surface, contact_centre, read_surface
+from knee_contact_ros.lab.profiles.fit import GAIT, SLAB, TOLERANCE, Fit, concave, dented, fit
+from knee_contact_ros.lab.profiles.surfaces import Surface, circle, contact_centre, read_surface
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import require
@@ -25,6 +25,9 @@ MM = 1e3
 PROFILE, RAW, BONE = "#0072B2", "0.6", "#B08968"
 CIRCLES = (("#D55E00", 4.6), ("#009E73", 3.5), ("#CC79A7", 2.4), ("#E69F00", 1.4))
 """Colours of circles, and their line widths in the plot of curvature, where they may lie on each other"""
+MOST_AHEAD, LEAST_BELOW, MOST_BELOW, FARTHEST = 0.030, 0.005, 0.070, 0.070
+"""Where a femur touches a level plateau in gait, ahead of its origin or behind, at most, and below it, at least and at
+most [m]; and the largest distance of a tibia from its origin"""
 LINE = 0.24
 """Height of a line of the legend with its share of the margins [in]"""
 FEMUR, TIBIA, DPI = (10.5, 6.4), (7.6, 8.6), 110
@@ -69,6 +72,7 @@ def run_fit_profile(
     z = _place(slice, surface, femur, medial)
     found = fit(surface, z, femur=femur, bone=under, tolerance=tolerance, slab=slab)
     start = _origin(found, origin)
+    _check_origin(found, start, mesh)
     profile = csv(found, mesh.name, found.smoothed.points - start)
     contents = (profile.encode(), picture(found, mesh.name), _parameter_file(found, outputs[0]).encode())
     write_complete(dict(zip(outputs, contents, strict=True)))
@@ -113,6 +117,35 @@ def _origin(found: Fit, text: str | None) -> Floats:
         allowed = "mesh or X,Y in mm" if found.femur else "surface, mesh or X,Y in mm"
         raise UsageError(f"--origin {text}: it must be {allowed}")
     return place
+
+
+def _check_origin(found: Fit, origin: Floats, mesh: Path) -> None:
+    """Refuse an origin that is not in the knee, as of a mesh whose origin is the hip's or the scanner's.
+
+    A femur turns about its origin: from afar, it would leave the plateau.
+    """
+    points = found.shape.points - origin
+    if not found.femur:
+        if (distance := float(np.hypot(*points.T).min())) > FARTHEST:
+            raise UsageError(
+                f"--origin: the plateau of {mesh} is {MM * distance:.0f} mm away from it; give surface or X,Y in mm"
+            )
+        return
+    low, high = np.radians(GAIT)
+    touching = (found.shape.normal >= low) & (found.shape.normal <= high)
+    angle, (x, y) = found.shape.normal[touching], points[touching].T
+    ahead = x * np.cos(angle) - y * np.sin(angle)
+    below = -x * np.sin(angle) - y * np.cos(angle)
+    if np.abs(ahead).max() <= MOST_AHEAD and below.min() >= LEAST_BELOW and below.max() <= MOST_BELOW:
+        return
+    middle = ",".join(f"{round(MM * each, 1) + 0.0:.1f}" for each in circle(found.shape.points[touching])[0])
+    away = float(np.hypot(x, y).min())
+    raise UsageError(
+        f"--origin: a femur turns about it, and the condyle of {mesh} is {MM * away:.0f} mm away from "
+        f"{MM * origin[0]:g},{MM * origin[1]:g} mm: it would touch the tibia at x = {MM * ahead.min():.0f} to "
+        f"{MM * ahead.max():.0f} mm; give the joint's axis in the mesh by --origin=X,Y, or this condyle's middle: "
+        f"--origin={middle}"
+    )
 
 
 def _numbers(text: str) -> list[float]:

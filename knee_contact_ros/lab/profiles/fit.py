@@ -14,7 +14,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.lab.profiles.surfaces import Chart, Pieces, Slices, Surface, circle, cut, slices
+from knee_contact_ros.lab.profiles.surfaces import (
+    Chart,
+    Pieces,
+    Slices,
+    Surface,
+    circle,
+    cut,
+    slices,
+)
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.system.errors import UsageError
 
@@ -55,6 +63,14 @@ NOTABLE = 0.5e-3
 """Deviation of the slice from the profile [m] from which on it is reported"""
 GAIT, LEAST_REACH = (0.0, 60.0), 0.5
 """Directions of the normal [deg] that are in contact in gait, and the least share of them that a condyle has"""
+MOST_IN_FRONT = 40.0
+"""How much further a condyle's articular side may reach in front than behind [deg]; in a knee from MRI it reaches 12 to
+120 degrees further behind, and only near the notch as much as 33 further in front"""
+RADII = ((12e-3, math.inf), (10e-3, 50e-3), (9e-3, 40e-3))
+"""Radii over `FEMORAL_WINDOWS` that a condyle may have [m], generously: in a knee from MRI they are 20 to 84, 15 to 26
+and 14 to 21 mm"""
+MOST_GROWTH = 1.2
+"""How many times larger than the radius near extension that of the rear may be; from MRI it is 0.2 to 0.8"""
 WORST = 1e-3
 """Largest roughness [m] of a slice that counts as a condyle or plateau"""
 
@@ -159,15 +175,17 @@ def fit(
             "cut off what is no articular surface, or see --slice, --side and --axes"
         )
     shape = _shape_of(smoothed.points)
+    circles = _circles(shape, femur)
     if femur:
         _check_reach(surface, z, shape)
+        _check_radii(surface, z, circles)
     cartilage = _thickness(shape, chart, bone, z) if bone is not None else None
-    remarks = slab_points.remarks
+    remarks = (*surface.remarks, *slab_points.remarks)
     if abs(off) >= NOTABLE:
         where = "outside of" if off > 0.0 else "behind"
         remarks += (f"the slice lies {1e3 * abs(off):.1f} mm {where} the profile at x = {x:.1f}, y = {y:.1f} mm: a "
                     "dent or a step?",)  # fmt: skip
-    return Fit(femur, z, slab, tolerance, smoothed, shape, _circles(shape, femur), cartilage, remarks)
+    return Fit(femur, z, slab, tolerance, smoothed, shape, circles, cartilage, remarks)
 
 
 def _check_side(surface: Surface, raw: Floats, femur: bool) -> None:
@@ -182,19 +200,47 @@ def _check_side(surface: Surface, raw: Floats, femur: bool) -> None:
             f"as {as_what}: --side {other}? (or see --axes and --slice)"
         )
     if femur and (raw - circle(raw)[0]).mean(axis=0)[1] > 0.0:
-        raise UsageError(
-            f"--side femur: the condyle of {surface.path} looks up, not down: see --axes (x,-y,z turns it over)"
-        )
+        raise UsageError(f"--side femur: the condyle of {surface.path} looks up, not down: {surface.axes_cure}")
 
 
 def _check_reach(surface: Surface, z: float, shape: Shape) -> None:
-    """Refuse a profile that cannot be in contact in most of a gait, as of a slice through the intercondylar notch."""
+    """Refuse a profile that cannot be in contact in most of a gait, or that reaches further in front than behind.
+
+    The first is a slice through the intercondylar notch, or a trochlea; of the second, front and back are exchanged.
+    """
     low, high = np.degrees([shape.normal.min(), shape.normal.max()])
     if min(high, GAIT[1]) - max(low, GAIT[0]) < LEAST_REACH * (GAIT[1] - GAIT[0]):
         raise UsageError(
             f"{surface.path}: the slice at z = {1e3 * z:g} mm has outward normals of {low:.0f}° to {high:.0f}° "
             f"(0 down, > 0 posterior), and in gait those of {GAIT[0]:g}° to {GAIT[1]:g}° touch: --slice through a "
             "condyle, or see --axes"
+        )
+    if -low - high > MOST_IN_FRONT:
+        raise UsageError(
+            f"{surface.path}: the slice at z = {1e3 * z:g} mm reaches further in front (a normal of {low:.0f}°) than "
+            f"behind ({high:.0f}°), and a condyle does not: does it run through the notch (--slice), "
+            f"or are front and back exchanged? {surface.turned_cure}"
+        )
+
+
+def _check_radii(surface: Surface, z: float, circles: list[FittedCircle]) -> None:
+    """Refuse radii that no condyle has: of another plane's cut, in another unit, or with front and back exchanged."""
+    radii = {each.window: each.radius for each in circles}
+    limits = dict(zip(FEMORAL_WINDOWS, RADII, strict=True))
+
+    def fit_in(factor: float) -> bool:
+        return all(limits[window][0] <= factor * radius <= limits[window][1] for window, radius in radii.items())
+
+    told = ", ".join(f"{1e3 * r:.1f} mm over normals of {a:.0f}° to {b:.0f}°" for (a, b), r in radii.items())
+    found = f"{surface.path}: the slice at z = {1e3 * z:g} mm has radii of {told}"
+    if not fit_in(1.0):
+        unit = "--unit is 10 times too small or large" if radii and (fit_in(10.0) or fit_in(0.1)) else ""
+        raise UsageError(f"{found}, which no condyle has: {unit or surface.axes_cure}")
+    first, last = radii.get(FEMORAL_WINDOWS[0], math.inf), radii.get(FEMORAL_WINDOWS[-1], 0.0)
+    if last > MOST_GROWTH * first:
+        raise UsageError(
+            f"{found}, and a condyle's become smaller towards the rear: are front and back exchanged? "
+            f"{surface.turned_cure}"
         )
 
 

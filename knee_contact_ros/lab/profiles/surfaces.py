@@ -1,6 +1,7 @@
 """Surfaces of cartilage and bone, in m and in the axes of the femur or tibia frame, and the articular side of a slice.
 
-Trimesh or VTK reads meshes, nibabel reads label maps (NIfTI), and clouds of points are text.
+Trimesh or VTK reads meshes, nibabel reads label maps (NIfTI), and clouds of points are text. The header of a mesh from
+3D Slicer says which way its axes point (`SPACE=RAS`), as a label map does; of other files the caller must know.
 
 Beside the slice itself, parallel ones within a slab are cut: the noise of a mesh differs from one to the next, the bone
 does not.
@@ -15,6 +16,7 @@ from __future__ import annotations
 
 import logging
 import math
+import re
 import warnings
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -26,18 +28,26 @@ from knee_contact_ros.model.types import Floats
 from knee_contact_ros.system.errors import UsageError
 
 Integers = NDArray[np.int64]
-UNITS = {"m": 1.0, "mm": 1e-3}
-OTHER_UNITS = {"cm": 1e-2, "µm": 1e-6, "km or was divided by 1000 twice": 1e3}
+UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
+OTHER_UNITS = {"µm": 1e-6, "km or was divided by 1000 twice": 1e3}
 SMALLEST, LARGEST = 0.008, 0.7
 """Range of the longest edge of the box around a cartilage or bone of the knee [m], generously"""
+USUAL = 0.07
+"""Longest edge [m] of a usual one: the width of a knee"""
 LABEL_MAPS = (".nii", ".nii.gz")
 CLOUDS = (".txt", ".xyz", ".csv", ".asc", ".dat")
 INSIDE = 0.5
 """Level of the contour around voxels that are 1, among voxels that are 0"""
 MOST_SHOWN = 12
 """Largest number of labels that a message lists"""
-BODY_AXES, SCANNER_AXES = "x,y,z", "y,z,x"
-"""Axes of a mesh in a body's frame, and of a right knee in a scanner's axes (x right, y anterior, z superior)"""
+BODY_AXES = "x,y,z"
+"""Axes of a mesh in a body's frame"""
+SPACE = re.compile(r"SPACE=([RL][AP][SI])\b")
+"""What 3D Slicer writes into the header of a mesh: the sides to which its x, y and z point"""
+HEADER = 1024
+"""Number of bytes at the beginning of a file that are searched for it"""
+AXES_HINT = ("a right knee's are --axes=y,z,x in a scanner's RAS axes and --axes=-y,z,-x in LPS, a left one's have the "
+             "other sign of x")  # fmt: skip
 DISTANCE = 0.5e-3
 """Distance of adjacent planes of the slab [m], or a little less"""
 COVER = 0.5e-3
@@ -64,6 +74,27 @@ class Surface(NamedTuple):
     """Points, shape (n, 3) [m]: x anterior, y superior, z lateral"""
     triangles: Integers
     """Indices in `points` of each triangle's corners, shape (m, 3); m = 0 for a cloud"""
+    axes: str = BODY_AXES
+    """The file's axes that point anterior, superior and lateral"""
+    remarks: tuple[str, ...] = ()
+    """How the axes were found, as sentences"""
+    known: bool = False
+    """Whether the axes follow from what the file says of itself"""
+
+    @property
+    def axes_cure(self) -> str:
+        """Advice where the slice does not look as a condyle does, and the axes may be wrong."""
+        return "see --slice" if self.known else f"see --axes and --slice; {AXES_HINT}"
+
+    @property
+    def turned_cure(self) -> str:
+        """Advice where front and back seem exchanged: a turn about the vertical axis, never a mirror image."""
+        places, signs = _axes(self.axes)
+        if self.known or np.linalg.det(np.eye(3)[places] * np.array(signs)[:, None]) < 0.0:
+            return self.axes_cure
+        front, up, side = (f"{'-' if sign < 0.0 else ''}{'xyz'[place]}" for place, sign in
+                           zip(places, np.multiply(signs, (-1.0, 1.0, -1.0)), strict=True))  # fmt: skip
+        return f"--axes={front},{up},{side} turns it"
 
     @property
     def lateral_range(self) -> str:
@@ -88,33 +119,66 @@ def read_surface(path: Path, unit: str | None = None, axes: str | None = None, l
 
     Args:
         path: the file; its suffix tells its kind.
-        unit: unit of the file, by default m, for label maps mm.
-        axes: the file's axes that point anterior, superior and lateral, as in `-y,z,x`; by default x,y,z, for label
-            maps y,z,x.
+        unit: unit of the file, by default m, for label maps and meshes of 3D Slicer mm.
+        axes: the file's axes that point anterior, superior and lateral, as in `-y,z,x`; by default a right knee's
+            where the file says which way its axes point (label maps, meshes of 3D Slicer), else x,y,z.
         label: which label of a label map; None if it has only one.
 
     Raises:
-        UsageError: there is no such file, its kind is unknown, it cannot be read, it has no surface, or its size is
-            not that of a knee.
+        UsageError: there is no such file, its kind is unknown, it cannot be read, it has no surface, its size is
+            not that of a knee, or `axes` are opposite to what its header says.
     """
     if not path.is_file():
         raise UsageError(f"{path} is a folder" if path.is_dir() else f"{path}: there is no such file")
+    usual, space = BODY_AXES, ""
     kind = "".join(path.suffixes[-2:]).lower() if path.suffix.lower() == ".gz" else path.suffix.lower()
     if kind in LABEL_MAPS:
-        points, triangles = _read_label_map(path, label)
-        unit, axes = unit or "mm", axes or SCANNER_AXES
+        points, triangles = _read_label_map(path, label, axes)
+        usual, unit = _axes_in("RAS"), unit or "mm"  # nibabel's
     elif label is not None:
         raise UsageError(f"--label {label}: {path} is no label map; those end with {' or '.join(LABEL_MAPS)}")
     elif kind in CLOUDS:
         points, triangles = _read_cloud(path), np.empty((0, 3), np.int64)
     elif kind in MESHES:
-        points, triangles = _read_mesh(path, kind)
+        points, triangles, space = _read_mesh(path, kind)
     else:
         known = ", ".join((*MESHES, *CLOUDS, *LABEL_MAPS))
         raise UsageError(f"{path}: a mesh, cloud of points or label map must end with one of {known}")
-    places, signs = _axes(axes or BODY_AXES)
+    remarks: tuple[str, ...] = ()
+    if space:
+        usual, unit, remarks = _axes_in(space), unit or "mm", _space_remarks(path, space, axes)
+    places, signs = _axes(axes or usual)
     scaled = points * UNITS[_checked_unit(path, points, unit or "m")]
-    return Surface(path, np.ascontiguousarray(scaled[:, places] * signs), triangles)
+    turned = np.ascontiguousarray(scaled[:, places] * signs)
+    return Surface(path, turned, triangles, axes or usual, remarks, axes is None and usual != BODY_AXES)
+
+
+def _axes_in(space: str, left: bool = False) -> str:
+    """Axes of a right or left knee in a file whose x, y and z point to three sides of the body, as `RAS` or `LPS`."""
+
+    def axis(side: str, opposite: str) -> str:
+        return next(
+            f"{'-' * (letter == opposite)}{name}"
+            for name, letter in zip("xyz", space, strict=True)
+            if letter in (side, opposite)
+        )
+
+    return ",".join([axis("A", "P"), axis("S", "I"), axis("L", "R") if left else axis("R", "L")])
+
+
+def _space_remarks(path: Path, space: str, axes: str | None) -> tuple[str, ...]:
+    """Say how a header's space and the given axes go together; refuse axes that are opposite to it."""
+    right, left = _axes_in(space), _axes_in(space, left=True)
+    if axes is None:
+        return (f"axes {right} follow from SPACE={space} in the file's header, for a right knee; left: --axes={left}",)
+    given = [name.strip().lower().lstrip("+") for name in axes.split(",")]
+    if given[:2] == right.split(",")[:2]:
+        return ()
+    cure = f"the header of {path.name} says SPACE={space}, where a right knee's are {right} and a left one's {left}"
+    for name, known, what in zip(given, right.split(","), ("front and back", "up and down"), strict=False):
+        if name != known and name.lstrip("-") == known.lstrip("-"):
+            raise UsageError(f"--axes={axes} exchanges {what}: {cure}")
+    return (f"--axes={axes} is used, although {cure}",)
 
 
 def _axes(text: str) -> tuple[list[int], list[float]]:
@@ -138,44 +202,50 @@ def _checked_unit(path: Path, points: Floats, unit: str) -> str:
     if SMALLEST <= size <= LARGEST:
         return unit
     hint = ""
-    for name, factor in (UNITS | OTHER_UNITS).items():
-        if SMALLEST <= largest * factor <= LARGEST:
-            cure = f", --unit {name}" if name in UNITS else "; scale it to m or mm first"
-            hint = f": likely it is in {name}{cure}"
-            break
+    factors = UNITS | OTHER_UNITS
+    if fitting := [name for name, factor in factors.items() if SMALLEST <= largest * factor <= LARGEST]:
+        name = min(fitting, key=lambda each: abs(math.log(largest * factors[each] / USUAL)))
+        cure = f", --unit {name}" if name in UNITS else "; scale it to m or mm first"
+        hint = f": likely it is in {name}{cure}"
     wanted = f"cartilages and bones of a knee measure {SMALLEST:g} to {LARGEST:g} m"
     raise UsageError(f"{path} measures {size:.3g} m with --unit {unit}; {wanted}{hint}")
 
 
-def _read_mesh(path: Path, kind: str) -> tuple[Floats, Integers]:
-    """Read points [the file's unit] and triangles of a mesh; coincident points are merged."""
+def _read_mesh(path: Path, kind: str) -> tuple[Floats, Integers, str]:
+    """Read points [the file's unit], triangles and space of a mesh; coincident points are merged.
+
+    The space is `RAS`, `LPS` and the like, as in `SPACE`, or empty.
+    """
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
-            points, triangles = MESHES[kind](path)
+            points, triangles, space = MESHES[kind](path)
     except Exception as error:  # the libraries raise what they like
         raise UsageError(f"{path} cannot be read as a {kind} file: {' '.join(str(error).split())[:200]}") from None
     if not len(points):
         raise UsageError(f"{path} cannot be read as a {kind} file, or has no faces")
     if not len(triangles):
         raise UsageError(f"{path} has {len(points)} points but no faces; a cloud of points must be a text file x y z")
-    return np.asarray(points, np.float64), np.asarray(triangles, np.int64)
+    return np.asarray(points, np.float64), np.asarray(triangles, np.int64), space
 
 
-def _by_trimesh(path: Path) -> tuple[Any, Any]:
+def _by_trimesh(path: Path) -> tuple[Any, Any, str]:
     """Read STL, PLY and OBJ with Trimesh, as VTK's reader of PLY ends the process on a truncated file."""
     import trimesh
 
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # its lines on a damaged file are many
     read: Any = trimesh.load(path, process=False, skip_materials=True)
+    with path.open("rb") as file:
+        said = SPACE.search(file.read(HEADER).decode("latin-1"))
+    space = said[1] if said else ""
     if isinstance(read, trimesh.PointCloud):
-        return read.vertices, ()
+        return read.vertices, (), space
     mesh = read.to_mesh() if isinstance(read, trimesh.Scene) else read
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
-    return mesh.vertices, mesh.faces
+    return mesh.vertices, mesh.faces, space
 
 
-def _by_vtk(path: Path) -> tuple[Any, Any]:
+def _by_vtk(path: Path) -> tuple[Any, Any, str]:
     """Read VTP with VTK, as no other library reads it."""
     import pyvista
 
@@ -183,7 +253,9 @@ def _by_vtk(path: Path) -> tuple[Any, Any]:
         read: Any = pyvista.read(path)
     mesh = read.triangulate().clean()
     has_faces = bool(mesh.n_cells and mesh.faces.size)
-    return (mesh.points, mesh.regular_faces) if has_faces else (read.points, ())
+    said = SPACE.match(f"SPACE={''.join(map(str, read.field_data['SPACE']))}") if "SPACE" in read.field_data else None
+    space = said[1] if said else ""
+    return (mesh.points, mesh.regular_faces, space) if has_faces else (read.points, (), space)
 
 
 MESHES = {".stl": _by_trimesh, ".ply": _by_trimesh, ".obj": _by_trimesh, ".vtp": _by_vtk}
@@ -217,8 +289,11 @@ def _is_numbers(row: list[str]) -> bool:
         return False
 
 
-def _read_label_map(path: Path, label: int | None) -> tuple[Floats, Integers]:
-    """Read the points [the file's unit, scanner axes] and triangles around the voxels of a label."""
+def _read_label_map(path: Path, label: int | None, axes: str | None) -> tuple[Floats, Integers]:
+    """Read the points [the file's unit, scanner axes] and triangles around the voxels of a label.
+
+    Of a map without orientation, for which `axes` must be given, the points are in the axes of its voxels.
+    """
     import nibabel
     import pyvista
 
@@ -241,7 +316,15 @@ def _read_label_map(path: Path, label: int | None) -> tuple[Floats, Integers]:
     grid = pyvista.ImageData(dimensions=padded.shape, origin=(-1.0, -1.0, -1.0))
     grid.point_data["inside"] = padded.ravel(order="F")
     mesh = grid.contour([INSIDE], scalars="inside").triangulate()
-    affine = np.asarray(image.affine, np.float64)
+    affine = np.array(image.affine, np.float64)
+    if not image.header["sform_code"] and not image.header["qform_code"]:
+        if axes is None:
+            raise UsageError(
+                f"{path} has no orientation (its sform and qform codes are 0): export it with one, or name by --axes "
+                "which axes of its voxels point anterior, superior and lateral, as --axes=y,z,x where the first points "
+                "right, the second anterior and the third superior"
+            )
+        affine[0] *= -1.0  # nibabel turns the first axis over, as Analyze's files have it
     points = np.asarray(mesh.points, np.float64) @ affine[:3, :3].T + affine[:3, 3]
     return points, np.asarray(mesh.regular_faces, np.int64)
 

@@ -44,11 +44,12 @@ def tibial_curve(radius: float = 0.095) -> tuple[Floats, Floats]:
 
 
 def swept(
-    curve: tuple[Floats, Floats], *, inwards: float = 0.0, noise: float = 0.0, seed: int = 1
+    curve: tuple[Floats, Floats], *, inwards: float = 0.0, noise: float = 0.0, seed: int = 1, larger: float = 1.0
 ) -> tuple[Floats, Any]:
     """Points (n, 3) and triangles of a surface through a curve at z = `MIDDLE`, falling off to both sides.
 
-    `inwards` [m] moves it along its normals, `noise` [m] is the standard deviation of its points along them.
+    `inwards` [m] moves it along its normals, `noise` [m] is the standard deviation of its points along them, and all of
+    it is `larger` times as large.
     """
     points, normals = curve
     across = np.linspace(-0.010, 0.010, 29)
@@ -59,7 +60,7 @@ def swept(
     corner = np.arange(len(points) * len(across)).reshape(len(points), len(across))
     a, b, c, d = (part.ravel() for part in (corner[:-1, :-1], corner[1:, :-1], corner[1:, 1:], corner[:-1, 1:]))
     triangles = np.concatenate([np.column_stack([a, b, c]), np.column_stack([a, c, d])])
-    return np.concatenate([xy.reshape(-1, 2), z.reshape(-1, 1)], axis=1), triangles
+    return larger * np.concatenate([xy.reshape(-1, 2), z.reshape(-1, 1)], axis=1), triangles
 
 
 def saved(path: Path, mesh: tuple[Floats, Any], unit: float = 1.0) -> Path:
@@ -68,6 +69,26 @@ def saved(path: Path, mesh: tuple[Floats, Any], unit: float = 1.0) -> Path:
 
     polygons: Any = pyvista.PolyData.from_regular_faces(mesh[0] / unit, mesh[1])
     polygons.save(path)
+    return path
+
+
+def spaced(path: Path, mesh: tuple[Floats, Any], space: str) -> Path:
+    """Write a mesh in mm that says in its header which way its axes point, as 3D Slicer does."""
+    import pyvista
+
+    polygons: Any = pyvista.PolyData.from_regular_faces(1e3 * mesh[0], mesh[1])
+    said = f"3D Slicer output. SPACE={space}"
+    if path.suffix == ".vtp":
+        polygons.field_data["SPACE"] = [space]
+    polygons.save(path)
+    content = path.read_bytes()
+    if path.suffix == ".stl":
+        content = said.encode().ljust(80) + content[80:]
+    elif path.suffix == ".ply":
+        content = content.replace(b"\nelement vertex", f"\ncomment {said}\nelement vertex".encode(), 1)
+    elif path.suffix == ".obj":
+        content = f"# {said}\n".encode() + content
+    path.write_bytes(content)
     return path
 
 

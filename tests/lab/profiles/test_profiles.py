@@ -26,6 +26,7 @@ from tests.lab.profiles.meshes import (
     femoral_curve,
     label_map,
     saved,
+    spaced,
     swept,
     tibial_curve,
 )  # fmt: skip
@@ -182,6 +183,27 @@ def test_axes_are_turned(tmp_path: Path) -> None:
     assert np.sort(read.points @ mixed) == pytest.approx(np.sort(points @ mixed), abs=1e-7)
 
 
+@pytest.mark.parametrize("suffix", [".stl", ".ply", ".obj", ".vtp"])
+@pytest.mark.parametrize(
+    ("space", "columns", "signs"),
+    [("RAS", [2, 0, 1], (1, 1, 1)), ("LPS", [2, 0, 1], (-1, -1, 1)), ("LAS", [2, 0, 1], (-1, 1, 1))],
+)
+def test_axes_and_unit_follow_from_the_header_of_slicer(
+    suffix: str, space: str, columns: list[int], signs: tuple[int, ...], tmp_path: Path
+) -> None:
+    """A right knee; the header says to which sides x, y and z point."""
+    points, triangles = swept(femoral_curve())
+    path = spaced(tmp_path / f"a{suffix}", (points[:, columns] * signs, triangles), space)
+    read = read_surface(path)
+    assert np.sort(read.points, axis=0) == pytest.approx(np.sort(points, axis=0), abs=1e-6)
+    assert f"follow from SPACE={space}" in read.remarks[0]
+    left = read_surface(path, axes=read.remarks[0].split("--axes=")[1])  # what the remark says of a left knee
+    assert (left.remarks, left.axes != read.axes) == ((), True)
+    assert left.points[:, 2] == pytest.approx(-read.points[:, 2])
+    other = read_surface(path, axes="z,x,y")
+    assert f"although the header of a{suffix} says SPACE={space}" in other.remarks[0]
+
+
 @pytest.mark.parametrize("separator", [" ", ","])
 def test_a_cloud_of_points_gives_nearly_the_profile_of_its_mesh(separator: str, tmp_path: Path) -> None:
     points, triangles = swept(femoral_curve())
@@ -203,6 +225,34 @@ def test_a_label_map(tmp_path: Path) -> None:
     assert radii(found) == pytest.approx([0.028] * len(found.circles), rel=0.05)
     assert found.thickness is not None
     assert found.thickness.mean == pytest.approx(3.0 * MM, abs=VOXEL * MM)
+
+
+def test_voxels_without_orientation_have_the_axes_that_are_given(tmp_path: Path) -> None:
+    """The middle of the image is the origin, and nothing is turned over."""
+    import nibabel
+
+    path = label_map(tmp_path / "knee.nii")
+    image: Any = nibabel.load(path)
+    plain = nibabel.Nifti1Image(np.asarray(image.dataobj), None)
+    plain.header.set_zooms([VOXEL] * 3)
+    nibabel.save(plain, tmp_path / "plain.nii")
+    there, voxels = read_surface(path, label=4), read_surface(tmp_path / "plain.nii", axes="y,z,x", label=4)
+    assert np.ptp(voxels.points - there.points, axis=0) == pytest.approx(0.0, abs=1e-6)
+
+
+@pytest.mark.parametrize("place", ["scanner", "hip"])
+def test_a_mesh_far_from_its_origin_is_fitted_about_the_origin_that_the_refusal_names(
+    place: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    points, triangles = swept(femoral_curve(TWO_RADII))
+    far = np.array([-0.012, 0.64, 0.0] if place == "scanner" else [0.005, -0.41, 0.0])
+    mesh, output = saved(tmp_path / "a.stl", (points + far, triangles)), tmp_path / "a.csv"
+    arguments = ["fit-profile", str(mesh), "--slice", "-18", "--output", str(output)]
+    assert main(arguments) == 2
+    cure = re.search(r"--origin=-?[\d.]+,-?[\d.]+$", capsys.readouterr().err.strip())
+    assert cure
+    assert main([*arguments, cure[0]]) == 0
+    assert np.abs(np.genfromtxt(output, delimiter=",", skip_header=6)).max() < 0.050
 
 
 def test_models_take_what_was_fitted_and_the_disease_keeps_its_own_depth(

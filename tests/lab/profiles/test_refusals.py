@@ -11,13 +11,28 @@ import pytest
 
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.system.files import not_installed
-from tests.lab.profiles.meshes import femoral_curve, label_map, saved, swept, tibial_curve
+from tests.lab.profiles.meshes import TWO_RADII, femoral_curve, label_map, saved, spaced, swept, tibial_curve
 
 for library in ("pyvista", "trimesh", "matplotlib", "nibabel"):
     pytest.importorskip(library, reason="needs the extra mesh")
 
 FEMUR, BONE, TIBIA = swept(femoral_curve()), swept(femoral_curve(), inwards=0.002), swept(tibial_curve())
+SMALL = ((0.0065, -45.0, 150.0),)
+GROWING = ((0.020, -60.0, 40.0), (0.030, 40.0, 150.0))
+LARGE = swept(femoral_curve(TWO_RADII), larger=1.6)
+TURNED = swept(tuple(each * [-1.0, 1.0] for each in femoral_curve(TWO_RADII)))
+SCANNER = FEMUR[0][:, [2, 0, 1]]
+"""The femur's points in a scanner's axes: x right, y anterior, z superior"""
 HOLLOW = 0.008 * np.exp(-(np.linspace(-9.0, 9.0, len(femoral_curve()[0])) ** 2))[:, None] * femoral_curve()[1]
+
+
+def unoriented(path: Path) -> None:
+    """A label map of which the header does not say how its voxels lie."""
+    import nibabel
+
+    image: Any = nibabel.load(label_map(path))
+    plain = nibabel.Nifti1Image(image.get_fdata(), None)
+    nibabel.save(plain, path)
 
 
 def text(content: str) -> Callable[[Path], Any]:
@@ -70,6 +85,21 @@ CASES = {
     "tibia as femur": ("a.stl", mesh(TIBIA), [], "as flat as a tibial plateau: --side tibia?"),
     "femur as tibia": ("a.stl", mesh(), ["--side", "tibia"], "as round as a femoral condyle: --side femur?"),
     "a trochlea": ("a.stl", mesh(swept(femoral_curve(((0.030, -110.0, 10.0),)))), [], "normals of -110° to 10°"),
+    "in cm": ("a.stl", mesh(FEMUR, 1e-2), [], "likely it is in cm, --unit cm"),
+    "in cm as mm": ("a.stl", mesh(LARGE, 1e-2), ["--unit", "mm", "--slice", "-2.88"],
+                    "which no condyle has: --unit is 10 times too small or large"),
+    "another plane": ("a.stl", mesh(swept(femoral_curve(SMALL))), [], "which no condyle has: see --axes"),
+    "back before front": ("a.stl", mesh(TURNED), [], "front and back exchanged? --axes=-x,y,-z turns it"),
+    "radii that grow": ("a.stl", mesh(swept(femoral_curve(GROWING))), [],
+                        "become smaller towards the rear: are front and back exchanged? --axes=-x,y,-z turns it"),
+    "against the header": ("a.stl", lambda path: spaced(path, (SCANNER, FEMUR[1]), "RAS"), ["--axes=-y,z,-x"],
+                           "exchanges front and back: the header of a.stl says SPACE=RAS, where a right knee's are"),
+    "origin of the hip": ("a.stl", mesh((FEMUR[0] - [0.0, 0.4, 0.0], FEMUR[1])), [],
+                          "is 416 mm away from 0,0 mm: it would touch the tibia at x = 1 to 346 mm"),
+    "its cure": ("a.stl", mesh((FEMUR[0] - [0.0, 0.4, 0.0], FEMUR[1])), [], "--origin=0.0,-400.0"),
+    "a far origin": ("a.stl", mesh(), ["--origin", "0,80"], "is 99 mm away from 0,80 mm"),
+    "a tibia's far origin": ("a.stl", mesh(TIBIA), ["--side", "tibia", "--origin", "0,150"], "is 149 mm away"),
+    "no orientation": ("a.nii", unoriented, ["--label", "4"], "has no orientation (its sform and qform codes are 0)"),
     "upside down": ("a.stl", mesh((FEMUR[0] * [1.0, -1.0, 1.0], FEMUR[1])), [], "looks up, not down: see --axes"),
     "a hollow of 8 mm": ("a.stl", mesh(swept((femoral_curve()[0] - HOLLOW, femoral_curve()[1]))), [],
                          "is no convex condyle: no profile comes closer"),
