@@ -16,6 +16,7 @@ from knee_contact_ros.bags.mcap_file import Advance, McapFile
 from knee_contact_ros.bags.recorder import (
     CHUNK_SIZE,
     LIBRARY,
+    MAGIC,
     METADATA,
     ROSBAG2,
     FileFacts,
@@ -25,7 +26,7 @@ from knee_contact_ros.bags.recorder import (
     topic_metadata,
 )  # fmt: skip
 from knee_contact_ros.system.errors import UsageError, in_a_line
-from knee_contact_ros.system.files import BadYamlError, parse_yaml
+from knee_contact_ros.system.files import BadYamlError, open_regular, parse_yaml
 from knee_contact_ros.system.output_files import is_being_written, rename_new
 
 RECOVERED = "recovered"
@@ -87,11 +88,7 @@ def recover(
         OSError: Reading or writing has failed; an existing output is unchanged.
     """
     _check(source, output, overwrite)
-    try:
-        file = McapFile(source, lambda done, total: advance(done, 2 * total))
-    except OSError as error:
-        raise UsageError(f"cannot read {source}: {error.strerror}") from None
-    with closing(file):
+    with closing(_opened(source, lambda done, total: advance(done, 2 * total))) as file:
         if not file.counts.total():
             kind = "no MCAP file" if not file.streams else "an MCAP file of which no message can be read"
             raise UsageError(f"{source} is {kind}: {in_a_line(file.faults) or 'it has none'}")
@@ -116,15 +113,26 @@ def _check(source: Path, output: Path, overwrite: bool) -> None:
     if not source.is_file():
         reason = "is a folder: give the .mcap file in it" if source.is_dir() else "is not there: give an MCAP file"
         raise UsageError(f"{source} {reason}")
-    with source.open("rb") as file:
-        if file.read(len(SQLITE_MAGIC)) == SQLITE_MAGIC:
-            raise UsageError(f"{source} is a sqlite3 file; recover makes MCAP files whole")
     if is_being_written(source):
         raise UsageError(f"{source} is being written: it is not cut off; stop the recording first")
     if output.exists() and output.samefile(source):
         raise UsageError(f"{output} is the input: it is never touched; choose another name")
     if output.is_dir() or (os.path.lexists(output) and not overwrite):
         raise UsageError(f"{output} exists already; choose another name, or --overwrite")
+
+
+def _opened(source: Path, advance: Advance) -> McapFile:
+    """Open the file, if its first bytes, or else its name, say that it is an MCAP file."""
+    try:
+        with open_regular(source) as file:
+            magic = file.read(len(SQLITE_MAGIC))
+        if magic == SQLITE_MAGIC:
+            raise UsageError(f"{source} is a sqlite3 file; recover makes MCAP files whole")
+        if not magic.startswith(MAGIC) and ".mcap" not in source.suffixes:
+            raise UsageError(f"cannot read bag {source}: it is neither an MCAP nor a sqlite3 file")
+        return McapFile(source, advance)
+    except OSError as error:
+        raise UsageError(f"cannot read {source}: {error.strerror}") from None
 
 
 def _topics(file: McapFile) -> list[TopicCount]:

@@ -72,6 +72,8 @@ class Spaced(_Part):
 class Design(_Part):
     """Points at which several parameters are varied together; a heir draws them in the unit cube."""
 
+    method: str
+    """How the points are drawn; checked first, so that a wrong one is what is told"""
     n: int = Field(ge=1, le=LARGEST)
     """Number of groups of points"""
     seed: int = Field(0, ge=0)

@@ -24,7 +24,6 @@ from pathlib import Path
 from typing import IO
 
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.processes import interrupted_by_sigterm
 
 PARTIAL = ".partial"
 STAMP = "{stamp}"
@@ -341,6 +340,8 @@ def work_folder(output: Path) -> Iterator[Path]:
     Raises:
         UsageError: it cannot be made.
     """
+    from knee_contact_ros.system.processes import interrupted_by_sigterm  # a third of the time of --help
+
     work = output / f".incomplete-{os.getpid()}"
     made = not output.exists()
     try:

@@ -177,6 +177,12 @@ def test_what_holds_no_message_is_refused(tmp_path: Path, data: bytes | None, wo
     assert not (tmp_path / "o").exists()
 
 
+def test_what_no_byte_and_no_name_calls_an_mcap_file_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "notes.txt").write_text("text")
+    with pytest.raises(UsageError, match=r"notes\.txt: it is neither an MCAP nor a sqlite3 file"):
+        recover(tmp_path / "notes.txt", tmp_path / "out.mcap")
+
+
 @pytest.mark.parametrize("call", ["open", "write", "fsync"])
 def test_a_disk_that_is_full_at_any_call_leaves_nothing_behind(
     cut: Path, watching: Path, tmp_path: Path, call: str

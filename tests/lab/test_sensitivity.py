@@ -273,6 +273,7 @@ def also(name: str, told: Any) -> dict[str, Any]:
         (asked(n=100), "sensitivity.n: 100 is not allowed with method sobol; a power of two, 64 or 128"),
         (asked(n=4), "sensitivity.n: 4 is not allowed; it should be greater than or equal to 8"),
         (asked(method="fast"), "sensitivity.method: 'fast' is not allowed"),
+        (asked(method="fast", n=4, ranges={}), "sensitivity.method: 'fast' is not allowed"),
         (asked(method="morris", second_order=True), "second_order: True is not allowed with method morris"),
         (asked(confidence=2), "sensitivity.confidence: 2 is not allowed"),
         (asked(ranges={"load.share": [0.4, 0.8]}), "sensitivity.ranges: {'load.share': [0.4, 0.8]} is not allowed"),
