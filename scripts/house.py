@@ -1,4 +1,4 @@
-"""How large the package is and how it hangs together, by `python scripts/house.py`."""
+"""How large the package is and how it hangs together, by `python -m scripts.house`."""
 
 from __future__ import annotations
 

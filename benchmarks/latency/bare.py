@@ -21,7 +21,7 @@ from sensor_msgs.msg import JointState
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH
 from knee_contact_ros.system.ros import executor_of
 
-# As in node.py, session.py and subscription.py, which are not imported: a bare node's process shall hold nothing else.
+# As in managed_node.py, session.py and inputs.py, which are not imported: a bare node's process holds nothing else.
 INPUT_QOS = QoSProfile(depth=1000)
 OUTPUT_QOS = QoSProfile(depth=100)
 SPIN_PERIOD = 0.1

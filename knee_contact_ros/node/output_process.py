@@ -1,6 +1,6 @@
 """The process of a sink: it writes what the node sends, until the node tells it to end or is gone.
 
-It imports no ROS, and what its output needs only once it runs. The node's side is `process.py`.
+It imports no ROS, and what its output needs only once it runs. The node's side is `outputs.py`.
 """
 
 from __future__ import annotations

@@ -1,7 +1,8 @@
-"""Definition of an output, and the messages between the node and its process; see `process.py` and `worker.py`.
+"""Definition of an output, and the messages between the node and its process.
 
 An output is one module, which a section of the parameters names. It has a function `sink_for`, which describes it to
-the node, and a function `open_output`, which opens it in its process.
+the node, and a function `open_output`, which opens it in its process. The node's side is `node/outputs.py`, that of the
+process `node/output_process.py`.
 """
 
 from __future__ import annotations
