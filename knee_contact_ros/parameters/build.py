@@ -5,6 +5,7 @@ Implausible parameters are not refused, as somebody may model a rat; `parameter_
 
 from __future__ import annotations
 
+import math
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import replace
@@ -37,6 +38,10 @@ from knee_contact_ros.system.files import DEFAULT_PARAMETERS
 SHARES = {"total": 1.0, "moment_balance": 0.5, "measured_share": 0.6}
 """Part of the body weight that a compartment is tried with, by the rule of its load; see also `load.share`"""
 MM = 1e3
+GAIT = tuple(math.radians(degrees) for degrees in range(0, 61, 5))
+"""Flexion angles of gait [rad]"""
+PLATEAU = 0.045
+"""Largest distance [m] of a contact from the tibia's origin along x: half a plateau's length is some 25 mm"""
 
 
 def load_model(
@@ -188,7 +193,11 @@ def load_rule(parameters: Parameters, texts: Mapping[str, str]) -> LoadRule:
 def parameter_doubts(parameters: Parameters, model: KneeModel) -> list[str]:
     """Sentences about parameters in a likely wrong unit (kg, N/mm^n, MPa), and about a wait that is too short."""
     contact, pairing = parameters.contact, parameters.pairing
-    doubts = [weight_doubt(parameters.body_weight), _stiffness_doubt(parameters, model)]
+    doubts = [
+        weight_doubt(parameters.body_weight),
+        _stiffness_doubt(parameters, model),
+        _place_doubt(parameters, model),
+    ]
     soft, hard = contact.stiffness, contact.stiffness_2
     if len(model.law.layers) > 1 and contact.stiffness_from == "value" and hard < soft:
         meant = f"; {_per_millimetre(contact, hard)}" if MM**contact.exponent * hard >= soft else ""
@@ -202,6 +211,19 @@ def parameter_doubts(parameters: Parameters, model: KneeModel) -> list[str]:
             "every force is answered before its angle has come (INPUT_HELD)"
         )
     return [doubt for doubt in doubts if doubt]
+
+
+def _place_doubt(parameters: Parameters, model: KneeModel) -> str:
+    """Sentence about a femur that leaves the plateau in gait, as one that turns about the hip; empty if it does not."""
+    pair = model.pair
+    places = [pair.mechanism.translation(angle)[0] - pair.femur.support(angle)[1] for angle in GAIT]  # if level
+    if max(map(abs, places)) <= PLATEAU:
+        return ""
+    return (
+        f"femur.profile {parameters.femur.profile} touches the tibia at x = {MM * min(places):.0f} to "
+        f"{MM * max(places):.0f} mm in 0 to 60 degrees of flexion, and a plateau ends before {MM * PLATEAU:.0f} mm: is "
+        "its origin the hip's or the scanner's, and not the joint's axis (fit-profile --origin)?"
+    )
 
 
 def _stiffness_doubt(parameters: Parameters, model: KneeModel) -> str:

@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+import re
+import warnings
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import knee_contact_ros
@@ -100,3 +103,23 @@ def test_a_curve_in_a_recording_has_its_limits_too(right_bag: Path, tmp_path: Pa
     record = provenance_record(load_parameters(values), {"femur.profile": text})
     recording_with(tmp_path / "theirs.mcap", right_bag, [("knee_contact", record)])
     assert main(["solve", str(tmp_path / "theirs.mcap"), "--output", str(tmp_path / "out.mcap")]) == 2
+
+
+@pytest.mark.parametrize(
+    ("origin", "words"),
+    [
+        ([0.0, 0.4], r"touches the tibia at x = 0 to 346 mm .* \(fit-profile --origin\)\?"),
+        ([0.1, 0.0], r"touches the tibia at x = -100 to -50 mm .* \(fit-profile --origin\)\?"),
+        ([0.01, 0.01], ""),
+    ],
+)
+def test_a_femur_that_leaves_the_plateau_is_told(origin: list[float], words: str, tmp_path: Path) -> None:
+    """The arc's centre lies near the femur's origin, or far from it as of a mesh from a scanner."""
+    turn = np.linspace(2.2, -0.3, 60)
+    path = tmp_path / "curve.csv"
+    arc = -0.03 * np.column_stack([np.sin(turn), np.cos(turn)]) - origin
+    path.write_text("".join(f"{x:.6f},{y:.6f}\n" for x, y in arc))
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        knee_contact_ros.load_model(naming(PROFILE, path))
+    assert [bool(re.search(words, str(each.message))) for each in told] == [True] * bool(words)
