@@ -18,6 +18,8 @@ from knee_contact_ros.streams.output import LOAD_PROVENANCE, PROVENANCE
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import open_regular, sha256_of
 
+ORIGIN = "origin"
+"""Name of the metadata record of an imported bag, which says what it was made of"""
 PARAMETERS_CHANGED, RESET = "parameters_changed", "reset"
 """Names of the metadata records of changed parameters and of a reset in a running node"""
 TICK = "tick"
@@ -228,6 +230,15 @@ def _json(text: str) -> Any:
         return json.loads(text)
     except RecursionError:
         raise ValueError("nested too deep") from None
+
+
+def weight_of(bag: Path) -> float | None:
+    """Body weight [N] that an importer wrote into a bag; None: the bag names none."""
+    origin = next((content for name, content in _metadata(bag) if name == ORIGIN), {})
+    try:
+        return float(origin.get("body_weight", "").removesuffix("N")) or None
+    except ValueError:
+        return None
 
 
 def _metadata(bag: Path) -> Iterator[tuple[str, dict[str, str]]]:

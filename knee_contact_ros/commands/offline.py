@@ -49,10 +49,10 @@ def solve(
     again with the parameters stored in it, unless --params is given. Of a damaged bag, what can be read is computed;
     the command then says what is missing, and ends with code 1.
     """
-    from knee_contact_ros.bags.provenance import Provenance
+    from knee_contact_ros.bags.provenance import Provenance, weight_of
     from knee_contact_ros.bags.reader import names_in_bag, others_beside
     from knee_contact_ros.commands.tables import show_summary
-    from knee_contact_ros.offline.solve import Subject, basis_of
+    from knee_contact_ros.offline.solve import Subject, basis_of, parameters_in, weight_doubt
     from knee_contact_ros.offline.solve import solve as solve_bag
     from knee_contact_ros.system.errors import in_a_line
     from knee_contact_ros.system.files import parameters_of
@@ -70,8 +70,12 @@ def solve(
     files = ", ".join(map(str, given))
     source = f"those in {bag.name}, made with {basis.package}" if isinstance(basis, Provenance) else files
     rows = {"parameters": ", ".join([source, *parameter_values])}
+    parameters = parameters_in(basis)
+    if weight_of(bag) == parameters.body_weight:
+        rows["body weight"] = f"{parameters.body_weight:.7g} N, as {bag.name} was imported with"
     show_summary(summary, rows, {"Recording": str(output)})
     warn(others_beside(bag))
+    warn(weight_doubt(bag, parameters))
     warn(summary.warnings)
     if summary.damage:
         raise IncompleteError(f"bag {bag} is damaged, and solved as far as it can be read: {in_a_line(summary.damage)}")

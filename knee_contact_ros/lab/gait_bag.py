@@ -17,6 +17,7 @@ from rich.console import Console
 from rich.table import Table
 
 from knee_contact_ros import __version__
+from knee_contact_ros.bags.provenance import ORIGIN
 from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.lab.tables import Floats, Stamps
 from knee_contact_ros.streams import topics
@@ -26,8 +27,6 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import sha256_of
 from knee_contact_ros.system.terminal import WIDTH, shown
 
-ORIGIN = "origin"
-"""Name of the metadata record with the origin of a bag"""
 JOINT = "knee"
 """Name of the knee in a bag, whatever its name in the model: the default of `knee.joint_name`"""
 QUANTITIES = {

@@ -127,6 +127,7 @@ def import_csv(files: Sequence[Path], map_file: Path, output: Path, *, overwrite
     origin = gait_bag.origin_of("CSV", sensors.side, used)
     origin |= {f"columns of {name}": columns for name, columns in gait.columns.items()}
     origin |= {"map": json.dumps(sensors.model_dump(exclude_defaults=True)), "conversions": "\n".join(gait.notes)}
+    origin |= {"body_weight": f"{sensors.body_weight:.7g} N"} if sensors.body_weight else {}
     origin |= ({"doubts": "\n".join(doubtful)} if doubtful else {}) | gait_bag.QUANTITIES
     with work_folder(output.parent) as work:
         gait_bag.write_bag(gait, work / output.name, origin)

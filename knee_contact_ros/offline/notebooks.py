@@ -19,7 +19,7 @@ from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import ROW, Rows
 from knee_contact_ros.offline.estimate_load import estimate_load as estimate
-from knee_contact_ros.offline.solve import Subject, basis_of, parameters_in, texts_of
+from knee_contact_ros.offline.solve import Subject, basis_of, parameters_in, texts_of, weight_doubt
 from knee_contact_ros.offline.solve import solve as solve_bag
 from knee_contact_ros.parameters.files import Source, dotted, load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters
@@ -81,7 +81,7 @@ def solve(
         blocks: list[Sequence[Rows]] = []
         with progress("Solving") as advance:
             summary = solve_bag(path, basis, written, advance, overwrite, names, compiled=compiled, keep=blocks.append)
-        doubts = [*others_beside(path), *summary.warnings]
+        doubts = [*others_beside(path), *weight_doubt(path, parameters_in(basis)), *summary.warnings]
         if summary.damage:
             doubts.append(f"bag {path} is damaged, and solved as far as it can be read: {in_a_line(summary.damage)}")
         for sentence in doubts:

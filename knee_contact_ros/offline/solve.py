@@ -23,6 +23,7 @@ from knee_contact_ros.bags.provenance import (
     change_record,
     provenance_record,
     read_provenance,
+    weight_of,
     with_values,
 )
 from knee_contact_ros.bags.reader import OWN_NAMES, Names, refuse_input
@@ -41,6 +42,8 @@ from knee_contact_ros.streams.topics import JOINT_STATES, Answer, recorded_topic
 from knee_contact_ros.system.errors import UsageError, in_a_line
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded, find_file, read_mapping
 
+SAME_WEIGHT = 0.01
+"""Largest relative difference of body weights that are the same"""
 BLOCK = 8192
 """Number of messages in a block: few enough for a few MB, many enough that handling a block costs nothing"""
 SOURCE_DAMAGE = "source_damage"
@@ -283,7 +286,28 @@ def basis_of(
     if params is None:
         params = () if person else DEFAULT_PARAMETERS
     given = params if isinstance(params, Sequence) and not isinstance(params, str) else [params]
-    return load_parameters([*(person.sources() if person else ()), *given, values])
+    return parameters_for(bag, [*(person.sources() if person else ()), *given, values])
+
+
+def parameters_for(bag: Path, sources: Sequence[Any]) -> Parameters:
+    """Load parameters for a bag: the body weight that it was imported with is used, unless the sources set another one.
+
+    Raises:
+        UsageError: as for `load_parameters`.
+    """
+    parameters, weight = load_parameters(list(sources)), weight_of(bag)
+    said = any(isinstance(source, Mapping) and "body_weight" in source for source in sources)
+    if weight is None or said or parameters.body_weight != Parameters.model_fields["body_weight"].default:
+        return parameters
+    return load_parameters([*sources, {"body_weight": weight}])
+
+
+def weight_doubt(bag: Path, parameters: Parameters) -> list[str]:
+    """Say, if it is so, that a bag was imported with another body weight than that of the parameters."""
+    weight, used = weight_of(bag), parameters.body_weight
+    if weight is None or abs(used - weight) <= SAME_WEIGHT * weight:
+        return []
+    return [f"body_weight {used:.7g} N is used, as it was given, and bag {bag} was imported with {weight:.7g} N"]
 
 
 class SubjectFile(Section):

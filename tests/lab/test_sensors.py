@@ -302,6 +302,20 @@ def test_behind_a_gap_a_knee_may_be_anywhere(importing: Importing, capsys: pytes
     assert "angle: 1 gaps longer than 0.1 s" in capsys.readouterr().out
 
 
+def test_the_body_weight_goes_with_the_bag(importing: Importing, capsys: pytest.CaptureFixture[str]) -> None:
+    """And wins over the default, not over one that the user gives."""
+    assert importing(cells(), MAP.replace("700.0", "560.0")) == 0
+    peak = 0.5 * load(cells()["time_s"]).max()
+    for given, weight in ((), 560.0), (("-p", "body_weight:=600"), 600.0), (("-p", "body_weight:=737.068"), 737.068):
+        capsys.readouterr()
+        assert main(["solve", "bag", "--output=o.mcap", "--overwrite", *given]) == 0
+        told = capsys.readouterr()
+        assert f"{peak / weight:.2f} BW" in told.out.replace("\n", " ") or f"{peak / weight:.2f}" in told.out
+        said = f"body_weight {weight:g} N is used, as it was given, and bag bag was imported with 560 N"
+        assert (said in " ".join(told.err.split())) == bool(given)
+        assert ("560 N, as bag was imported with" in told.out) != bool(given)
+
+
 def test_columns_in_two_files_are_asked_for(importing: Importing, capsys: pytest.CaptureFixture[str]) -> None:
     both = tuple(write_csv(Path(f"{name}.csv"), cells()) for name in ("a", "b"))
     assert importing(files=both) == 2
