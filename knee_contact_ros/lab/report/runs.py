@@ -20,7 +20,7 @@ from knee_contact_ros.lab.uncertainty import Propagated, deviations_of, given_in
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.readouts import SPREAD
 from knee_contact_ros.model.types import FLAT, ContactState, Fidelity, Status
-from knee_contact_ros.offline.solve import parameters_for, solve
+from knee_contact_ros.offline.solve import parameters_for, solve, weight_doubt
 from knee_contact_ros.offline.summary import read_refused
 from knee_contact_ros.parameters import files
 from knee_contact_ros.parameters.build import build_model, material_stiffness
@@ -508,6 +508,7 @@ def _solved(path: Path, label: str, options: ReportOptions, work: Path, bar: Bar
     """Solve a bag that has inputs only; return a run for each compartment."""
     parameters = parameters_for(path, options.parameters)
     origin = f"Computed for this report by knee_contact_ros {__version__} with {_spelled(options.parameters)}."
+    origin += "".join(f" {sentence}." for sentence in weight_doubt(path, parameters))
     runs = _computed(path, parameters, options.names, work, bar)
     labels = [f"{label} {name}" for name in (MEDIAL, LATERAL)] if len(runs) > 1 else [label]
     return [run._replace(name=name, label=name, origin=origin) for run, name in zip(runs, labels, strict=True)]
