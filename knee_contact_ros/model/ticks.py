@@ -131,7 +131,7 @@ def run(knee: Knee, state: Floats, samples: Floats, words: Floats, codes: Bytes,
                     if not result.converged:
                         result = at_rest(knee, angle, load, math.nan, ANSWER - 4, max(1, result.evaluations))
                         fidelity = QUASI_STATIC
-                if not result.converged or state[LOST] > 0.0:
+                if not result.converged or state[LOST] > 0.0 or is_beyond(knee, result):
                     result = remember(knee, tick, state, start, result)
         femur, error = result.femur, result.femur.error
         state[BEGUN], state[ANGLE], state[LOAD] = 1.0, angle, load
@@ -296,15 +296,22 @@ def left_behind(
 
 
 @in_kernel
+def is_beyond(knee: Knee, result: Result) -> bool:
+    """Whether the femur that was followed may be farther off than any depth; a static one tells nothing of that."""
+    return knee.level == DYNAMIC and result.estimate > knee.plausible_depth
+
+
+@in_kernel
 def remember(knee: Knee, tick: Interval, state: Floats, start: Femur, result: Result) -> Result:
     """Return the answer to a tick while the exact solution is lost, and find out whether it has been forgotten.
 
-    It is lost where a tick could not be resolved. From then on two bounds of the exact femur are kept, of its speed
-    and of its distance: what it had, what the contact had stored, and what load and surfaces have added. It is
-    forgotten when, without a break, the load has pressed for longer than all flights take, the first one from that
-    distance at that speed and the others after landings, which leave a part of the speed; and then for as many
-    relaxation times of the contact as the tolerance asks for. Where a layer has no dashpot, or the law remembers how
-    its contact began, nothing is forgotten until a reset.
+    It is lost where a tick could not be resolved, or where its error may be larger than any depth: the linearised
+    contact would make that small at once, while the exact femur still flies. From then on two bounds of the exact
+    femur are kept, of its speed and of its distance: what it had, what the contact had stored, and what load and
+    surfaces have added. It is forgotten when, without a break, the load has pressed for longer than all flights take,
+    the first one from that distance at that speed and the others after landings, which leave a part of the speed; and
+    then for as many relaxation times of the contact as the tolerance asks for. Where a layer has no dashpot, or the law
+    remembers how its contact began, nothing is forgotten until a reset.
     """
     mass, stage, h = knee.mass, result.stage, tick.duration
     load = load_at(tick, h)
@@ -317,7 +324,8 @@ def remember(knee: Knee, tick: Interval, state: Floats, start: Femur, result: Re
         follows = end_rate / cosine
     if speed > 0.0:
         speed += abs(start.velocity - state[FOLLOWING])
-    if not result.converged:
+    solved = result.converged and not is_beyond(knee, result)
+    if not solved:
         if speed == 0.0:
             depth, rate, cosine = touch(knee.surfaces, tick.angle, tick.angle_rate, start.height)
             deepest = max(deepest, depth + reach(start.error, math.inf))
@@ -326,7 +334,7 @@ def remember(knee: Knee, tick: Interval, state: Floats, start: Femur, result: Re
         stored = deepest * abs(law_force(knee.law, deepest, 0.0, 0.0)[0])
         speed = math.sqrt(speed * speed + 2.0 * stored / mass)
     moved = abs(follows - start.velocity)
-    if not result.converged or not damped or min(tick.load, load) <= 0.0 or stage.depth <= 0.0:
+    if not solved or not damped or min(tick.load, load) <= 0.0 or stage.depth <= 0.0:
         speed += pull * h / mass + moved
         state[IMPULSE], state[STRONGEST], state[QUIET] = 0.0, 0.0, 0.0
     else:

@@ -136,3 +136,10 @@ def test_a_running_arthritic_knee_is_not_lost() -> None:
     assert found.apart.mean() > 0.5
     assert covered(found) > 0.98
     assert found.said_right.mean() >= 0.95
+
+
+@pytest.mark.parametrize(("seed", "tolerance"), [(1009000581, 1e-6), (1013001986, 1e-4)])
+def test_a_femur_that_is_somewhere_in_the_air_is_not_found_by_a_landing(seed: int, tolerance: float) -> None:
+    """The run lands after flights whose error is metres, and rests; the exact femur still flies."""
+    found = answered(draw(seed), "dynamic", tolerance)
+    assert not found.depth.wrong.any()
