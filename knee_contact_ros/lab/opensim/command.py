@@ -196,7 +196,8 @@ def read_knee(side: str, files: Files, settings: Settings, work: Path) -> tuple[
     ground_force = leg.ground if leg else None
     known = angle.stamps, reaction.stamps
     window = gait_bag.common_window(angle, reaction, settings.start, settings.end, ground_force)
-    doubtful, unusual = _doubts(angle.inside(window), reaction.inside(window), files, columns, facts and facts.weight)
+    seen, loads = [each.inside(window) if len(each.inside(window).stamps) > 1 else each for each in (angle, reaction)]
+    doubtful, unusual = _doubts(seen, loads, files, columns, facts and facts.weight)
     if doubtful and not settings.anyway:
         raise UsageError(f"{doubtful[0]} (--anyway imports it as it is)")
     if settings.rate:
