@@ -18,7 +18,7 @@ def law_with_an_edge(*, stiffness: float, edge: Annotated[float, Range(0.0, 1.0,
 
 
 def test_what_a_law_alone_asks_for_is_a_parameter() -> None:
-    section = with_constants_of_laws({"edged": law_with_an_edge})
+    section = with_constants_of_laws({**CONTACT_LAWS, "edged": law_with_an_edge})
     assert set(section.model_fields) == {*ContactParameters.model_fields, "edge"}
     assert section.model_fields["edge"].description == "[m] of it"
     assert section().model_dump() == {**ContactParameters().model_dump(), "edge": 0.25}
