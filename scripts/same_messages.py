@@ -3,13 +3,16 @@
 python -m scripts.same_messages OTHER [--first N] [--scenes N]
 
 Both compute the bundled bags with all shipped parameter files, and random scenes: laws, constants, surfaces, and
-streams of two sensors some of whose samples are wrong. Each checkout has its own .venv. Ends with 1 if they differ.
+streams of two sensors some of whose samples are wrong. A checkout's .venv is used, and this Python where it has none.
+Ends with 1 if they differ.
 """
 
 from __future__ import annotations
 
 import json
+import os
 import subprocess
+import sys
 import tempfile
 from concurrent.futures import ThreadPoolExecutor
 from itertools import product
@@ -20,17 +23,19 @@ import numpy as np
 from mcap.reader import make_reader
 from ruamel.yaml import YAML
 
+from knee_contact_ros.bags.reader import RawMessage
 from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from studies.honesty.scenes import Scene, draw
-from tests.helpers.bags import Mcap, RawMessage
+from tests.helpers.bags import Mcap
 
 ROOT = Path(__file__).parents[1]
 SHIPPED = ("healthy", "osteoarthritis", "mri_femur", "mri_knee")
 RUN = """
-import json, sys
-from importlib.metadata import entry_points
-(command,) = entry_points(group="console_scripts", name="knee-contact")
-main = command.load()
+import importlib, json, sys
+with open("pyproject.toml", encoding="utf-8") as file:
+    (script,) = (line for line in file if line.startswith("knee-contact = "))
+module, name = script.split('"')[1].split(":")
+main = getattr(importlib.import_module(module), name)
 print(json.dumps([main(["solve", *arguments]) for arguments in json.load(sys.stdin)]), file=sys.stderr)
 """
 
@@ -76,8 +81,12 @@ def solved(checkout: Path, every: list[list[str]], folder: Path) -> list[int]:
     """Solve all bags with a checkout; return its exit codes."""
     folder.mkdir()
     jobs = [[*arguments, "--output", str(folder / f"{number}.mcap")] for number, arguments in enumerate(every)]
-    command = [str(checkout.absolute() / ".venv" / "bin" / "python"), "-c", RUN]
-    done = subprocess.run(command, cwd=checkout, input=json.dumps(jobs), capture_output=True, text=True, check=True)
+    own = checkout.absolute() / ".venv" / "bin" / "python"
+    command = [str(own) if own.exists() else sys.executable, "-c", RUN]
+    path = os.environ | {"PYTHONPATH": str(checkout.absolute())}  # which comes before what is installed
+    done = subprocess.run(
+        command, cwd=checkout, env=path, input=json.dumps(jobs), capture_output=True, text=True, check=True
+    )
     codes: list[int] = json.loads(done.stderr.splitlines()[-1])
     return codes
 
@@ -101,7 +110,8 @@ def main(other: Path, first: int, scenes: int) -> None:
         folder = Path(name)
         bags = sorted(str(bag) for bag in (ROOT / "bags").iterdir() if bag.is_dir())
         shipped = [str(ROOT / "config" / f"{name}.yaml") for name in SHIPPED]
-        jobs = [[bag, "--params", parameters] for bag, parameters in product(bags, shipped)]
+        lateral = ["--params", str(ROOT / "config" / "both_compartments.yaml")]
+        jobs = [[bag, "--params", parameters, *more] for bag, parameters, more in product(bags, shipped, ([], lateral))]
         jobs += [scene_files(folder, seed) for seed in range(first, first + scenes)]
         with ThreadPoolExecutor() as pool:
             codes = list(pool.map(solved, (ROOT, other), (jobs, jobs), (folder / "ours", folder / "theirs")))
