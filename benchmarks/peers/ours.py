@@ -102,6 +102,8 @@ WALKS = 3
 """Number of runs of each level; the quickest counts"""
 MILLISECOND = 1_000_000
 """[ns]"""
+OWN = [tracemalloc.Filter(True, "*/knee_contact_ros/*"), tracemalloc.Filter(True, __file__)]
+"""Files whose memory is a run's; other threads of a process allocate, too"""
 
 
 class Moment(NamedTuple):
@@ -144,7 +146,8 @@ def memory(stream: Stream, loads: list[float]) -> list[float]:
         for end in TICKS:
             walk(stream, begin, end, loads)
             gc.collect()
-            held.append(tracemalloc.get_traced_memory()[0] / 1024.0)
+            own = tracemalloc.take_snapshot().filter_traces(OWN)
+            held.append(sum(trace.size for trace in own.traces) / 1024.0)
             begin = end
     finally:
         tracemalloc.stop()
