@@ -12,6 +12,7 @@ from rich.markup import escape
 from rich.table import Column, Table
 
 from knee_contact_ros.bags.recover import Recovery
+from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.estimate_load import LoadSummary
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.schema import LoadParameters
@@ -21,6 +22,8 @@ from knee_contact_ros.system.terminal import UNBOUNDED, WIDTH, say, shown
 
 MOST_PEAKS = 12
 """Largest number of load peaks that have a row each"""
+DOUBTFUL = " !"
+"""Mark of a row with values of a tick that is `IMPLAUSIBLE`"""
 ONE_MOMENT = 100_000_000
 """Time [ns] within which the largest load, force and depth belong to one peak"""
 MM = 1e3
@@ -93,16 +96,21 @@ def peak_table(summary: Summary) -> Table:
 
     peaks = summary.load_peaks
     if len(peaks) > MOST_PEAKS:
-        _, *means = np.mean(peaks, axis=0)
-        table.add_row("mean peak", *forces(*means), "")
+        _, *means, _ = np.mean(peaks, axis=0)
+        doubtful = any(peak.status & Status.IMPLAUSIBLE for peak in peaks)
+        table.add_row("mean peak" + DOUBTFUL * doubtful, *forces(*means), "")
         peaks = []
     for number, peak in enumerate(peaks, start=1):
         values = forces(peak.load, peak.contact_force, peak.penetration_depth)
-        table.add_row(f"peak {number}", *values, stamp_text(peak.stamp, begin))
+        name = f"peak {number}" + DOUBTFUL * bool(peak.status & Status.IMPLAUSIBLE)
+        table.add_row(name, *values, stamp_text(peak.stamp, begin))
     load, force, depth = (summary.peaks[name] for name in ("load", "contact_force", "penetration_depth"))
     stamps = load.stamp, force.stamp, depth.stamp
     when = stamp_text(depth.stamp, begin) if max(stamps) - min(stamps) <= ONE_MOMENT else "various"
-    table.add_row("largest", *forces(load.value, force.value, depth.value), when)
+    doubtful = load.implausible or force.implausible or depth.implausible
+    table.add_row("largest" + DOUBTFUL * doubtful, *forces(load.value, force.value, depth.value), when)
+    if summary.flagged["IMPLAUSIBLE"]:
+        table.caption, table.caption_justify = "! from an answer that is IMPLAUSIBLE", "left"
     if Console(width=UNBOUNDED).measure(table).maximum > WIDTH:  # large forces, hours
         table.collapse_padding = True
     return table

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from knee_contact_ros.model import compiler, ticks
+from knee_contact_ros.model.inputs import Inputs
 from knee_contact_ros.model.laws import ContactLaw, check, hertz
 from knee_contact_ros.model.mechanisms import MECHANISMS
 from knee_contact_ros.model.readouts import ContactPatch, Readings
@@ -160,6 +162,8 @@ class KneeModel:
             Record array of shape (n,) with the fields of `Contact`: `series.contact_force`, `series.contact_point.x`
             and so on; with `load_model`'s models, `Results`. Bit for bit the records that `stream().tick` gives.
 
+        Angles, loads or times that no knee has, as degrees for radians or a load of the other sign, cause a warning.
+
         Raises:
             ValueError: shapes differ, a value is not finite or is beyond `LARGEST_LOAD`, `LARGEST_ANGLE` or
                 `LARGEST_HEIGHT`, time does not increase, or the drive and `femoral_height` do not go together.
@@ -180,6 +184,11 @@ class KneeModel:
         height = heights[0] if heights else np.full(len(time_), math.nan)
         self.compute(np.column_stack([durations, angles, loads, height]), answers)
         answers["stamp"] = stamps
+        inputs = Inputs(driven=not heights)
+        if len(answers):
+            inputs.add_all(answers["stamp"], angles, loads)
+        for sentence in inputs.sentences:
+            warnings.warn(sentence, stacklevel=2)
         series: np.recarray[Any, Any] = answers.view(self.results)
         if hasattr(series, "model"):
             series.model = self  # type: ignore[assignment]  # an attribute of Results
@@ -356,7 +365,12 @@ def _refuse(angle: float, load: float, height: float | None) -> None:
     if not all(map(math.isfinite, given)):
         raise ValueError(f"time, {INPUTS} must be finite, got {angle}, {load}, {height}")
     limits = f"{LARGEST_ANGLE:g} rad, {LARGEST_LOAD:g} N and {LARGEST_HEIGHT:g} m"
-    raise ValueError(f"{INPUTS} must not exceed {limits}, got {angle}, {load}, {height}")
+    raise ValueError(f"{INPUTS} must not exceed {limits}, got {angle}, {load}, {height}{degrees_hint(angle)}")
+
+
+def degrees_hint(angle: float) -> str:
+    """Question for the message that refuses an angle; empty if it is not refused for its size."""
+    return "; is it in degrees?" if LARGEST_ANGLE < abs(angle) < math.inf else ""
 
 
 def example_call() -> tuple[Any, ...]:

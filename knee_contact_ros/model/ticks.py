@@ -52,10 +52,11 @@ LEVELS = {"quasi_static": QUASI_STATIC, "dynamic": DYNAMIC, "auto": DYNAMIC}
 """Levels of the model by the names that the parameter `fidelity.level` uses"""
 (
     BEGUN, ANGLE, LOAD, HEIGHT, VELOCITY, E_HEIGHT, E_VELOCITY, E_HH, E_HV, E_VV, TRY_STEP, IMPACT, IMPACT_ERROR,
-    STIFFNESS, SLOPE_DAMPING, LOST, FOLLOWING, AWAY, IMPULSE, STRONGEST, QUIET, STATE_SIZE,
-) = range(22)  # fmt: skip
+    STIFFNESS, SLOPE_DAMPING, LOST, FOLLOWING, AWAY, IMPULSE, STRONGEST, QUIET, UNSETTLED, STATE_SIZE,
+) = range(23)  # fmt: skip
 """Places in the state of a run, all 0 before the first tick: whether it has begun; angle and load of the last tick;
-what `Femur` has; slopes of the last contact along the height; and what `remember` needs"""
+what `Femur` has; slopes of the last contact along the height; what `remember` needs; and for how long [s] of contact
+the answers are still those of a femur that has come from farther away than any"""
 DURATION_IN, ANGLE_IN, LOAD_IN, HEIGHT_IN = range(4)
 """Columns of the samples: time since the last tick [s], flexion angle [rad], load [N], prescribed height [m] or NaN"""
 LARGEST_FORCE_ERROR = 1e12
@@ -77,6 +78,8 @@ IN_STEP, ANY_PHASE = 0.5, 2.5
 """Phase error of an oscillation [rad] up to which its phase counts as known; how far others may have grown beyond it"""
 UNKNOWN_INERTIA = 0.8
 """Unknown part of the inertia that the quasi-static level leaves out, of which only the mean over a tick is known"""
+FARTHEST_GAP, SETTLING = 0.01, 0.1
+"""Gap [m] that no knee has, and time of contact [s] in which the femur settles after such a flight"""
 NOT_CONVERGED, IMPLAUSIBLE = int(Status.NOT_CONVERGED), int(Status.IMPLAUSIBLE)
 (
     W_ANGLE, W_LOAD, W_FORCE, W_DEPTH, W_GAP, W_RATE, W_SLIDING, W_POINT, W_HEIGHT, W_CARTILAGE, W_BONE, W_ERROR,
@@ -140,7 +143,13 @@ def run(knee: Knee, state: Floats, samples: Floats, words: Floats, codes: Bytes,
         state[E_HH], state[E_HV], state[E_VV] = error.hh, error.hv, error.vv
         state[IMPACT], state[IMPACT_ERROR] = femur.impact_speed, femur.impact_error
         state[STIFFNESS], state[SLOPE_DAMPING] = result.stage.stiffness, result.stage.damping
-        write_answer(knee, angle, angle_rate, load, fidelity, result, words, codes, counts, i)
+        far = -result.stage.depth > FARTHEST_GAP
+        if far and knee.level != PRESCRIBED_HEIGHT:
+            state[UNSETTLED] = SETTLING
+        elif result.stage.depth > 0.0:
+            state[UNSETTLED] = max(0.0, state[UNSETTLED] - duration)
+        far = far or state[UNSETTLED] > 0.0
+        write_answer(knee, angle, angle_rate, load, fidelity, result, far, words, codes, counts, i)
 
 
 @in_kernel
@@ -368,7 +377,7 @@ def remember(knee: Knee, tick: Interval, state: Floats, start: Femur, result: Re
 
 @inlined
 def write_answer(
-    knee: Knee, angle: float, angle_rate: float, load: float, fidelity: int, result: Result,
+    knee: Knee, angle: float, angle_rate: float, load: float, fidelity: int, result: Result, far: bool,
     words: Floats, codes: Bytes, counts: Counts, i: int,
 ) -> None:  # fmt: skip
     """Fill row i with the answer to a tick, except for stamp and latency, which the kernel does not know."""
@@ -404,5 +413,6 @@ def write_answer(
     words[i, W_TORQUE_Z] = point_x * force_y - point_y * force_x
     codes[i, B_STATE] = 2 if bone > 0.0 else 1 if depth > 0.0 else 0
     codes[i, B_FIDELITY] = fidelity
-    codes[i, B_STATUS] = (NOT_CONVERGED if missed else 0) | (IMPLAUSIBLE if depth > knee.plausible_depth else 0)
+    implausible = depth > knee.plausible_depth or far
+    codes[i, B_STATUS] = (NOT_CONVERGED if missed else 0) | (IMPLAUSIBLE if implausible else 0)
     counts[i, C_EVALUATIONS] = evaluations

@@ -70,7 +70,7 @@ class Status(IntFlag):
     INPUT_REJECTED = 16
     """A sample was rejected since the last tick."""
     IMPLAUSIBLE = 32
-    """The depth is beyond what is plausible for a knee; see `KneeModel.plausible_depth`."""
+    """No knee is so deep or so far apart: see `KneeModel.plausible_depth` and `ticks.FARTHEST_GAP`."""
 
 
 NANOSECOND = 1e-9

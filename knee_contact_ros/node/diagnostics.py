@@ -412,7 +412,7 @@ class ContactHealth(Health):
         self.rows: list[bytes] = []
         """Rows of the answers that are not looked at yet"""
         self._contacts = pipeline
-        self._too_deep_before: dict[str, int] = {}
+        self._before: dict[str, tuple[int, int]] = {}
 
     def take(self) -> None:
         """Count the answers since the last report, and look for implausible ones among them."""
@@ -421,28 +421,39 @@ class ContactHealth(Health):
         compartments = self._contacts.compartments
         for number, compartment in enumerate(compartments if len(rows) else ()):
             own = rows[number :: len(compartments)]
-            compartment.doubts.add_all(own["stamp"], own["load"], own["penetration_depth"], own["status"])
+            compartment.doubts.add_all(own)
 
     def special_entries(self) -> list[Any]:
-        """Entry for the load, and for its split where the share varies; problems are logged."""
-        doubts, values = self._contacts.doubts, {}
-        problem = doubts.about_load
+        """Entries for the load, with its split where the share varies, and for the flexion; problems are logged."""
+        doubts, values, flexion = self._contacts.doubts, {}, {}
+        inputs, angle = doubts.inputs, doubts.inputs.about_angle
+        problem = "; ".join(sentence for sentence in doubts.about_inputs if sentence != angle)
         if doubts.ticks:
-            values = {"from [N]": f"{doubts.lowest:.1f}", "to [N]": f"{doubts.highest:.1f}"}
+            values = {"from [N]": f"{inputs.lowest:.1f}", "to [N]": f"{inputs.highest:.1f}"}
+            flexion = {
+                "from [deg]": f"{math.degrees(inputs.least):.1f}",
+                "to [deg]": f"{math.degrees(inputs.most):.1f}",
+            }
         if self._contacts.varies:
             split = self._contacts.split
             values |= {"share of the axial load": split.text, "above 1": str(split.above), "below 0": str(split.below)}
             problem = problem or split.problem
         if problem:
             self.node.get_logger().warning(problem, **at_most_every(SILENCE_LOG_PERIOD))
-        return [diagnostic_status(f"{self.name}: load", values, problem)]
+        if angle:
+            self.node.get_logger().warning(angle, **at_most_every(SILENCE_LOG_PERIOD))
+        return [
+            diagnostic_status(f"{self.name}: load", values, problem),
+            diagnostic_status(f"{self.name}: flexion", flexion, angle),
+        ]
 
     def doubts(self) -> list[str]:
-        """Sentences about the compartments whose depth was implausible since the last report."""
-        sentences = []
+        """Sentences about the compartments whose depth or gap was implausible since the last report."""
+        sentences: list[str] = []
         for compartment in self._contacts.compartments:
             doubts = compartment.doubts
-            if doubts.too_deep > self._too_deep_before.get(compartment.topic, 0):
-                self._too_deep_before[compartment.topic] = doubts.too_deep
-                sentences.append(doubts.about_depth)
+            implausible = doubts.too_deep, doubts.flown
+            if implausible != self._before.get(compartment.topic, (0, 0)):
+                self._before[compartment.topic] = implausible
+                sentences += filter(None, (doubts.about_depth, doubts.about_gap))
         return sentences

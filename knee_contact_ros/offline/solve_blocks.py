@@ -159,6 +159,7 @@ def _computed(pipeline: ContactStream, samples: _Samples, paired: PairedSamples,
         for compartment, loads in zip(pipeline.compartments, (medial, axial - medial), strict=False)
     )
     pipeline.ticks += number
+    pipeline.doubts.axes.add_all(samples.wrenches.numbers["force"][:number])
     if pipeline.varies:
         pipeline.split.add_all(axial, medial, pipeline.rule.beyond(axial, paired.angle))
     taken = fresh & (paired.tick_of_angle < number)

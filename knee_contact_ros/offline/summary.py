@@ -31,6 +31,8 @@ class Peak(NamedTuple):
     """Value in the SI unit of the field"""
     stamp: int
     """Stamp [ns] of its answer"""
+    implausible: bool = False
+    """Whether the answer is `IMPLAUSIBLE`"""
 
 
 class LoadPeak(NamedTuple):
@@ -44,6 +46,8 @@ class LoadPeak(NamedTuple):
     """Contact force [N]"""
     penetration_depth: float
     """Penetration depth [m]"""
+    status: int
+    """Bits of `Status`"""
 
 
 @dataclass
@@ -85,7 +89,9 @@ class Summary:
 
     def __post_init__(self) -> None:
         self._events = GaitEvents(self.body_weight)
-        self._recent = np.empty(0, [(name, np.int64 if name == "stamp" else np.float64) for name in LoadPeak._fields])
+        self._recent = np.empty(
+            0, [(name, np.int64 if name in ("stamp", "status") else np.float64) for name in LoadPeak._fields]
+        )
 
     def add(self, answers: Rows) -> None:
         """Add a block of answers, at least one, to all figures."""
@@ -103,8 +109,8 @@ class Summary:
             index = int(answers[name].argmax())
             value = float(answers[name][index])
             if name not in self.peaks or value > self.peaks[name].value:
-                self.peaks[name] = Peak(value, int(stamps[index]))
-        self.doubts.add_all(stamps, answers["load"], answers["penetration_depth"], status)
+                self.peaks[name] = Peak(value, int(stamps[index]), bool(status[index] & Status.IMPLAUSIBLE))
+        self.doubts.add_all(answers)
         self._find_peaks(answers)
         for bit in Status:
             if count := int(np.count_nonzero(status & bit)):

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.joint_reaction.compartments import LoadRule
-from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD, KneeModel
+from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD, KneeModel, degrees_hint
 from knee_contact_ros.model.types import FLAT, ROW, WRENCH, Rows
 from knee_contact_ros.parameters.build import build_model, load_rule, retuned
 from knee_contact_ros.parameters.files import curve_texts, lateral_texts
@@ -69,6 +69,7 @@ def angle_sample(
     angle = knee.flexion_sign * number_of(message, knee.joint_name, "position") + knee.flexion_offset
     if abs(angle) > LARGEST_ANGLE:
         text = f"joint_states: flexion angle of joint {knee.joint_name!r} is {angle:g} rad, beyond {LARGEST_ANGLE:g}"
+        text += degrees_hint(angle)
         raise RefusedSampleError("out_of_range", text)
     height = number_of(message, knee.height_joint_name, "position") if height_prescribed else None
     if height is not None and abs(height) > LARGEST_HEIGHT:
@@ -173,6 +174,7 @@ class ContactStream(PairedStreams):
             self.stamp = came.stamp
             wrench, recorded = self.frame.turned(came, as_it_came)
             sample = load_sample(wrench, self.by_moment, arrived, recorded)
+            self.doubts.axes.add(*wrench.force)
         except RefusedSampleError as refused:
             return self.refuse(refused)
         return self.push_load(sample, came.frame_id)
@@ -259,10 +261,14 @@ class Compartment:
 
     def retune(self, parameters: Parameters, z: float) -> None:
         """Continue with other numbers among the parameters and another place [m], between two ticks."""
+        turned = parameters.knee.flexion_offset != self.parameters.knee.flexion_offset
         self.parameters, self._z = parameters, z
         self.model = retuned(self.model, parameters)
         self.stream.go_on_with(self.model)
-        self.doubts.go_on_with(doubts_about(parameters, self.model))
+        doubts = doubts_about(parameters, self.model)
+        self.doubts.go_on_with(doubts)
+        if turned:  # the angles before say nothing of those that come
+            self.doubts.inputs = doubts.inputs
 
     @property
     def row(self) -> Rows:

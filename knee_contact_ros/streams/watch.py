@@ -1,4 +1,4 @@
-"""Watches a run for answers that no knee gives: implausible depths, a load of the wrong sign, an impossible split.
+"""Watches a run for what no knee does: implausible inputs, depths and gaps, and an impossible split of the load.
 
 Nothing is refused here: somebody may model a rat. Each finding is one sentence, for log, summary and report.
 """
@@ -6,20 +6,21 @@ Nothing is refused here: somebody may model a rat. Each finding is one sentence,
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from knee_contact_ros.joint_reaction.estimator import weight_doubt
+from knee_contact_ros.model.inputs import Axes, Inputs
 from knee_contact_ros.model.knee import KneeModel
-from knee_contact_ros.model.types import NANOSECOND, Status
+from knee_contact_ros.model.ticks import FARTHEST_GAP
+from knee_contact_ros.model.types import Rows, Status
 from knee_contact_ros.parameters.build import beyond_words, parameter_doubts
 from knee_contact_ros.parameters.schema import Parameters
 
-ONE_SIDED_TICKS, ONE_SIDED_TIME = 100, 1.0
-"""Number of ticks, and time [s], from which a load that was never positive cannot be a swing phase"""
-PULLING = -50.0
-"""Mean load [N] that is too low even for an unloaded knee"""
 LOADED = 0.5
 """Axial compression [BW] from which a leg is taken to stand; below it a share says little"""
 MOST_BEYOND = 0.1
@@ -27,17 +28,19 @@ MOST_BEYOND = 0.1
 MM = 1e3
 IMPLAUSIBLE = int(Status.IMPLAUSIBLE)
 Floats = NDArray[np.float64]
-Integers = NDArray[np.int64]
 
 
 def doubts_about(parameters: Parameters, model: KneeModel) -> Doubts:
     """Doubts about parameters, ready to watch a run of their model."""
-    return Doubts(model.plausible_depth, beyond_words(model), parameter_doubts(parameters, model))
+    weight = parameters.body_weight
+    inputs = Inputs(None if weight_doubt(weight) else weight, driven=not model.height_prescribed)
+    doubts = parameter_doubts(parameters, model)
+    return Doubts(model.plausible_depth, beyond_words(model), doubts, inputs, Axes(parameters.frame.tibia))
 
 
 @dataclass
 class Doubts:
-    """Watches a run for implausible depths and for a load of the wrong sign."""
+    """Watches a run for implausible inputs and answers."""
 
     plausible_depth: float = float("nan")
     """Largest plausible depth [m]; not a number if it is not known"""
@@ -45,40 +48,43 @@ class Doubts:
     """Phrase for that depth"""
     about_parameters: list[str] = field(default_factory=list)
     """Sentences about the parameters; see `parameter_doubts`"""
-    ticks: int = 0
-    """Number of answers"""
+    inputs: Inputs = field(default_factory=Inputs)
+    """Angles and loads of the run"""
+    axes: Axes = field(default_factory=Axes)
+    """Forces of the run, where they are known: a recording's answers do not tell them"""
     too_deep: int = 0
-    """Number of answers that are `IMPLAUSIBLE`, or would be: older recordings have no such bit"""
+    """Number of answers that are too deep, by their bit or by the limit: older recordings have no such bit"""
     deepest: float = 0.0
     """Largest depth [m] among these"""
-    lowest: float = float("inf")
-    """Lowest load [N]"""
-    highest: float = float("-inf")
-    """Highest load [N]"""
-    _sum: float = field(default=0.0, compare=False)
-    """Sum of all loads [N]; its rounding depends on the blocks in which they came"""
-    _first: int = 0
-    """Stamp [ns] of the first answer"""
-    _last: int = 0
-    """Latest stamp [ns]"""
+    flown: int = 0
+    """Number of answers with a gap that no knee has, or shortly after one"""
+    farthest: float = 0.0
+    """Largest gap [m]"""
 
     def go_on_with(self, other: Doubts) -> None:
         """Continue with the limit and the sentences of other parameters."""
         self.plausible_depth, self.limit = other.plausible_depth, other.limit
-        self.about_parameters = other.about_parameters
+        self.about_parameters, self.axes.frame = other.about_parameters, other.axes.frame
+        self.inputs.body_weight, self.inputs.driven = other.inputs.body_weight, other.inputs.driven
 
-    def add_all(self, stamps: Integers, loads: Floats, depths: Floats, status: Integers) -> None:
-        """Add answers, at least one: stamps [ns], loads [N], penetration depths [m] and status bits, shape (n,)."""
-        if not self.ticks:
-            self._first = int(stamps[0])
-        self._last = max(self._last, int(stamps.max()))
-        self.ticks += len(stamps)
-        self._sum += float(loads.sum())
-        self.lowest, self.highest = min(self.lowest, float(loads.min())), max(self.highest, float(loads.max()))
-        absurd = ((status & IMPLAUSIBLE) != 0) | (depths > self.plausible_depth)
+    def add_all(self, answers: Mapping[str, NDArray[Any]] | Rows) -> None:
+        """Add answers, at least one, by the names of their fields."""
+        depths, gaps = answers["penetration_depth"], answers["gap"]
+        self.inputs.add_all(answers["stamp"], answers["flexion_angle"], answers["load"])
+        flagged = (answers["status"] & IMPLAUSIBLE) != 0
+        self.farthest = max(self.farthest, float(gaps.max()))
+        # After a flight that no knee makes the bit tells of this, and not of a depth.
+        flown = (gaps > FARTHEST_GAP) | (flagged & ((depths <= 0.0) | (self.farthest > FARTHEST_GAP)))
+        self.flown += int(np.count_nonzero(flown))
+        absurd = (flagged & ~flown) | (depths > self.plausible_depth)
         if absurd.any():
             self.too_deep += int(np.count_nonzero(absurd))
             self.deepest = max(self.deepest, float(depths[absurd].max()))
+
+    @property
+    def ticks(self) -> int:
+        """Number of answers."""
+        return self.inputs.ticks
 
     @property
     def about_depth(self) -> str:
@@ -89,20 +95,28 @@ class Doubts:
         return f"{self.too_deep} of {self.ticks} ticks are up to {MM * self.deepest:.3g} mm deep{limit} (IMPLAUSIBLE)"
 
     @property
-    def about_load(self) -> str:
-        """Sentence about a load that was never positive; empty if it is plausible."""
-        long = self.ticks >= ONE_SIDED_TICKS and self._last - self._first >= ONE_SIDED_TIME / NANOSECOND
-        if not long or self.highest > 0.0 or self._sum > PULLING * self.ticks:
+    def about_gap(self) -> str:
+        """Sentence about implausible gaps; empty if there are none."""
+        if not self.flown:
             return ""
         return (
-            f"the load was negative throughout ({self.lowest:.0f} to {self.highest:.0f} N): compression is force.y < 0 "
-            "in joint_reaction_force; is the sign another convention's?"
+            f"the femur is up to {MM * self.farthest:.4g} mm above the tibia, beyond {MM * FARTHEST_GAP:.3g} mm: "
+            f"{self.flown} of {self.ticks} ticks are of this flight or its landing (IMPLAUSIBLE); does the load pull, "
+            "by its sign or by the share of the compartment?"
         )
 
     @property
+    def about_inputs(self) -> list[str]:
+        """Sentences about angle, load and time; of a load along another axis, that one alone."""
+        load = self.axes.sentence or self.inputs.about_load
+        return [sentence for sentence in (self.inputs.about_angle, load, self.inputs.about_time) if sentence]
+
+    @property
     def sentences(self) -> list[str]:
-        """All sentences: about parameters, depths and load."""
-        return [sentence for sentence in (*self.about_parameters, self.about_depth, self.about_load) if sentence]
+        """All sentences: about parameters, depths, gaps and inputs."""
+        gap = "" if self.inputs.pulls else self.about_gap  # whose cause is told
+        found = (*self.about_parameters, self.about_depth, gap, *self.about_inputs)
+        return [sentence for sentence in found if sentence]
 
 
 @dataclass

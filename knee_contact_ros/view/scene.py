@@ -78,7 +78,7 @@ STATUS = {
     Status.INPUT_HELD: "input held: no angle came in time",
     Status.NOT_CONVERGED: "not converged: a tolerance is not met",
     Status.INPUT_REJECTED: "a sample was refused",
-    Status.IMPLAUSIBLE: "implausible: deeper than any knee",
+    Status.IMPLAUSIBLE: "implausible: deeper or farther apart than any knee",
 }
 Triangles = NDArray[np.uint32]
 """Triangles as indices of their corners, shape (m, 3)"""

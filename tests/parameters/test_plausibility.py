@@ -128,16 +128,22 @@ def test_the_limit_follows_parameters_that_change() -> None:
     assert pipeline.doubts.limit == "beyond 6.8 mm, a fifth of the femoral radius"
 
 
+def answers(stamps: np.ndarray, loads: np.ndarray, **others: np.ndarray) -> dict[str, np.ndarray]:
+    """Fields of answers that `Doubts` looks at; the others are 0."""
+    nothing = np.zeros(len(stamps))
+    fields = {"flexion_angle": nothing, "penetration_depth": nothing, "gap": nothing, "status": nothing.astype(int)}
+    return fields | {"stamp": stamps, "load": loads} | others
+
+
 def told(loads: np.ndarray, period: float = 0.01, parts: int = 1) -> str:
     """What is said of loads [N]; the same of all at once and in parts."""
     stamps = np.rint(np.arange(len(loads)) * period * 1e9).astype(np.int64)
-    nothing = np.zeros(len(loads))
     watch, other = Doubts(), Doubts()
-    watch.add_all(stamps, loads, nothing, nothing.astype(np.int64))
+    watch.add_all(answers(stamps, loads))
     for part in np.array_split(np.arange(len(loads)), parts):
-        other.add_all(stamps[part], loads[part], nothing[part], nothing[part].astype(np.int64))
+        other.add_all(answers(stamps[part], loads[part]))
     assert watch.sentences == other.sentences
-    return watch.about_load
+    return watch.inputs.about_load
 
 
 @pytest.mark.parametrize("parts", [1, 7])
@@ -152,7 +158,7 @@ def test_a_load_that_is_negative_throughout_is_told(parts: int) -> None:
 @pytest.mark.parametrize(
     ("loads", "period"),
     [
-        (np.append(np.full(300, -400.0), 1e-3), 0.01),  # once it pressed
+        (np.append(np.full(300, -400.0), 300.0), 0.01),  # once it pressed
         (np.full(99, -400.0), 0.1),  # too few
         (np.full(300, -400.0), 0.003),  # too short: a swing phase under an exoskeleton
         (np.full(300, -49.0), 0.01),  # too little: a shank that hangs
@@ -167,10 +173,10 @@ def test_depths_are_judged_by_the_bit_and_by_the_limit() -> None:
     """Recordings from before the bit have the depth alone; without the profile's file the bit alone is known."""
     stamps, loads, depths = np.arange(3), np.ones(3), np.array([1e-3, 8e-3, 9e-3])
     by_limit = Doubts(6.8e-3, "beyond 6.8 mm, a fifth of the femoral radius")
-    by_limit.add_all(stamps, loads, depths, np.zeros(3, dtype=np.int64))
+    by_limit.add_all(answers(stamps, loads, penetration_depth=depths))
     assert by_limit.about_depth == f"2 of 3 ticks are up to 9 mm deep, {by_limit.limit} (IMPLAUSIBLE)"
     by_bit = Doubts()
-    by_bit.add_all(stamps, loads, depths, np.array([0, Status.IMPLAUSIBLE, 0]))
+    by_bit.add_all(answers(stamps, loads, penetration_depth=depths, status=np.array([0, Status.IMPLAUSIBLE, 0])))
     assert by_bit.about_depth == "1 of 3 ticks are up to 8 mm deep (IMPLAUSIBLE)"
 
 
@@ -211,3 +217,20 @@ def test_a_good_run_is_not_doubted(right_bag: Path, tmp_path: Path) -> None:
     summary = solve(right_bag, Parameters(), tmp_path / "out.mcap", silent)
     assert summary.doubts.sentences == []
     assert summary.doubts.ticks == summary.ticks
+
+
+def test_solve_tells_of_an_offset_and_marks_the_peaks_of_a_landing(
+    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = str(tmp_path / "out.mcap")
+    assert main(["solve", str(right_bag), "-p", "knee.flexion_offset:=5.0", "--output", output]) == 0
+    said = capsys.readouterr().err
+    assert "ticks beyond): has it an offset (knee.flexion_offset, in rad), or is it in degrees instead of" in said
+    assert said.count("\n") == 1
+    loads = [-200.0 if 50 <= i < 60 else 900.0 for i in range(121)]
+    thrown = make_bag(tmp_path / "thrown.mcap", [(i * 10 * MILLISECOND, 0.1, load) for i, load in enumerate(loads)])
+    assert main(["solve", str(thrown), "--output", str(tmp_path / "thrown_out.mcap")]) == 0
+    printed = capsys.readouterr()
+    assert "largest !" in printed.out
+    assert "! from an answer that is IMPLAUSIBLE" in printed.out
+    assert "mm above the tibia, beyond 10 mm:" in printed.err

@@ -17,6 +17,7 @@ from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT
 from knee_contact_ros.lab.report import figures, runs
 from knee_contact_ros.lab.report.runs import CURVES, FIRST, LARGEST, MEGA, MM, NONE, PERCENT, SECOND, Moment, Run
 from knee_contact_ros.lab.uncertainty import LEVEL, Propagated, factor
+from knee_contact_ros.model.types import Status
 from knee_contact_ros.parameters.files import flat_parameters, known_parameters
 from knee_contact_ros.parameters.schema import constants_of
 from knee_contact_ros.streams.gait_events import HEEL_STRIKE, LOAD_PEAK, TOE_OFF
@@ -36,6 +37,8 @@ PICTURES = (
 """Patterns of the names of the pictures, without their suffix"""
 EARLIER = (*(f"{name}.png" for name in PICTURES), UNCERTAINTY)
 """Patterns of the files of an earlier report that are removed"""
+DOUBTFUL = " (implausible)"
+"""Mark of what comes from a tick that is `IMPLAUSIBLE`"""
 SHOWN = 12
 """Number of peaks of a run that the page lists, and half the number of its events; the CSV files have all"""
 MICRO = 1e6
@@ -208,6 +211,9 @@ def first_table(found: Sequence[Run]) -> Table:
             cells += [_spread(column, digits) for column, digits in zip(values.T, (".2f", ".2f", ".3f"), strict=True)]
         rows.append((run.label, *cells))
     note = f"Mean ± standard deviation of up to {count} stances." if count > 1 else ""
+    shown = all_peaks if kinds else [run.gathered.largest for run in found]
+    if doubtful := sum(moment.implausible for moment in shown):
+        note += f" {doubtful} of {len(shown)} are of ticks that are implausible."
     return Table(("", *columns), rows, note)
 
 
@@ -219,8 +225,9 @@ def peak_table(run: Run) -> Table:
     rows = []
     for which, moment, percent in ((peak.which, peak, peak.percent) for peak in peaks[:SHOWN]):
         load, force, depth = _in_weights(moment, weight)
+        name = (which or NONE) + DOUBTFUL * moment.implausible
         rows.append((
-            which or NONE, f"{moment.load:.1f}", f"{load:.2f}", f"{moment.contact_force:.1f}", f"{force:.2f}",
+            name, f"{moment.load:.1f}", f"{load:.2f}", f"{moment.contact_force:.1f}", f"{force:.2f}",
             f"{depth:.3f}", NONE if percent is None else f"{percent:.1f}", f"{moment.event.stamp / NANOSECONDS:.3f}",
         ))  # fmt: skip
     for which in (FIRST, SECOND):
@@ -255,7 +262,12 @@ def summary(run: Run) -> dict[str, str]:
     missing = of.strikes - len(of.cycles)
     left_out = f" ({missing} more between heel strikes left out: too long, too short, or not one toe-off)"
     longest = f", at most {of.longest_apart:.3f} s at one go" if of.apart_time else ""
-    forces = {name: f"{largest[name] / weight:.2f} BW ({largest[name]:.1f} N)" for name in ("load", "contact_force")}
+    flags = of.columns["status"]
+    marks = {name: DOUBTFUL * bool(int(flags[of.columns[name].argmax()]) & Status.IMPLAUSIBLE) for name in largest}
+    forces = {
+        name: f"{largest[name] / weight:.2f} BW ({largest[name]:.1f} N){marks[name]}"
+        for name in ("load", "contact_force")
+    }
     return {
         "file": run.source.name + ("" if run.topic == "/knee_contact" else f" {run.topic}"),
         "load": figures.which_load(run.parameters),
@@ -264,7 +276,7 @@ def summary(run: Run) -> dict[str, str]:
         "gait cycles": f"{len(of.cycles)}{left_out if missing > 0 else ''}",
         "largest load": forces["load"],
         "largest contact force": forces["contact_force"],
-        "largest depth": f"{MM * largest['penetration_depth']:.3f} mm",
+        "largest depth": f"{MM * largest['penetration_depth']:.3f} mm{marks['penetration_depth']}",
         "pressure": figures.pressure_of(run),
         "in bone contact": _time(of.bone_time, of.time) if figures.has_bone(run) else "the contact law has one layer",
         "lifted off": _time(of.apart_time, of.time) + longest,

@@ -47,7 +47,7 @@ PERCENT = np.arange(101.0)
 CURVES = ("flexion_angle", "load", "contact_force", "penetration_depth", "contact_point_x", "bone_depth",
           "sliding_velocity", *SPREAD)  # fmt: skip
 """Fields of the answers, and readouts, that become curves over the gait cycle"""
-FIELDS = (*CURVES[: -len(SPREAD)], "stamp", "error_estimate", "force_error_estimate", "femoral_height",
+FIELDS = (*CURVES[: -len(SPREAD)], "gap", "stamp", "error_estimate", "force_error_estimate", "femoral_height",
           "contact_state", "fidelity", "status", "evaluations")  # fmt: skip
 """Fields of the answers that are kept"""
 MOMENT = ("load", "contact_force", "penetration_depth", "force_error_estimate", "error_estimate", "flexion_angle",
@@ -117,6 +117,8 @@ class Moment(NamedTuple):
     """Flexion angle [rad], positive in flexion"""
     femoral_height: float
     """Height of the femur over the tibia [m]"""
+    implausible: bool = False
+    """Whether the answer is `IMPLAUSIBLE`"""
     cycle: int | None = None
     """Of a load peak, index of the gait cycle in which it lies; None: in no whole cycle"""
     percent: float | None = None
@@ -153,7 +155,7 @@ class Gathered:
         self.reads_off = SPREAD[0] in columns
         """Whether patch and pressure of the contact are known"""
         stamps, status = columns["stamp"], columns["status"].astype(np.int64)
-        doubts.add_all(stamps, columns["load"], columns["penetration_depth"], status)
+        doubts.add_all({**columns, "status": status})
         steps = np.diff(stamps, prepend=stamps[0])
         self.elapsed: Stamps = stamps - stamps[0] - np.cumsum(np.minimum(steps, 0))
         """Time [ns] since the first tick, see `Moment.elapsed`"""
@@ -231,7 +233,8 @@ class Gathered:
         """Return an event with the contact at the tick with index `at`."""
         elapsed = (int(self.elapsed[at]) + event.stamp - int(self.columns["stamp"][at])) / NANOSECONDS
         values: Any = (float(self.columns[name][at]) for name in MOMENT)
-        return Moment(event, elapsed, *values)
+        implausible = bool(int(self.columns["status"][at]) & Status.IMPLAUSIBLE)
+        return Moment(event, elapsed, *values)._replace(implausible=implausible)
 
 
 def _cycle(columns: Mapping[str, NDArray[Any]], ticks: slice, span: Span) -> Cycle:
@@ -568,6 +571,7 @@ def _computed(path: Path, source: Parameters | Provenance, names: Names, work: P
         if compartment:
             doubts = Doubts()
             doubts.go_on_with(compartment.doubts)
+            doubts.axes = compartment.doubts.axes
             own, model = _model(topic, parameters, provenance)
             bar.describe(f"Reading what {path.name} gave")
             gathered = _gathered(recording, topic, own, doubts, model, bar)

@@ -1,0 +1,132 @@
+"""Angles and loads of no knee are told, with values and the likely cause; those of 200 different gaits are not."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+import knee_contact_ros
+from knee_contact_ros.model.inputs import Axes, Inputs
+from knee_contact_ros.model.types import Status
+
+WEIGHT = 700.0
+Columns = tuple[np.ndarray, np.ndarray, np.ndarray]
+
+
+def gait(generator: np.random.Generator | None = None) -> Columns:
+    """Times [s], flexion [rad] and load [N] of four strides; of another person and speed with a generator."""
+    u = (lambda low, high: float(generator.uniform(low, high))) if generator else (lambda low, high: 0.5 * (low + high))
+    step, stride, shift = u(0.002, 0.018), u(0.8, 1.6), u(0.0, 1.0)
+    time = np.arange(0.0, 4.0 * stride, step)
+    p = (time / stride + shift) % 1.0
+
+    def bump(at: float, width: float) -> np.ndarray:
+        return np.exp(-(((p - at) / width) ** 2))
+
+    angle = u(-8.0, 20.0) + u(2.0, 22.0) * bump(0.15, 0.08) + u(25.0, 70.0) * bump(0.72, 0.11)
+    load = WEIGHT * (u(-0.1, 0.3) + u(1.5, 4.0) * bump(0.16, 0.07) + u(1.5, 4.0) * bump(0.48, 0.09))
+    return time, np.radians(angle), load
+
+
+def told(time: np.ndarray, angle: np.ndarray, load: np.ndarray, weight: float | None = WEIGHT) -> list[str]:
+    """What is said of a run, the same of all at once and in parts."""
+    whole, parts = Inputs(weight), Inputs(weight)
+    stamps = np.rint(1e9 * time).astype(np.int64)
+    whole.add_all(stamps, angle, load)
+    for part in np.array_split(np.arange(len(time)), 7):
+        parts.add_all(stamps[part], angle[part], load[part])
+    assert whole.sentences == parts.sentences
+    return whole.sentences
+
+
+@pytest.mark.parametrize(
+    ("change", "words"),
+    [
+        (lambda t, q, load: (t, 6.0 * q, load),
+         "36.0 to 320.7 deg, and a knee has -30 to 170 (in 92 of 481 ticks beyond): are 0.629 to 5.598 degrees"),
+        (lambda t, q, load: (t, q + 5.0, load), "has it an offset (knee.flexion_offset, in rad), or is it in degrees"),
+        (lambda t, q, load: (t, -q, load), "deg, which is extension: is its sign the other one (knee.flexion_sign -1)"),
+        (lambda t, q, load: (t, np.pi - q, load), "is it the included angle, 180 deg - flexion (knee.flexion_sign -1,"),
+        (lambda t, q, load: (t, q, 0.0 * load), "the load was 0 throughout: does another axis"),
+        (lambda t, q, load: (t, q, -load), "the load was negative throughout (-1994 to -70 N)"),
+        (lambda t, q, load: (t, q, 120.0 - load), "the load was negative for the most part (-"),
+        (lambda t, q, load: (t, q, load / 1e3), "N throughout: is it in kN or body weights instead of N?"),
+        (lambda t, q, load: (t, q, load / WEIGHT), "N throughout: is it in kN or body weights instead of N?"),
+        (lambda t, q, load: (t, q, np.where(t == t[50], 41e3, load)),
+         "the load reaches 41000 N (58.6 body weights, beyond 7000 N in 1 of "),
+        (lambda t, q, load: (1e3 * t, q, load), "s apart: are their times in milliseconds instead of seconds?"),
+    ],
+)  # fmt: skip
+def test_what_no_knee_does_is_told_in_one_sentence(change: Callable[..., Columns], words: str) -> None:
+    sentences = told(*change(*gait()))
+    assert len(sentences) == 1
+    assert words in sentences[0]
+
+
+def test_two_hundred_gaits_are_not_doubted() -> None:
+    for seed in range(200):
+        time, angle, load = gait(np.random.default_rng(seed))
+        assert told(time, angle, load) == [], seed
+        assert told(time, angle, 0.5 * load, None) == [], seed
+
+
+@pytest.mark.parametrize("load", [np.full(300, 30.0), np.full(300, -45.0)])
+def test_a_leg_that_hangs_or_sits_is_not_doubted(load: np.ndarray) -> None:
+    time = 0.01 * np.arange(300)
+    assert told(time, np.radians(80.0 + 20.0 * np.sin(time)), load) == []
+
+
+def axes(forces: np.ndarray, frame: str = "") -> str:
+    """What is said of forces [N], the same of all at once and one by one."""
+    whole, each = Axes(frame), Axes(frame)
+    whole.add_all(forces)
+    for force in forces.tolist():
+        each.add(*force)
+    assert whole.sentence == each.sentence
+    return whole.sentence
+
+
+def test_a_load_along_another_axis_is_told() -> None:
+    _, _, load = gait()
+    right = np.column_stack([0.2 * load, -load, 0.1 * load])
+    assert axes(right) == ""
+    assert axes(0.0 * right) == ""
+    assert axes(np.where(np.arange(3) == 2, np.nan, right)) == ""  # an axis that is not measured
+    mean = f"{np.abs(load).mean():.0f}"
+    assert axes(right[:, [0, 2, 1]]).startswith(f"force.z carries {mean} N on average, and force.y ")
+    assert "is z up? Set frame.tibia (for z up by REP 103" in axes(right[:, [0, 2, 1]])
+    assert axes(right[:, [1, 0, 2]]).startswith(f"force.x carries {mean} N")
+    assert axes(right[:, [0, 2, 1]], "tibia_isb").endswith("is z up? Is frame.tibia 'tibia_isb' right?")
+
+
+def test_a_run_warns_once_and_its_flight_is_implausible() -> None:
+    model, (time, angle, load) = knee_contact_ros.load_model(compiled=False), gait()
+    with pytest.warns(UserWarning, match="the load was negative throughout") as told:
+        answers = model.run(time, angle, -load)
+    assert len(told) == 1
+    assert told[0].filename == __file__
+    assert ((answers.status & Status.IMPLAUSIBLE) != 0).sum() > 0.95 * len(answers)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        answers = model.run(time, angle, load)
+    assert not answers.status.any()
+    with pytest.raises(ValueError, match=r"is it in degrees\?$"):
+        model.run(time, np.degrees(angle), load)
+
+
+def test_the_landing_of_a_flight_is_implausible_until_it_has_settled() -> None:
+    model = knee_contact_ros.load_model(compiled=False)
+    time = np.arange(0.0, 1.0, 0.002)
+    load = np.where((time > 0.2) & (time < 0.3), -100.0, 700.0)
+    answers = model.run(time, 0.2 + 0.0 * time, load)
+    assert answers.gap.max() > 0.01
+    flagged = (answers.status & Status.IMPLAUSIBLE) != 0
+    assert flagged[answers.contact_force.argmax()]
+    assert not flagged[time <= 0.2].any()
+    assert not flagged[-1]
+    small = model.run(time, 0.2 + 0.0 * time, np.where((time > 0.2) & (time < 0.21), -100.0, 700.0))
+    assert 0.0 < small.gap.max() < 0.01
+    assert not (small.status & Status.IMPLAUSIBLE).any()
