@@ -6,7 +6,7 @@ Nothing is refused here: somebody may model a rat. Each finding is one sentence,
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,8 +72,8 @@ class Inputs:
     slow: int = 0
     """Number of time steps of `SLOWEST` or more"""
     _stood: int = 0
-    _angles: float = 0.0  # sum of the angles [rad] while the leg stood
-    _sum: float = 0.0  # of all loads [N]; its rounding depends on the blocks in which they came
+    _angles: float = field(default=0.0, compare=False)  # sum of the angles [rad] while the leg stood
+    _sum: float = field(default=0.0, compare=False)  # of all loads [N]; rounding depends on the blocks that came
     _first: int = 0  # stamps [ns]
     _last: int = 0
     _newest: int = 0

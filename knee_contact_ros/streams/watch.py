@@ -50,8 +50,8 @@ class Doubts:
     """Sentences about the parameters; see `parameter_doubts`"""
     inputs: Inputs = field(default_factory=Inputs)
     """Angles and loads of the run"""
-    axes: Axes = field(default_factory=Axes)
-    """Forces of the run, where they are known: a recording's answers do not tell them"""
+    axes: Axes = field(default_factory=Axes, compare=False)
+    """Forces of the run as they came, where they are known: a recording's answers do not tell them"""
     too_deep: int = 0
     """Number of answers that are too deep, by their bit or by the limit: older recordings have no such bit"""
     deepest: float = 0.0
