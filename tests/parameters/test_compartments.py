@@ -125,7 +125,8 @@ def test_the_split_of_gait2354_is_told_to_be_unusable(
     assert main(arguments) == 0
     said = capsys.readouterr()
     assert "share of the load" in said.out
-    (line,) = said.err.splitlines()
+    flight, line = said.err.splitlines()
+    assert "above the tibia" in flight
     assert "load.compartment fixed_share needs no moment" in line
     above = float(line.split("above 1 in ")[1].split(" %")[0])
     assert above > least
