@@ -37,7 +37,7 @@ LATCHED = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 LAST_ACKNOWLEDGEMENTS = 0.5
 """Time [s] that subscribers have to acknowledge messages when a signal ends the replay"""
 SETTLING = 2.0
-"""Time [s] without a new subscriber before playing: ROS finds those of two nodes up to 1.6 s apart (decision 54)"""
+"""Time [s] without a new subscriber before playing: ROS finds those of two nodes up to 1.6 s apart"""
 
 
 class Timing(NamedTuple):

@@ -14,7 +14,7 @@ A law gives a force and no pressure. The pressure is that force, spread over a r
 F₀ is the law at rest: a dashpot's force has no distribution of its own, is left out, and would be infinitely dense at
 first touch. Sources: Hertz 1882, doi:10.1515/crll.1882.92.156; Johnson 1985, Contact Mechanics, Secs. 3.4, 4.2 and 4.3.
 Valid where a is small against R, and Hertz' also where it is small against the thickness of the cartilage: where it is
-not, the truth lies between the two forms (docs/decisions/0051-readouts.md). A line contact is not offered: it needs a
+not, the truth lies between the two forms (docs/decisions/compartments.md). A line contact is not offered: it needs a
 width that a planar model has not, and its force is no power of the depth.
 """
 

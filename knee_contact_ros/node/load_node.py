@@ -125,7 +125,7 @@ LOAD_NODE = NodeKind(LoadParameters, LIVE, LOAD_TOPICS, LoadSession)
 def load_and_contact() -> tuple[NodeKind, NodeKind]:
     """Kinds of both nodes, `knee_load` first, in one process: the first hands its angles and answers to the second.
 
-    A message over a topic takes longer than estimate and contact together (decision 60). All topics are published as
+    A message over a topic takes longer than estimate and contact together. All topics are published as
     usual.
     """
     from knee_contact_ros.node.contact_node import CONTACT_NODE, ContactSession  # which a load node alone does not need

@@ -1,6 +1,6 @@
 """The layouts for Foxglove and PlotJuggler: every path is a number in a recording of ours, and nothing hangs loose.
 
-The real applications are not here; `docs/decisions/0022-viewers-of-others.md` says what was tried with them by hand.
+The real applications are not here; `docs/decisions/scene-report-viewers.md` says what was tried with them by hand.
 """
 
 from __future__ import annotations
