@@ -27,6 +27,7 @@ from knee_contact_ros.node.parameters import NodeKind, NodeParameters, given_by_
 from knee_contact_ros.node.session import Session
 from knee_contact_ros.parameters.files import check_file
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.files import parameter_file
 from knee_contact_ros.system.ros import executor_of, joining
 
 ROS_ARGUMENTS = "--ros-args"
@@ -158,6 +159,8 @@ def run_nodes(arguments: list[str], kinds: Sequence[NodeKind]) -> int:
     """
     if arguments and arguments[0] != ROS_ARGUMENTS:  # ROS would ignore them, and the node run without them
         raise UsageError(f"{arguments[0]}: the node takes ROS arguments only, behind {ROS_ARGUMENTS}")
+    flagged = pairwise(["", *arguments])  # ROS knows no short names
+    arguments = [str(parameter_file(word)) if flag == "--params-file" else word for flag, word in flagged]
     for flag, path in pairwise(arguments):
         if flag == "--params-file":
             for kind in kinds:

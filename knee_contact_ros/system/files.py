@@ -53,12 +53,12 @@ def find_file(name: str) -> Path:
 
 
 def parameter_file(name: str) -> Path:
-    """Path of a parameter file, found as by `find_file`; `.yaml` may be left out, as in `osteoarthritis`."""
-    path = find_file(name)
-    if path.suffix or path.is_file():
-        return path
-    with_suffix = find_file(f"{name}.yaml")
-    return with_suffix if with_suffix.is_file() else path
+    """Path of a parameter file, found as by `find_file`; `.yaml` may be left out, as in `osteoarthritis`.
+
+    Files of the load node may be named without their folder, as `insole` for `load/insole`.
+    """
+    names = [name, f"{name}.yaml", f"load/{name}", f"load/{name}.yaml"]
+    return next((path for path in map(find_file, names) if path.is_file()), find_file(name))
 
 
 def shipped_parameter_files(folder: str = "") -> list[Path]:

@@ -37,7 +37,7 @@ Start = Callable[..., NodeProcess]
 
 @pytest.mark.parametrize("name", ["healthy.yaml", "osteoarthritis.yaml"])
 def test_the_node_gives_the_bits_of_the_python_calls(peer: Peer, start_node: Start, config: Path, name: str) -> None:
-    start_node("--params-file", config / name)
+    start_node("--params-file", name)  # one of the package's own
     peer.wait_for_node()
     send_all(peer)
     series = knee_contact_ros.load_model(config / name).run(STAMPS / 1e9, ANGLES, 0.5 * AXIAL)
