@@ -13,7 +13,7 @@ help:
 	@echo "make test-package  build source distribution and wheel, install them in a new environment and use them (a minute)"
 	@echo "make lint   formatter, linters and type checker"
 	@echo "make docs   all pages and the interface as a site, in site/index.html; a broken link ends it"
-	@echo "make studies  measure accuracy, convergence, honesty, long runs, budgets, stability and the choice of levels again, the reproduction of the paper, and 10 000 arthritic knees (over an hour)"
+	@echo "make studies  measure accuracy, honesty, long runs, budgets, stability and the choice of levels again, the reproduction of the paper, and 10 000 arthritic knees (over an hour)"
 	@echo "make clean  remove what was built and the local environment"
 
 demo: $(VENV)/.installed
@@ -48,7 +48,6 @@ docs: $(VENV)/.installed-dev
 
 studies: $(VENV)/.installed-dev
 	$(BIN)/python -m studies.accuracy
-	$(BIN)/python -m studies.convergence
 	$(BIN)/python -m studies.honesty
 	$(BIN)/python -m studies.long_runs
 	$(BIN)/python -m studies.budgets

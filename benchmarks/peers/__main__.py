@@ -1,7 +1,7 @@
 """Measure what precision costs, here and with what a user could take instead: `python -m benchmarks.peers --help`.
 
-Work and precision of this model and of SciPy, CVODE, MuJoCo, Exudyn, Drake, OpenSim, CyRK and diffrax (the extra peers)
-and of numbalsoda (peers-built). Writes trade.md, trade.csv and trade.png. It takes a quarter of an hour.
+Work and precision of this model and of SciPy, CyRK and diffrax (the extra peers) and numbalsoda (peers-built).
+Writes trade.md, trade.csv and trade.png. It takes some minutes.
 """
 
 from __future__ import annotations
@@ -49,8 +49,6 @@ def main(output: Path, problem_names: tuple[str, ...], solver_names: tuple[str, 
     measured_on = machine(*(peer.distribution for peer in measure.PEERS))
     with progress("Measuring") as advance:
         rows, yardsticks = measure.measure(chosen, entries, repeat, advance)
-        levels = [level for level in ours.LEVELS if any(each.name == ours.solver_name(level) for each in solvers)]
-        moments = [moment for level in levels for moment in ours.moments(level)]
     with (output / "trade.csv").open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(measure.Row._fields)
@@ -59,7 +57,7 @@ def main(output: Path, problem_names: tuple[str, ...], solver_names: tuple[str, 
     command = " ".join(["python -m benchmarks.peers", *sys.argv[1:]])
     page.write_page(
         output / "trade.md",
-        page.Study(chosen, solvers, absent, rows, yardsticks, moments, repeat, command, measured_on),
+        page.Study(chosen, solvers, absent, rows, yardsticks, repeat, command, measured_on),
     )
     names = [problem.name for problem in chosen]
     print(table(("time per tick [µs], over ours", *page.TITLES.values()), page.against_the_quickest(rows, names)))

@@ -20,8 +20,7 @@ from numba import njit
 from numpy.typing import NDArray
 
 from benchmarks.peers.measure import Outcome, Setting, Way, stopwatch
-from benchmarks.peers.motion import DEPTH_SCALE, RATE_UNIT
-from benchmarks.peers.problems import Problem, start_depth
+from benchmarks.peers.problems import DEPTH_SCALE, RATE_UNIT, Problem, start_depth
 
 LAW = 7
 """The law's numbers: K, C, 1/M; of a second layer: its begin [m], the force there [N], K and C"""

@@ -18,8 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from benchmarks.peers.measure import Outcome, Setting, Solver, half_decades, stopwatch
-from benchmarks.peers.motion import DEPTH_SCALE, RATE_UNIT
-from benchmarks.peers.problems import Problem, start_depth
+from benchmarks.peers.problems import DEPTH_SCALE, RATE_UNIT, Problem, start_depth
 
 jax.config.update("jax_enable_x64", True)
 

@@ -309,11 +309,6 @@ COMPILED = ("CyRK", "numbalsoda", "diffrax")
 """Peers whose right-hand side is compiled, and called by what is compiled"""
 PEERS = (
     Peer("SciPy", "scipy", "scipy"),
-    Peer("CVODE", "sksundae", "scikit-sundae"),
-    Peer("MuJoCo", "mujoco", "mujoco"),
-    Peer("Exudyn", "exudyn", "exudyn"),
-    Peer("Drake", "pydrake", "drake"),
-    Peer("OpenSim", "opensim", "opensim"),
     Peer("CyRK", "CyRK", "CyRK"),
     Peer("numbalsoda", "numbalsoda", "numbalsoda", "peers-built"),
     Peer("diffrax", "diffrax", "diffrax"),

@@ -1,22 +1,21 @@
-"""The frontier of work and precision, what the package aims at, and the page that says both."""
+"""Who is the quickest at an error, and the page that says it."""
 
 from __future__ import annotations
 
 import math
-import operator
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.peers.measure import COMPILED, LOOP, MODES, STREAM, WHOLE, Row, Solver, summed_up
-from benchmarks.peers.ours import NAME, Moment
-from benchmarks.peers.problems import EVENTFUL, SMOOTH, Problem
+from benchmarks.peers.measure import LOOP, MODES, STREAM, WHOLE, Row, Solver, summed_up
+from benchmarks.peers.ours import NAME
+from benchmarks.peers.problems import Problem
 from benchmarks.report import Section, save
 
 ASKED = 1e-8
-"""Error [m] at which tables, targets and the picture compare times"""
+"""Error [m] at which tables and the picture compare times"""
 COUNTED = {WHOLE: MODES, LOOP: (LOOP, STREAM), STREAM: (STREAM,)}
 """Modes whose runs count for a mode: a solver may know less, or be called more often, where that is cheaper"""
 
@@ -38,126 +37,17 @@ def cheapest(rows: Iterable[Row], error: float) -> float:
     return row.microseconds_per_tick if row else math.nan
 
 
-def best_error(rows: Iterable[Row]) -> float:
-    """The smallest error [m] reached; nan if there is no run."""
-    return min((row.error for row in rows), default=math.nan)
-
-
-def line_name(row: Row) -> str:
-    """Name of the line that a run belongs to: there is one per peer, and one per level of ours."""
-    return row.solver if row.peer == NAME else row.peer
-
-
-def line_names(rows: Iterable[Row]) -> list[str]:
-    """Names of the lines of some runs, ours first."""
-    names = dict.fromkeys(line_name(row) for row in rows)
-    return sorted(names, key=lambda name: not is_ours(name))
-
-
-def is_ours(name: str) -> bool:
-    """Whether a line or a solver is ours."""
-    return name.startswith(NAME)
-
-
 def multiple(ratio: float) -> str:
     """Format a ratio with two digits: 6.1x, 42x, 1300x."""
     return f"{float(f'{ratio:.2g}'):g}x"
 
 
-FINEST, COARSE = 1e-10, 1e-6
-"""Errors [m]: that must be reachable; from which to the finest the cost's growth is taken"""
-LEADS_AT = (1e-4, 1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10, 1e-11)
-GROWTH = 0.25
-ALL = SMOOTH + EVENTFUL
-
-
-class Target(NamedTuple):
-    """A bound for a value that is measured on some problems."""
-
-    what: str
-    problems: Sequence[str]
-    value: Callable[[Sequence[Row], str], float]
-    """Computes the figure from all rows and a problem's name"""
-    bound: float
-    holds: Callable[[float, float], bool] = operator.ge
-    """Compares the value with the bound"""
-    form: Callable[[float], str] = multiple
-
-
-def targets() -> list[Target]:
-    """List all targets."""
-    compiled = [
-        Target(f"{what}: {times:g}x less time than the best of {', '.join(COMPILED)}", ALL,
-               faster(COMPILED, mode), times)
-        for what, mode, times in (("tick by tick, a call each", STREAM, 10.0), ("tick by tick in a loop", LOOP, 10.0),
-                                  ("whole run", WHOLE, 5.0))
-    ]  # fmt: skip
-    return [
-        *compiled,
-        Target("tick by tick: 1000x less time than SciPy's best", ALL, faster(("SciPy",), STREAM), 1000.0),
-        Target("tick by tick: 100x less time than CVODE", ALL, faster(("CVODE",), STREAM), 100.0),
-        Target("whole run: 50x less time than the best peer", SMOOTH, faster((), WHOLE), 50.0),
-        Target("whole run: the fastest at every error; least lead", EVENTFUL, least_lead, 1.0),
-        Target("1e-10 m is reachable; smallest error [m]", ALL, smallest_error, FINEST, operator.le, "{:.0e}".format),
-        Target("cost grows like error^-p, p at most 1/4", ALL, growth, GROWTH, operator.le, "{:.2f}".format),
-    ]
-
-
-def judged(rows: Sequence[Row], problems: Sequence[str]) -> list[list[str]]:
-    """Judge every target: a line per target, a column per problem with the value and whether the bound holds."""
-    lines = []
-    for target in targets():
-        cells = []
-        for problem in problems:
-            value = target.value(rows, problem) if problem in target.problems else math.nan
-            verdict = "yes" if target.holds(value, target.bound) else "no"
-            cells.append("-" if math.isnan(value) else f"{target.form(value)}, {verdict}")
-        if any(cell != "-" for cell in cells):
-            lines.append([target.what, *cells])
-    return lines
-
-
-def faster(peers: Sequence[str], mode: str) -> Callable[[Sequence[Row], str], float]:
-    """Build the value of how many times our time the quickest of some peers takes; no peers: of all of them."""
-
-    def value(rows: Sequence[Row], problem: str) -> float:
-        ours, theirs = split(of(rows, problem, mode))
-        theirs = [row for row in theirs if not peers or row.peer in peers]
-        return cheapest(theirs, ASKED) / cheapest(ours, ASKED)
-
-    return value
-
-
-def least_lead(rows: Sequence[Row], problem: str) -> float:
-    """Least ratio of the best peer's time to ours over all errors; 0 if only a peer reaches an error."""
-    ours, theirs = split(of(rows, problem, WHOLE))
-    leads = []
-    for level in LEADS_AT:
-        peer, us = cheapest(theirs, level), cheapest(ours, level)
-        if not math.isnan(peer):
-            leads.append(0.0 if math.isnan(us) else peer / us)
-    return min(leads, default=math.nan)
-
-
-def smallest_error(rows: Sequence[Row], problem: str) -> float:
-    """Smallest error [m] that ours reaches."""
-    return best_error(split(of(rows, problem, WHOLE))[0])
-
-
-def growth(rows: Sequence[Row], problem: str) -> float:
-    """Exponent with which our cost grows as the error falls."""
-    ours = split(of(rows, problem, WHOLE))[0]
-    return math.log(cheapest(ours, FINEST) / cheapest(ours, COARSE)) / math.log(COARSE / FINEST)
-
-
 def split(rows: Sequence[Row]) -> tuple[list[Row], list[Row]]:
     """Split rows into ours and those of the peers."""
-    ours = [row for row in rows if is_ours(row.solver)]
-    return ours, [row for row in rows if not is_ours(row.solver)]
+    ours = [row for row in rows if row.peer == NAME]
+    return ours, [row for row in rows if row.peer != NAME]
 
 
-LEVELS = (1e-5, 1e-6, 1e-7, 1e-8, 1e-9, 1e-10)
-"""Errors [m] of the frontiers"""
 TITLES = {
     WHOLE: "Whole run",
     LOOP: "Tick by tick in a loop",
@@ -177,10 +67,8 @@ this run. {noise}
 
 Functions that a tool takes from Python are in plain Python, as users write them; those of CyRK, numbalsoda and diffrax
 are compiled, by Numba or XLA, and called by what is compiled, without Python in between. Their tolerances and ours are
-half a decade apart, those of the others a decade. Where a tool's own contact is another law (linear in the depth in
-MuJoCo and Drake, not clamped in Exudyn, Hunt and Crossley's in OpenSim), it is not used: the law is given as a force.
-The others give the depth; ours besides gives contact force, contact point and an estimate of its error, in the same
-time.
+half a decade apart, those of SciPy a decade. The others give the depth; ours besides gives contact force, contact
+point and an estimate of its error, in the same time.
 
 There are three ways to run. *Every tick when its sample arrives*: Python has a sample and calls the tool, which carries
 its state on. *Tick by tick in a loop*: the samples lie in memory, and compiled code takes one after another, none
@@ -191,16 +79,11 @@ between the ticks, every tick begins with a kink: solvers with error control tha
 tolerances, and runs that stop at every tick do not. Where a series is so smooth that a step spans many ticks, only a
 whole run can make it.
 
-Lift-off, landing and layers: the compiled tools step across them, by their error control; numbalsoda also stops at them
-in whole runs ("events"), where its `solve_ivp` can. CyRK knows events from Python only (`pysolve_ivp`), where a whole
-run takes nine times as long by itself, and diffrax takes longer for a run without an event than the others with them.
+All of them step across lift-off, landing and layers by their error control; ours ends its steps there.
 """
 SEE = "`trade.csv` has every run. `trade.png`:\n\n![Time per tick over error](trade.png)"
 QUICKEST = "Its time over ours (less than 1x: it is the quicker one), and both times per tick in µs."
 HOW_TO_READ = "In µs, of the cheapest setting, in brackets as a multiple of ours; otherwise the smallest error reached."
-LONG_RUNS = (
-    "One run of gait over and over, tick by tick: time per tick since the line above, and what the run holds in memory."
-)
 Table = list[list[str]]
 
 
@@ -214,7 +97,6 @@ class Study(NamedTuple):
     rows: Sequence[Row]
     yardsticks: Sequence[float]
     """Times [s] of the same piece of work in every turn"""
-    moments: Sequence[Moment]
     repeat: int
     command: str
     machine: str
@@ -234,21 +116,9 @@ def write_page(path: Path, study: Study) -> None:
         Section("Problems", "", ("problem", "what happens"), about),
         Section("Solvers", "\n\n".join(study.absent), ("solvers", "the contact law"), laws(study.solvers)),
     ]
-    if judgement := judged(rows, problems):
-        text = f"At an error of {asked} m where nothing else is said."
-        sections.append(Section("Targets", text, ("target", *problems), judgement))
     for mode, title in TITLES.items():
         heading = f"{title}: time per tick at an error of {asked} m or less"
         sections.append(Section(heading, HOW_TO_READ, ("solver", *problems), times_at_asked(rows, problems, mode)))
-    header = ("error [m] at most", *(power_of_ten(level) for level in LEVELS))
-    for problem in problems:
-        for mode in (WHOLE, STREAM):
-            heading = f"{problem}, {TITLES[mode].lower()}: time per tick [µs]"
-            sections.append(Section(heading, "", header, frontiers(rows, problem, mode)))
-    if study.moments:
-        long = [[each.level, str(each.ticks), f"{each.microseconds_per_tick:.3g}", f"{each.kilobytes:.1f}"]
-                for each in study.moments]  # fmt: skip
-        sections.append(Section("Long runs", LONG_RUNS, ("level", "ticks", "µs per tick", "kB held"), long))
     failures = [[row.problem, row.solver, row.mode, row.setting, row.failure] for row in rows if row.failure]
     if failures:
         sections.append(Section("Failed runs", "", ("problem", "solver", "run", "setting", "what happened"), failures))
@@ -317,25 +187,14 @@ def cell(rows: Sequence[Row], mine: Sequence[Row], problem: str, mode: str) -> s
     time = cheapest(runs, ASKED)
     if not math.isnan(time):
         return with_ratio(time, our_time(rows, problem, mode, ASKED))
-    return f"{power_of_ten(best_error(runs))} m" if runs else "-"
+    return f"{power_of_ten(min(run.error for run in runs))} m" if runs else "-"
 
 
 def our_time(rows: Sequence[Row], problem: str, mode: str, error: float) -> float:
     """Time per tick [µs] of the cheapest of our levels at an error [m]; nan if none reaches it."""
-    return cheapest([row for row in of(rows, problem, mode) if is_ours(row.solver)], error)
+    return cheapest([row for row in of(rows, problem, mode) if row.peer == NAME], error)
 
 
 def with_ratio(time: float, ours: float) -> str:
     """Format a time [µs], with its multiple of ours in brackets if ours is known."""
     return f"{time:.3g}" if math.isnan(ours) else f"{time:.3g} ({multiple(time / ours)})"
-
-
-def frontiers(rows: Sequence[Row], problem: str, mode: str) -> Table:
-    """Lines of a table: one per peer and per level of ours, with the cheapest time per tick at each error."""
-    runs = of(rows, problem, mode)
-    lines = []
-    for name in line_names(runs):
-        mine = [row for row in runs if line_name(row) == name]
-        times = [(cheapest(mine, level), our_time(rows, problem, mode, level)) for level in LEVELS]
-        lines.append([name, *("-" if math.isnan(time) else with_ratio(time, ours) for time, ours in times)])
-    return lines

@@ -17,15 +17,13 @@ from benchmarks.peers.problems import EVENTFUL, SMOOTH
 COLOURS = {"CyRK": "#0072B2", "numbalsoda": "#D55E00", "diffrax": "#009E73"}
 """Okabe and Ito's, which colour-blind readers tell apart; all others share a grey"""
 GREY = "0.62"
-MARKERS = {"SciPy": "o", "CVODE": "s", "MuJoCo": "^", "Exudyn": "v", "Drake": "D", "OpenSim": "P"}
 WAYS = {STREAM: "each sample when it arrives", LOOP: "tick by tick, samples in memory", WHOLE: "whole series known"}
 KINDS = {"smooth": SMOOTH, "with events": EVENTFUL}
 ERRORS = np.logspace(-5, -11, 25)
 """[m], quarters of a decade"""
 KEY = (
     "Geometric means over problems; {problems}. Better: lower left.\n"
-    "Colours: right-hand sides are compiled. Grey: they are in Python, or the tool has mechanics of its own. Dashed: "
-    "10 nm, as in the tables."
+    "Colours: right-hand sides are compiled. Grey: they are in Python. Dashed: 10 nm, as in the tables."
 )
 
 
@@ -87,9 +85,7 @@ def panel(axis: Any, by_tool: dict[str, Curve]) -> None:
     from matplotlib.ticker import EngFormatter, FixedLocator, FuncFormatter, LogLocator, NullFormatter
 
     for name, (errors, times) in by_tool.items():
-        axis.plot(
-            errors, times, label=name, markevery=(min(MARK_FIRST.get(name, 0), len(times) - 1), 6), **style_of(name)
-        )
+        axis.plot(errors, times, label=name, **style_of(name))
     axis.set_xscale("log")
     axis.set_yscale("log")
     axis.set_xlim(ERRORS.min(), ERRORS.max())
@@ -119,17 +115,13 @@ def label_quickest_peer(axis: Any, by_tool: dict[str, Curve]) -> None:
               transform=axis.transAxes, fontsize=9.5, color=COLOURS.get(name, "0.3"))  # fmt: skip
 
 
-MARK_FIRST = {"SciPy": 0, "CVODE": 1, "MuJoCo": 2, "Exudyn": 3, "Drake": 4, "OpenSim": 5}
-"""Index of the first marker of a curve, so that markers do not lie upon one another"""
-
-
 def style_of(name: str) -> dict[str, Any]:
-    """Line style of a tool: ours black and bold, compiled peers in colour, the others grey."""
+    """Line style of a tool: ours black and bold, compiled peers in colour, SciPy grey."""
     if name == NAME:
         return {"color": "black", "linewidth": 4.0, "zorder": 6, "solid_capstyle": "round"}
     if name in COMPILED:
         return {"color": COLOURS[name], "linewidth": 1.9, "zorder": 4}
-    return {"color": GREY, "linewidth": 0.9, "marker": MARKERS.get(name, "x"), "markersize": 4, "zorder": 2}
+    return {"color": GREY, "linewidth": 1.2, "zorder": 2}
 
 
 def legend(figure: Any, axes: Any) -> None:

@@ -15,6 +15,10 @@ from numpy.typing import NDArray
 from benchmarks import reference
 from benchmarks.gait import gait
 
+DEPTH_SCALE, RATE_SCALE = 1e-3, 1e-1
+"""Depth [m] and rate [m/s] to which absolute tolerances are relative: those that occur"""
+RATE_UNIT = DEPTH_SCALE / RATE_SCALE
+"""Time [s] that scales rates to depths, for tools that take one absolute tolerance for all of the state"""
 EXPONENT = 1.5
 K1, K2 = 7.905694e7, 3.112e9
 BASE, PEAK = 150.0, 1615.0

@@ -1,31 +1,148 @@
-"""SciPy: `solve_ivp` and the solver objects behind it, `odeint`, and `solve_ivp` stopped at every event."""
+"""SciPy: `solve_ivp` and the solver objects behind it, and `odeint`; the motion is in plain Python, as by a user."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from bisect import bisect_right
+from collections.abc import Callable, Sequence
 from functools import partial
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.peers.measure import Outcome, Setting, Solver, stopwatch, tolerances
-from benchmarks.peers.motion import (
-    End,
-    Load,
-    Piece,
-    Pieces,
-    Ramp,
-    State,
-    Value,
-    absolute_tolerances,
-    jacobian,
-    load_at,
-    motion,
-    ticks,
-)
-from benchmarks.peers.problems import Problem, start_depth
+from benchmarks.peers.problems import DEPTH_SCALE, EXPONENT, RATE_SCALE, Problem, start_depth
+
+Force = Callable[[float, float], float]
+"""Force [N], never below 0, as a function of depth [m] and rate of the depth [m/s]"""
+Gradient = Callable[[float, float], tuple[float, float]]
+"""Derivatives of the force by depth [N/m] and by rate [N s/m], as a function of both"""
+Load = Callable[[float], float]
+"""Load [N] as a function of time [s]"""
+State = Sequence[float]
+Motion = Callable[[float, State], tuple[float, float]]
+Matrix = list[list[float]]
+Jacobian = Callable[[float, State], Matrix]
+
+
+def contact_force(problem: Problem) -> Force:
+    """Build the contact law of a problem: 0 N when apart, and 0 N where the formula would pull."""
+    stiffness, damping = problem.stiffness, problem.damping
+
+    def one_layer(depth: float, rate: float) -> float:
+        if depth <= 0.0:
+            return 0.0
+        force = stiffness * depth**EXPONENT + damping * rate
+        return force if force > 0.0 else 0.0
+
+    if not problem.layered:
+        return one_layer
+    begin, base, stiffness_2 = problem.layer_depth, problem.layer_force, problem.stiffness_2
+    damping_1 = problem.first_damping
+
+    def two_layers(depth: float, rate: float) -> float:
+        if depth <= 0.0:
+            return 0.0
+        if depth <= begin:
+            force = stiffness * depth**EXPONENT + damping_1 * rate
+        else:
+            force = base + stiffness_2 * (depth - begin) ** EXPONENT + damping * rate
+        return force if force > 0.0 else 0.0
+
+    return two_layers
+
+
+def force_gradient(problem: Problem) -> Gradient:
+    """Build the derivatives of the contact law of a problem; they are 0 where the force is 0."""
+    force, begin = contact_force(problem), problem.layer_depth
+    damping_1, damping = problem.first_damping, problem.damping
+    slope_1, slope_2, power = EXPONENT * problem.stiffness, EXPONENT * problem.stiffness_2, EXPONENT - 1.0
+
+    def gradient(depth: float, rate: float) -> tuple[float, float]:
+        if force(depth, rate) <= 0.0:
+            return 0.0, 0.0
+        if depth <= begin:
+            return slope_1 * depth**power, damping_1
+        return slope_2 * (depth - begin) ** power, damping
+
+    return gradient
+
+
+def load_at(problem: Problem) -> Load:
+    """Build the load at any time: linear between the ticks, from tables."""
+    times: list[float] = problem.time.tolist()
+    loads: list[float] = problem.load.tolist()
+    slopes: list[float] = (np.diff(problem.load) / np.diff(problem.time)).tolist()
+    last = len(slopes) - 1
+
+    def load(time: float) -> float:
+        i = bisect_right(times, time) - 1
+        i = 0 if i < 0 else last if i > last else i
+        return loads[i] + slopes[i] * (time - times[i])
+
+    return load
+
+
+def absolute_tolerances(tolerance: float) -> list[float]:
+    """Absolute tolerances of depth [m] and rate [m/s], from a relative one."""
+    return [tolerance * DEPTH_SCALE, tolerance * RATE_SCALE]
+
+
+def motion(problem: Problem, load: Load) -> Motion:
+    """Build the right-hand side of a problem under a load."""
+    force, inverse_mass = contact_force(problem), 1.0 / problem.mass
+
+    def right_hand_side(time: float, state: State) -> tuple[float, float]:
+        depth, rate = state
+        return rate, (load(time) - force(depth, rate)) * inverse_mass
+
+    return right_hand_side
+
+
+def jacobian(problem: Problem) -> Jacobian:
+    """Build the derivative of the right-hand side of a problem by the state."""
+    gradient, inverse_mass = force_gradient(problem), 1.0 / problem.mass
+
+    def derivative(_time: float, state: State) -> Matrix:
+        by_depth, by_rate = gradient(state[0], state[1])
+        return [[0.0, 1.0], [-by_depth * inverse_mass, -by_rate * inverse_mass]]
+
+    return derivative
+
+
+class Ramp:
+    """A load that knows the current tick only, for streaming solvers."""
+
+    def __init__(self) -> None:
+        self._begin, self._load, self._slope = 0.0, 0.0, 0.0
+
+    def set(self, tick: Tick) -> None:
+        """Set the load to run from a tick's first load to its last."""
+        self._begin, self._load = tick.begin, tick.start_load
+        self._slope = (tick.end_load - tick.start_load) / (tick.end - tick.begin)
+
+    def __call__(self, time: float) -> float:
+        """The load [N] at a time [s]."""
+        return self._load + self._slope * (time - self._begin)
+
+
+class Tick(NamedTuple):
+    """The interval from one sample to the next."""
+
+    begin: float
+    end: float
+    """[s]"""
+    start_load: float
+    end_load: float
+    """[N]"""
+
+
+def ticks(problem: Problem) -> list[Tick]:
+    """Ticks of a problem, length n - 1."""
+    times, loads = problem.time.tolist(), problem.load.tolist()
+    return [Tick(*row) for row in zip(times, times[1:], loads, loads[1:], strict=False)]
+
 
 IVP = "exact: right-hand side in plain Python{}; one call with the load in tables, or a fresh solver for every tick"
 METHODS = ("LSODA", "Radau", "DOP853", "RK45")
@@ -33,7 +150,7 @@ IMPLICIT = ("LSODA", "Radau")
 
 
 def solvers() -> list[Solver]:
-    """One solver per method of `solve_ivp`, `odeint`, and the method that is quickest with events."""
+    """One solver per method of `solve_ivp`, and `odeint`."""
     settings = tolerances(*range(4, 14))
     by_method = [
         Solver(f"SciPy {method}", "SciPy", IVP.format(" with its Jacobian" if method in IMPLICIT else ""), settings,
@@ -43,7 +160,6 @@ def solvers() -> list[Solver]:
     return [
         *by_method,
         Solver("SciPy odeint", "SciPy", ODEINT, settings, odeint_whole, odeint_stream),
-        Solver(f"SciPy {WITH_EVENTS}, events", "SciPy", EVENTS, settings, events_whole, events_stream),
     ]
 
 
@@ -128,88 +244,3 @@ def odeint_options(problem: Problem, setting: Setting) -> dict[str, Any]:
         "atol": absolute_tolerances(setting.value),
         "mxstep": FINE_STEPS,
     }
-
-
-EVENTS = (
-    "exact: one smooth right-hand side per piece of the law, `events` for their ends; one call per piece, tick by tick "
-    "one per tick and piece"
-)
-WITH_EVENTS = "DOP853"
-"""LSODA with events is slower than without, at every error"""
-EVENTS_PER_CALL = 10_000
-
-
-def events_whole(problem: Problem, setting: Setting) -> Outcome:
-    """Solve the problem with one call per piece of the law, and output at every tick."""
-    course = Course(problem, load_at(problem), setting.value)
-    with stopwatch() as watch:
-        depths = [course.depth, *course.advance(problem.time[0], problem.time[-1], problem.time[1:])]
-    return Outcome(np.array(depths), watch.seconds, course.evaluations)
-
-
-def events_stream(problem: Problem, setting: Setting) -> Outcome:
-    """Solve the problem with one call per tick and piece."""
-    ramp = Ramp()
-    course = Course(problem, ramp, setting.value)
-    depths, samples = [course.depth], ticks(problem)
-    with stopwatch() as watch:
-        for tick in samples:
-            ramp.set(tick)
-            course.advance(tick.begin, tick.end)
-            depths.append(course.depth)
-    return Outcome(np.array(depths), watch.seconds, course.evaluations)
-
-
-class Course:
-    """The state of a run, which is advanced from piece to piece."""
-
-    def __init__(self, problem: Problem, load: Load, tolerance: float) -> None:
-        depth = start_depth(problem)
-        self.evaluations = 0
-        self._state: Any = np.array([depth, 0.0])
-        self._pieces = Pieces(problem, load)
-        self._piece: Piece = self._pieces.start(depth)
-        self._options = {"method": WITH_EVENTS, "rtol": tolerance, "atol": absolute_tolerances(tolerance)}
-
-    @property
-    def depth(self) -> float:
-        """Signed depth [m] now."""
-        return float(self._state[0])
-
-    def advance(self, begin: float, end: float, output: Any = None) -> list[float]:
-        """Advance from a time to another [s]; return the depths [m] at the output times [s], which increase, if any."""
-        from scipy.integrate import solve_ivp
-
-        depths: list[float] = []
-        for _ in range(EVENTS_PER_CALL):
-            function, ends = self._pieces.motion(self._piece), self._pieces.ends(self._piece)
-            events = [event(end) for end in ends]
-            stamps = None if output is None else output[len(depths) :]
-            answer = solve_ivp(function, (begin, end), self._state, t_eval=stamps, events=events, **self._options)
-            self.evaluations += answer.nfev
-            depths += answer.y[0].tolist() if output is not None and len(answer.y) else []
-            if answer.status == 1:
-                begin = self._pass(ends, answer)
-                if begin < end:
-                    continue
-            elif output is None:
-                self._state = answer.y[:, -1]
-            return depths
-        raise RuntimeError(f"more than {EVENTS_PER_CALL} events")
-
-    def _pass(self, ends: list[End], answer: Any) -> float:
-        """Change to the piece behind an event; return the time of the event [s]."""
-        hit = next(i for i, times in enumerate(answer.t_events) if len(times))
-        self._state = answer.y_events[hit][-1]
-        self._piece = ends[hit].behind(*self._state.tolist())
-        return float(answer.t_events[hit][-1])
-
-
-def event(end: End) -> Value:
-    """The end of a piece as an event of `solve_ivp`."""
-
-    def value(time: float, state: State) -> float:
-        return end.value(time, state)
-
-    value.terminal, value.direction = True, end.direction  # type: ignore[attr-defined]
-    return value
