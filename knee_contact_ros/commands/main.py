@@ -19,18 +19,42 @@ INTERRUPTED = 130
 LAST_STANDARD_STREAM = 2
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+GROUPS = {
+    "See it": (live.demo, offline.view, studies.report),
+    "Compute": (live.node, live.load, live.replay, offline.solve, offline.estimate_load, offline.recover, offline.warm),
+    "Bring your own data": (
+        imports.import_opensim, imports.import_csv, imports.align, fit.fit_profile, fit.fit_share, fit.calibrate,
+    ),
+    "Study": (studies.sweep, studies.sensitivity, studies.trade),
+}  # fmt: skip
+"""Commands by what they are for, as the help shows them"""
+
+
+class GroupedCommands(click.Group):
+    """Group whose help lists the commands by `GROUPS`."""
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
+        """Write a section for each group."""
+        for heading, group in GROUPS.items():
+            with formatter.section(heading):
+                formatter.write_dl([(str(command.name), command.get_short_help_str(60)) for command in group])
+
+
+@click.group(
+    cls=GroupedCommands, invoke_without_command=True, subcommand_metavar="COMMAND [ARGS]...",
+    context_settings={"help_option_names": ["-h", "--help"]},
+)  # fmt: skip
 @click.version_option(__version__, package_name="knee_contact_ros", message="%(prog)s %(version)s")
-def knee_contact() -> None:
+@click.pass_context
+def knee_contact(context: click.Context) -> None:
     """Live tibiofemoral contact from streamed gait. A research tool, not a medical device."""
+    if context.invoked_subcommand is None:
+        click.echo(context.get_help())
 
 
-for command in (
-    live.demo, live.node, live.load, offline.estimate_load, live.replay, offline.solve, offline.recover, offline.view,
-    studies.report, imports.import_opensim, imports.import_csv, imports.align, fit.fit_profile, fit.fit_share,
-    fit.calibrate, studies.sweep, studies.sensitivity, studies.trade, offline.warm,
-):  # fmt: skip
-    knee_contact.add_command(command)
+for commands in GROUPS.values():
+    for command in commands:
+        knee_contact.add_command(command)
 
 
 def main(arguments: list[str] | None = None) -> int:

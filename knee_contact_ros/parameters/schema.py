@@ -140,29 +140,35 @@ class Pairing(Section):
     wait: float = parameter(0.1, "[s] how long a force waits for an angle at or after its stamp", ge=0.0, le=10.0)
     max_gap: float = parameter(0.1, "[s] largest gap between stamps that is not flagged stale", gt=0.0, le=3600.0)
     angle_delay: float = parameter(
-        0.0, "[s] by which the angles lag the forces: they are paired so much earlier", ge=-1.0, le=1.0
+        0.0, "[s] delay of the angles behind the forces; an angle is paired this much earlier", ge=-1.0, le=1.0
     )
-    queue: int = parameter(20_000, "samples of a stream that may wait for the other one, at most", ge=100, le=10**7)
+    queue: int = parameter(
+        20_000, "largest number of samples of a stream that wait for the other one", ge=100, le=10**7
+    )
 
 
 class Diagnostics(Section):
     """Limits of the inputs beyond which `/diagnostics` warns or reports an error."""
 
-    angle_warn_rate: float = parameter(0.0, "[Hz] of the angles, below which it warns; 0: off", ge=0.0, le=1e5)
-    angle_error_rate: float = parameter(0.0, "[Hz] below which that is an error; 0: off", ge=0.0, le=1e5)
-    force_warn_rate: float = parameter(0.0, "[Hz] of the forces, below which it warns; 0: off", ge=0.0, le=1e5)
-    force_error_rate: float = parameter(0.0, "[Hz] below which that is an error; 0: off", ge=0.0, le=1e5)
-    timeout: float = parameter(1.0, "[s] of silence, from which on an input is stale", gt=0.0, le=3600.0)
+    angle_warn_rate: float = parameter(0.0, "[Hz] rate of the angles below which it warns; 0: off", ge=0.0, le=1e5)
+    angle_error_rate: float = parameter(
+        0.0, "[Hz] rate of the angles below which it reports an error; 0: off", ge=0.0, le=1e5
+    )
+    force_warn_rate: float = parameter(0.0, "[Hz] rate of the forces below which it warns; 0: off", ge=0.0, le=1e5)
+    force_error_rate: float = parameter(
+        0.0, "[Hz] rate of the forces below which it reports an error; 0: off", ge=0.0, le=1e5
+    )
+    timeout: float = parameter(1.0, "[s] silence after which an input is stale", gt=0.0, le=3600.0)
 
 
 def queue(answers: int) -> Any:
     """Field for the number of answers that may wait for an output's process; `answers` is the default."""
-    return parameter(answers, "answers that may wait for its process", ge=100, le=10_000_000)
+    return parameter(answers, "answers that may wait for the output's process", ge=100, le=10_000_000)
 
 
 def queue_size(size: float) -> Any:
     """Field for the memory that answers may take while they wait; `size` [MB] is the default."""
-    return parameter(size, "[MB] of memory that these may take", ge=1.0, le=1e5)
+    return parameter(size, "[MB] memory that waiting answers may take", ge=1.0, le=1e5)
 
 
 # A section of an output names the module that describes it: see `streams/output.py`.
@@ -173,20 +179,18 @@ class Record(Section):
 
     output: ClassVar[str] = "knee_contact_ros.bags.recorder"
 
-    path: str = parameter("", "MCAP file to write, {stamp} in it: when; empty: none")
-    flush_period: float = parameter(0.03, "[s] what a crash of the programs may lose", ge=0.001, le=60.0)
+    path: str = parameter("", "MCAP file to write; {stamp} in it becomes the time; empty: none")
+    flush_period: float = parameter(0.03, "[s] period of flushing: a crash loses at most this much", ge=0.001, le=60.0)
     sync_period: Annotated[float, off_or_at_least(0.05)] = parameter(
-        1.0, "[s] what a power failure may lose; 0: off", le=3600.0
+        1.0, "[s] period of syncing the disk: a power failure loses at most this much; 0: off", le=3600.0
     )
     max_size: Annotated[float, off_or_at_least(0.1)] = parameter(
-        0.0, "[MB] of a file, from which on the recording goes on in a new one; 0: off", le=1e9
+        0.0, "[MB] size at which the recording continues in a new file; 0: off", le=1e9
     )
     max_duration: Annotated[float, off_or_at_least(1.0)] = parameter(
-        0.0, "[s] of stamps in a file, from which on the recording goes on in a new one; 0: off", le=1e9
+        0.0, "[s] span of stamps at which the recording continues in a new file; 0: off", le=1e9
     )
-    min_free: float = parameter(
-        100.0, "[MB] that stay free on the disk: a recording ends before it takes them", ge=0.0, le=1e9
-    )
+    min_free: float = parameter(100.0, "[MB] free space at which a recording ends", ge=0.0, le=1e9)
     queue: int = queue(30_000)
     queue_size: float = queue_size(100.0)
 
@@ -226,9 +230,11 @@ class Knee(Section):
 class Load(Section):
     """Part of the axial joint reaction that loads the compartment."""
 
-    compartment: Annotated[str, one_of(*RULES, BOTH)] = parameter("fixed_share", ", ".join((*RULES, BOTH)))
+    compartment: Annotated[str, one_of(*RULES, BOTH)] = parameter(
+        "fixed_share", "rule for the load of the compartment; both: medial and lateral"
+    )
     split: Annotated[str, one_of(*SPLITS)] = parameter(
-        "fixed_share", f"compartment both: what the medial one gets, {' or '.join(SPLITS)}"
+        "fixed_share", "compartment both: rule for the load of the medial one"
     )
     share: float = parameter(0.5, "medial share of the axial joint reaction; fixed_share", gt=0.0, le=1.0)
     share_file: str = parameter(
@@ -255,27 +261,27 @@ class Frame(Section):
 class Femur(Section):
     """Mass and contact surface of the femur."""
 
-    mass: float = parameter(9.3014, "[kg] that follows the reference point", ge=1e-4, le=1e3)
-    geometry: Annotated[str, one_of(*GEOMETRIES)] = parameter("circle", " or ".join(GEOMETRIES))
-    radius: float = parameter(0.034, "[m] of the circle", gt=0.0, le=1.0)
+    mass: float = parameter(9.3014, "[kg] mass that moves up and down with the femur", ge=1e-4, le=1e3)
+    geometry: Annotated[str, one_of(*GEOMETRIES)] = parameter("circle", "surface of the femur")
+    radius: float = parameter(0.034, "[m] radius of the femoral circle", gt=0.0, le=1.0)
     profile: str = parameter("", "CSV of x, y [m] in the femur frame, ordered along the curve")
-    scale: float = parameter(1.0, "of the profile's points", ge=0.1, le=10.0)
+    scale: float = parameter(1.0, "factor for the size of the profile", ge=0.1, le=10.0)
 
 
 class Tibia(Section):
     """Contact surface of the tibia, the plateau."""
 
-    geometry: Annotated[str, one_of(*TIBIAL_GEOMETRIES)] = parameter("plane", " or ".join(TIBIAL_GEOMETRIES))
-    slope: float = parameter(0.0, "[rad] of the plane, > 0 when the anterior edge is the higher one", ge=-0.7, le=0.7)
-    radius: float = parameter(0.095, "[m] of the concave circle", gt=0.0, le=10.0)
+    geometry: Annotated[str, one_of(*TIBIAL_GEOMETRIES)] = parameter("plane", "surface of the tibial plateau")
+    slope: float = parameter(0.0, "[rad] slope of the plane, positive if its anterior edge is higher", ge=-0.7, le=0.7)
+    radius: float = parameter(0.095, "[m] radius of the concave tibial circle", gt=0.0, le=10.0)
     profile: str = parameter("", "CSV of x, y [m] in the tibia frame, from posterior to anterior")
-    scale: float = parameter(1.0, "of the profile's points", ge=0.1, le=10.0)
+    scale: float = parameter(1.0, "factor for the size of the profile", ge=0.1, le=10.0)
 
 
 class Translation(Section):
     """Anterior-posterior translation of the femur."""
 
-    mechanism: Annotated[str, one_of(*MECHANISMS)] = parameter("hinge", ", ".join(MECHANISMS))
+    mechanism: Annotated[str, one_of(*MECHANISMS)] = parameter("hinge", "how the femur moves along the plateau")
     table: str = parameter("", "CSV of flexion_angle [rad], x [m] of the femoral reference point")
 
 
@@ -285,29 +291,37 @@ class CommonContactParameters(Section):
     Further arguments of a law's factory are parameters, too; see `with_constants_of_laws`.
     """
 
-    law: Annotated[str, one_of(*CONTACT_LAWS)] = parameter("kelvin_voigt", ", ".join(CONTACT_LAWS))
-    stiffness: float = parameter(7.905694e7, "[N/m^exponent] of the first layer", ge=1.0, le=1e15)
-    exponent: float = parameter(1.5, "of the depth; 1.5 for two curved solids", ge=1.0, le=3.0)
-    damping: float = parameter(5000.0, "[N s/m]", ge=0.0, le=1e9)
+    law: Annotated[str, one_of(*CONTACT_LAWS)] = parameter("kelvin_voigt", "contact law")
+    stiffness: float = parameter(7.905694e7, "[N/m^exponent] stiffness of the first layer", ge=1.0, le=1e15)
+    exponent: float = parameter(1.5, "exponent of the depth; 1.5 for two curved solids", ge=1.0, le=3.0)
+    damping: float = parameter(5000.0, "[N s/m] damping: force per penetration rate", ge=0.0, le=1e9)
     allow_tension: bool = parameter(False, "let the law pull instead of clamping it at 0")
-    layer_depth: float = parameter(5.0e-4, "[m] at which the second layer begins", gt=0.0, le=0.1)
-    stiffness_2: float = parameter(3.112e9, "[N/m^exponent] of the second layer", ge=1.0, le=1e15)
+    layer_depth: float = parameter(5.0e-4, "[m] depth at which the second layer (bone) begins", gt=0.0, le=0.1)
+    stiffness_2: float = parameter(3.112e9, "[N/m^exponent] stiffness of the second layer", ge=1.0, le=1e15)
     damp_first_layer: bool = parameter(False, "two_layer_viscoelastic: put the dashpot into both layers")
-    restitution: float = parameter(0.5, "asked for; laws with impact damping", ge=0.01, le=1.0)
+    restitution: float = parameter(0.5, "coefficient of restitution, for laws with impact damping", ge=0.01, le=1.0)
     least_impact_speed: float = parameter(
-        0.1, "[m/s] that slower touches, and the static start, count as", ge=1e-6, le=100.0
+        0.1,
+        "[m/s] lowest speed of touch for impact damping; slower ones and the static start count as this",
+        ge=1e-6,
+        le=100.0,
     )
     stiffness_from: Annotated[str, one_of("value", "material")] = parameter(
         "value", "value, or material: Hertz from modulus, Poisson's ratio and radii (exponent 1.5)"
     )
-    youngs_modulus: float = parameter(24e6, "[Pa] of cartilage (first layer)", ge=1.0, le=1e13)
-    poissons_ratio: float = parameter(0.38, "of cartilage (first layer)", ge=0.0, lt=0.5)
-    youngs_modulus_2: float = parameter(17.2e9, "[Pa] of bone (second layer)", ge=1.0, le=1e13)
-    poissons_ratio_2: float = parameter(0.39, "of bone (second layer)", ge=0.0, lt=0.5)
-    femoral_radius: float = parameter(0.034, "[m] convex, for stiffness and patch", gt=0.0, le=10.0)
-    tibial_radius: float = parameter(0.095, "[m] concave, for stiffness and patch", gt=0.0, le=10.0)
+    youngs_modulus: float = parameter(24e6, "[Pa] Young's modulus of cartilage (first layer)", ge=1.0, le=1e13)
+    poissons_ratio: float = parameter(0.38, "Poisson's ratio of cartilage (first layer)", ge=0.0, lt=0.5)
+    youngs_modulus_2: float = parameter(17.2e9, "[Pa] Young's modulus of bone (second layer)", ge=1.0, le=1e13)
+    poissons_ratio_2: float = parameter(0.39, "Poisson's ratio of bone (second layer)", ge=0.0, lt=0.5)
+    femoral_radius: float = parameter(
+        0.034,
+        "[m] convex radius of the femur for stiffness_from material, elastic_foundation and the patch",
+        gt=0.0,
+        le=10.0,
+    )
+    tibial_radius: float = parameter(0.095, "[m] concave radius of the tibia, likewise", gt=0.0, le=10.0)
     foundation_thickness: float = parameter(
-        4.4e-3, "[m] of both cartilages; elastic_foundation, strain", gt=0.0, le=0.1
+        4.4e-3, "[m] thickness of both cartilages together, for elastic_foundation and the strain", gt=0.0, le=0.1
     )
 
 
@@ -357,7 +371,7 @@ class FidelityParameters(Section):
     """Level and accuracy of the solution, and its largest cost."""
 
     level: Annotated[str, BeforeValidator(_level_of_today), one_of(*LEVELS)] = parameter(
-        "auto", ", ".join(LEVELS) + " (which is dynamic)"
+        "auto", "equations that a tick solves; auto is dynamic"
     )
     tolerance: float = parameter(1.0e-6, "[m] wanted error of the penetration depth", ge=1e-12, le=1e-3)
     force_tolerance: Annotated[float, off_or_at_least(1e-9)] = parameter(
@@ -378,8 +392,8 @@ class Rerun(Section):
     mode: Annotated[str, BeforeValidator(_off), one_of("off", "file", "serve", "spawn")] = parameter(
         "off", "off, file, serve (on this machine's loopback interface), spawn (a viewer beside it)"
     )
-    path: str = parameter("", ".rrd file to write in mode file, likewise")
-    port: int = parameter(9876, "to serve on", ge=1024, le=65535)
+    path: str = parameter("", ".rrd file to write in mode file; {stamp} in it becomes the time")
+    port: int = parameter(9876, "port to serve on", ge=1024, le=65535)
     knees: str = parameter(
         "", "names of the knees that share a viewer side by side, as left,right; empty: this knee alone"
     )
@@ -406,8 +420,10 @@ class Parameters(NodeSection):
     lateral: Lateral = Lateral()
     fidelity: FidelityParameters = FidelityParameters()
     body_weight: float = parameter(737.068, "[N] for reports in body weights", gt=0.0, le=1e5)
-    autostart: bool = parameter(True, "configure and activate without being asked")
-    deadline: float = parameter(0.02, "[s] from a force to its answer; later ones are counted", gt=0.0, le=3600.0)
+    autostart: bool = parameter(True, "whether the node configures and activates itself")
+    deadline: float = parameter(
+        0.02, "[s] longest time from a force to its answer; later answers are counted", gt=0.0, le=3600.0
+    )
     diagnostics: Diagnostics = Diagnostics()
     record: Record = Record()
     rerun: Rerun = Rerun()
@@ -495,8 +511,8 @@ class GroundForce(Section):
     axes: Annotated[str, one_of("ground", "foot")] = parameter(
         "ground", "ground: its axes stand upright; foot: they turn with the foot"
     )
-    ankle_x: float = parameter(0.0, "[m] of the ankle joint, from where its torque is told", ge=-1.0, le=1.0)
-    ankle_y: float = parameter(0.0, "[m] likewise, up", ge=-1.0, le=1.0)
+    ankle_x: float = parameter(0.0, "[m] where the ankle joint is in the frame of the wrench, forward", ge=-1.0, le=1.0)
+    ankle_y: float = parameter(0.0, "[m] where the ankle joint is, up", ge=-1.0, le=1.0)
 
 
 class LoadFrames(Section):
@@ -513,13 +529,13 @@ class LoadFrames(Section):
 class PersonParameters(Section):
     """Person whose knee it is. Muscles are not measured: `knee-contact calibrate` fits their constants to a bag."""
 
-    mass: float = parameter(75.16, "[kg]", ge=10.0, le=400.0)
-    height: float = parameter(1.75, "[m]", ge=0.8, le=2.5)
-    moment_arm_scale: float = parameter(1.5, "of the muscles' moment arms to published ones", ge=0.3, le=3.0)
+    mass: float = parameter(75.16, "[kg] body mass", ge=10.0, le=400.0)
+    height: float = parameter(1.75, "[m] body height", ge=0.8, le=2.5)
+    moment_arm_scale: float = parameter(1.5, "factor for the published moment arms of the muscles", ge=0.3, le=3.0)
     co_contraction: float = parameter(
-        0.2, "with how much antagonists pull at least, as part of the vertical ground force", ge=0.0, le=3.0
+        0.2, "least pull of antagonists, as a part of the vertical ground force", ge=0.0, le=3.0
     )
-    tone: float = parameter(0.3, "likewise at any time, as part of the body weight", ge=0.0, le=2.0)
+    tone: float = parameter(0.3, "least pull of antagonists, as a part of the body weight", ge=0.0, le=2.0)
 
     @property
     def constants(self) -> Person:
@@ -544,15 +560,17 @@ class LoadParameters(NodeSection):
     person: PersonParameters = PersonParameters()
     calibrated: bool = parameter(False, "whether the person's constants were fitted to a measured knee of this person")
     standard_deviation: Annotated[float, off_or_at_least(0.01, "as measured for the level")] = parameter(
-        0.0, "of the axial force, as part of the body weight; 0: as measured for the level", le=10.0
+        0.0,
+        "standard deviation of the axial force, as a part of the body weight; 0: as measured for the level",
+        le=10.0,
     )
     motion_window: Annotated[float, off_or_at_least(0.01, "no inertia")] = parameter(
-        0.05, "[s] over which the joints' accelerations are seen, half of it late; 0: no inertia", le=1.0
+        0.05, "[s] window for the accelerations of the joints, which are half of it late; 0: no inertia", le=1.0
     )
     pairing: Pairing = Pairing()
-    autostart: bool = parameter(True, "configure and activate without being asked")
+    autostart: bool = parameter(True, "whether the node configures and activates itself")
     deadline: float = parameter(
-        0.02, "[s] from a ground force to its estimate; later ones are counted", gt=0.0, le=3600.0
+        0.02, "[s] longest time from a ground force to its estimate; later estimates are counted", gt=0.0, le=3600.0
     )
     diagnostics: Diagnostics = Diagnostics()
     record: Record = Record()

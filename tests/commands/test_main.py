@@ -55,6 +55,15 @@ def test_ctrl_c_while_a_data_class_is_made_is_an_interruption(tmp_path: Path) ->
     assert done.stderr.strip() == "knee-contact: interrupted"
 
 
+def test_the_bare_command_shows_every_command_in_its_group(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main([]) == 0
+    shown = capsys.readouterr().out
+    assert [line for line in shown.splitlines() if line.endswith(":") and line != "Options:"] == [
+        "See it:", "Compute:", "Bring your own data:", "Study:",
+    ]  # fmt: skip
+    assert all(f"\n  {name} " in shown for name in knee_contact.commands)
+
+
 def test_help_loads_nothing_heavy() -> None:
     """It would take a second."""
     heavy = "{'numpy', 'pydantic', 'rich', 'rclpy', 'subprocess', 'multiprocessing'}"
