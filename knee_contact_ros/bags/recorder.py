@@ -15,7 +15,6 @@ import io
 import math
 import os
 import time
-import zlib
 from array import array
 from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -28,10 +27,10 @@ from struct import Struct
 from threading import Event, Lock, Thread
 from typing import Any, NamedTuple
 
-import zstandard
-from mcap import records
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
+from mcap.records import Statistics
+from mcap.writer import CompressionType, Writer
 from ruamel.yaml import YAML
 
 from knee_contact_ros.streams.output import PROVENANCE, Job, Knee, Sink
@@ -53,14 +52,9 @@ INDEX = Struct("<HI")
 """Beginning of a message index record's content: channel, and length [B] of the entries, which follow"""
 ENTRY = Struct("<QQ")
 """Entry of a message index: log time [ns] of a message, and offset [B] of its record in the uncompressed chunk"""
+MESSAGE_OPCODE = int(Opcode.MESSAGE)
 CHUNK_SIZE = 64 * 1024
 """Size [B] of the records beyond which a chunk ends: a small chunk ends in 2-4 ms, and a crash loses little"""
-SUMMARY = (
-    Opcode.SCHEMA, Opcode.CHANNEL, Opcode.STATISTICS,
-    Opcode.CHUNK_INDEX, Opcode.ATTACHMENT_INDEX, Opcode.METADATA_INDEX,
-)  # fmt: skip
-"""Opcodes of the records of the summary section, in their order"""
-MESSAGE_OPCODE = int(Opcode.MESSAGE)
 LIBRARY = "knee_contact_ros"
 """Name of the writing library in the header of a file"""
 ROSBAG2, REFUSED_SAMPLES, CONTINUED, INTERRUPTED = "rosbag2", "refused_samples", "continued", "interrupted"
@@ -114,11 +108,31 @@ class Settings(NamedTuple):
     """Time [s] between two syncs to the disk: a power failure loses as much; 0 means no syncs"""
 
 
-class BagFile:
-    """MCAP file that takes one message or thousands at a time; its bytes are those that `mcap.writer.Writer` writes.
+class Index(NamedTuple):
+    """Message index of a channel in a chunk, with packed entries: `mcap`'s own is slow."""
 
-    It gets its final name when it is complete; until then it is a locked `.partial` file.
+    channel: int
+    """Number of the channel"""
+    entries: array[int]
+    """Log time [ns] and place [B] in the chunk of each message, one after the other"""
+
+    def write(self, stream: RecordBuilder) -> None:
+        """Write the record, as `mcap.records.MessageIndex` does."""
+        size = self.entries.itemsize * len(self.entries)
+        stream.write(HEAD.pack(Opcode.MESSAGE_INDEX, INDEX.size + size) + INDEX.pack(self.channel, size))
+        stream.write(self.entries.tobytes())
+
+
+class BagFile(Writer):
+    """MCAP file that takes one message or thousands at a time.
+
+    It gets its final name when it is complete; until then it is a locked `.partial` file. `mcap` writes all of it but
+    message records and their index, which its `add_message` would do in three times the time. For these the chunk that
+    is being filled and the statistics are taken from where `mcap` 1.6 keeps them.
     """
+
+    _Writer__statistics: Statistics
+    _Writer__chunk_builder: Any
 
     def __init__(
         self, path: Path, partial: Path, compressed: bool, overwrite: bool, earlier: Mapping[str, int]
@@ -138,40 +152,35 @@ class BagFile:
         self.path, self.partial, self._overwrite, self._earlier = path, partial, overwrite, earlier
         self.channels: dict[str, int] = {}
         """Channel number of each topic"""
-        self.statistics = records.Statistics(0, 0, Counter(), 0, 0, 0, 0, 0, 0)
-        """Statistics of the records so far; log times [ns] are 0 without messages"""
-        self.size = self.place = 0
-        """`size`: number of bytes written, without the chunk that is being filled; `place`: number of bytes in that"""
         self.topics: list[dict[str, Any]] = []
         """Entries of the topics in `metadata.yaml`"""
         self._schemas: dict[str, int] = {}  # number of each schema by its name
-        self._chunk: list[bytes | memoryview] = []  # pieces of the chunk that is being filled
-        self._entries: dict[int, array[int]] = {}  # its message index: times and places by channel
-        self._summary = {opcode: bytearray() for opcode in SUMMARY}
-        self._checksum = 0  # CRC-32 of all written bytes
-        self._closing, self._compressed = Lock(), compressed
-        self._file = output_files.open_claimed(partial)
-        self._write(MAGIC + packed(records.Header("ros2", LIBRARY)))
+        self._closing, self._file = Lock(), output_files.open_claimed(partial)
+        compression = CompressionType.ZSTD if compressed else CompressionType.NONE
+        super().__init__(self._file, chunk_size=CHUNK_SIZE, compression=compression, enable_data_crcs=True)
+        self.start("ros2", LIBRARY)
+        self._chunk = self._Writer__chunk_builder
+        self.statistics = self._Writer__statistics
+        """Statistics of the records so far; log times [ns] are 0 without messages"""
+
+    @property
+    def size(self) -> int:
+        """Number of bytes written, without the chunk that is being filled."""
+        return self._file.tell()
+
+    @property
+    def place(self) -> int:
+        """Number of bytes in the chunk that is being filled."""
+        return int(self._chunk.count)
 
     def add_topic(self, topic: str, type_name: str) -> None:
         """Declare a topic by its absolute name and message type; channels have the order of the declarations."""
-        statistics, type_hash = self.statistics, typestore().hash_rihs01(type_name)
+        type_hash = typestore().hash_rihs01(type_name)
         self.topics.append(topic_metadata(topic, type_name, "cdr", OFFERED_QOS, type_hash))
         if type_name not in self._schemas:
-            statistics.schema_count = self._schemas[type_name] = statistics.schema_count + 1
-            schema = records.Schema(statistics.schema_count, definition(type_name), "ros2msg", type_name)
-            self._declare(Opcode.SCHEMA, schema)
-        statistics.channel_count = self.channels[topic] = statistics.channel_count + 1
+            self._schemas[type_name] = self.register_schema(type_name, "ros2msg", definition(type_name))
         metadata = {"offered_qos_profiles": offered_qos(), "topic_type_hash": type_hash}
-        channel = records.Channel(statistics.channel_count, topic, "cdr", metadata, self._schemas[type_name])
-        self._declare(Opcode.CHANNEL, channel)
-
-    def add_metadata(self, name: str, values: dict[str, str]) -> None:
-        """Write a metadata record at once, that is, before the messages of the chunk that is being filled."""
-        data = packed(records.Metadata(name, values))
-        self.statistics.metadata_count += 1
-        self._summary[Opcode.METADATA_INDEX] += packed(records.MetadataIndex(self.size, len(data), name))
-        self._write(data)
+        self.channels[topic] = self.register_channel(topic, "cdr", self._schemas[type_name], metadata)
 
     def next_number(self, topic: str) -> int:
         """Sequence number of the next message of a topic: its number of messages in this file and earlier ones."""
@@ -179,21 +188,25 @@ class BagFile:
 
     def write_all(self, messages: Iterable[Record], names: Mapping[str, str]) -> None:
         """Write messages under the absolute names of their topics; log time and publish time are their stamps [ns]."""
-        counts = self.statistics.channel_message_counts
+        counts, write, place = self.statistics.channel_message_counts, self._chunk.record_writer.write, self.place
         for topic, stamp, data in messages:
             name = names[topic]
             channel = self.channels[name]
             number = self._earlier.get(name, 0) + counts[channel]
             entries = self._entries_of(channel, 1, stamp, stamp)
             entries.append(stamp)
-            entries.append(self.place)
-            self._add(MESSAGE_HEAD.pack(MESSAGE_OPCODE, MESSAGE.size + len(data), channel, number, stamp, stamp) + data)
+            entries.append(place)
+            write(MESSAGE_HEAD.pack(MESSAGE_OPCODE, MESSAGE.size + len(data), channel, number, stamp, stamp) + data)
+            place += MESSAGE_HEAD.size + len(data)
+            if place > CHUNK_SIZE:
+                self.flush()
+                place = 0
 
-    def append(self, data: bytes | memoryview, entries: Mapping[int, bytes], first: int, last: int) -> None:
+    def append(self, data: memoryview, entries: Mapping[int, bytes], first: int, last: int) -> None:
         """Add message records to the chunk that is being filled, and end it if it is full then.
 
         Args:
-            data: Concatenated records, of which none but the last one goes beyond `CHUNK_SIZE`. They are not copied.
+            data: Concatenated records, of which none but the last one goes beyond `CHUNK_SIZE`.
             entries: Packed message index entries (`ENTRY`) of each channel that has any, in the order of their first
                 messages.
             first: Smallest log time [ns] of the messages.
@@ -201,12 +214,33 @@ class BagFile:
         """
         for channel, piece in entries.items():
             self._entries_of(channel, len(piece) // ENTRY.size, first, last).frombytes(piece)
-        self._add(data)
+        self._chunk.record_writer.write(data)
+        if self.place > CHUNK_SIZE:
+            self.flush()
 
     def flush(self) -> None:
         """End the chunk that is being filled, and hand all written data to the operating system."""
-        self._end_chunk()
-        self._file.flush()
+        super().flush()  # type: ignore[no-untyped-call]
+
+    def _entries_of(self, channel: int, count: int, first: int, last: int) -> array[int]:
+        """Entries of a channel's index in the chunk, after `count` messages between two log times [ns] were counted."""
+        statistics, chunk = self.statistics, self._chunk
+        if first < statistics.message_start_time or not statistics.message_count:
+            statistics.message_start_time = first
+        if last > statistics.message_end_time:  # noqa: PLR1730  (`max` takes three times as long)
+            statistics.message_end_time = last
+        if first < chunk.message_start_time or not chunk.num_messages:
+            chunk.message_start_time = first
+        if last > chunk.message_end_time:  # noqa: PLR1730
+            chunk.message_end_time = last
+        statistics.message_count += count
+        statistics.channel_message_counts[channel] += count
+        chunk.num_messages += count
+        index = chunk.message_indices.get(channel)
+        if not index:
+            index = chunk.message_indices[channel] = Index(channel, array("Q"))
+        entries: array[int] = index.entries
+        return entries
 
     def sync(self) -> None:
         """Sync all flushed data, and the name of the file, to the disk; may be called by another thread.
@@ -232,25 +266,13 @@ class BagFile:
     def facts(self) -> FileFacts:
         """Name, log times and numbers of messages of the file so far."""
         statistics = self.statistics
-        counts = Counter({
-            topic: statistics.channel_message_counts.get(channel, 0) for topic, channel in self.channels.items()
-        })  # fmt: skip
+        counts = Counter({topic: statistics.channel_message_counts.get(n, 0) for topic, n in self.channels.items()})
         return FileFacts(self.path.name, statistics.message_start_time, statistics.message_end_time, counts)
 
     def complete(self) -> None:
         """Write the metadata of rosbag2 and the end of the file, and sync it to the disk."""
         self.add_metadata(ROSBAG2, {"serialized_metadata": to_yaml(information([self.facts()], self.topics))})
-        self._end_chunk()
-        self._write(packed(records.DataEnd(self._checksum)))
-        self._summary[Opcode.STATISTICS] += packed(self.statistics)
-        begin, summary, offsets = self.size, b"", []
-        for opcode, group in self._summary.items():
-            offsets.append(records.SummaryOffset(opcode, begin + len(summary), len(group)))
-            summary += group
-        places = begin, begin + len(summary)
-        summary += packed(*offsets)
-        checksum = zlib.crc32(summary + packed(records.Footer(*places, 0))[:-4])  # of all bytes before it
-        self._write(summary + packed(records.Footer(*places, checksum)) + MAGIC)
+        self.finish()  # type: ignore[no-untyped-call]
         self._file.flush()
         os.fsync(self._file.fileno())
 
@@ -282,59 +304,6 @@ class BagFile:
             if os.path.samestat(self.partial.lstat(), os.fstat(self._file.fileno())):
                 return
         raise OSError(errno.ENOENT, "its file or folder was removed while it was written")
-
-    def _entries_of(self, channel: int, count: int, first: int, last: int) -> array[int]:
-        """Message index of a channel, after `count` messages between two log times [ns] have been counted."""
-        statistics = self.statistics
-        if first < statistics.message_start_time or not statistics.message_count:
-            statistics.message_start_time = first
-        if last > statistics.message_end_time:  # noqa: PLR1730  (`max` takes three times as long)
-            statistics.message_end_time = last
-        statistics.message_count += count
-        statistics.channel_message_counts[channel] += count
-        return self._entries.get(channel) or self._entries.setdefault(channel, array("Q"))
-
-    def _declare(self, opcode: Opcode, record: records.McapRecord) -> None:
-        """Add a record to the chunk that is being filled, and to the summary."""
-        self._summary[opcode] += packed(record)
-        self._add(packed(record))
-
-    def _add(self, data: bytes | memoryview) -> None:
-        """Add records to the chunk that is being filled, and end it if it is full then."""
-        self._chunk.append(data)
-        self.place += len(data)
-        if self.place > CHUNK_SIZE:
-            self._end_chunk()
-
-    def _end_chunk(self) -> None:
-        """Write the chunk that is being filled, and its message indices, unless it has no messages."""
-        if not self._entries:
-            return
-        content, entries = b"".join(self._chunk), self._entries
-        self._chunk, self._entries, self.place = [], {}, 0
-        begin, name = self.size, "zstd" if self._compressed else ""
-        data = zstandard.compress(content) if self._compressed else content
-        first, last = min(min(each[::2]) for each in entries.values()), max(max(each[::2]) for each in entries.values())
-        self._write(packed(records.Chunk(name, data, last, first, zlib.crc32(content), len(content))))
-        end, indices, places = self.size, bytearray(), {}
-        for channel, each in entries.items():
-            places[channel], length = end + len(indices), each.itemsize * len(each)
-            indices += HEAD.pack(Opcode.MESSAGE_INDEX, INDEX.size + length) + INDEX.pack(channel, length)
-            indices += each.tobytes()
-        self._write(indices)
-        self.statistics.chunk_count += 1
-        self._summary[Opcode.CHUNK_INDEX] += packed(
-            records.ChunkIndex(
-                chunk_start_offset=begin, chunk_length=end - begin, message_index_offsets=places,
-                message_index_length=len(indices), compression=name, compressed_size=len(data),
-                uncompressed_size=len(content), message_start_time=first, message_end_time=last,
-            )
-        )  # fmt: skip
-
-    def _write(self, data: bytes | bytearray) -> None:
-        self._checksum = zlib.crc32(data, self._checksum)
-        self.size += len(data)
-        self._file.write(data)
 
 
 class BagWriter:
@@ -750,11 +719,3 @@ def to_yaml(content: Any) -> str:
 def offered_qos() -> str:
     """Offered QoS profiles as YAML text, for the metadata of channels."""
     return to_yaml(OFFERED_QOS)
-
-
-def packed(*mcap_records: records.McapRecord) -> bytes:
-    """Concatenated bytes of records as they stand in a file."""
-    builder = RecordBuilder()
-    for record in mcap_records:
-        record.write(builder)
-    return bytes(builder.end())  # type: ignore[no-untyped-call]
