@@ -48,6 +48,10 @@ USUAL_LOAD = (400.0, 8000.0)
 """Range of peak loads [N] outside of which a body weight is asked for where none is given"""
 USUAL_PEAK = (1.5, 4.0)
 """Range of peak loads [BW] into which the right unit would bring a peak"""
+GROUND_PEAK = (0.4, 5.0)
+"""Range of the peak of the ground's force on a foot [BW], outside of which its unit is asked for"""
+MOST_TORQUE = 300.0
+"""Largest torque [N m] of an actuator that is not asked about"""
 STANDS = 100.0
 """Vertical force [N] that a walking foot reaches, and above which its centre of pressure must be near the ankle"""
 NEAR = 0.30
@@ -183,24 +187,35 @@ def impossible(angle: Series, load: Series | None = None) -> str:
     return ""
 
 
-def doubts(angle: Series, load: Series, unit: str | None, weight: float | None, max_gap: float) -> list[str]:
+def doubts(
+    angle: Series, load: Series | None, unit: str | None, weight: float | None, max_gap: float, *, mapped: bool = True
+) -> list[str]:
     """List what is likely a mistake.
 
-    `unit` is the load's in the map, None for OpenSim's results, which need none; `weight` is the body's [N]; `max_gap`
-    is the longest time [s] between rows that is no gap.
+    `unit` is the load's in the map; `weight` is the body's [N]; `max_gap` is the longest time [s] between rows that is
+    no gap; OpenSim's results are not `mapped`.
     """
-    ask = "are its times in s?" if unit is None else "is time.unit right?"
-    sentences = ["" if weight is None else weight_doubt(weight), _slow(angle, ask)]
-    if unit is not None:
-        sentences.append(_still(angle))
-    sentences += [
-        _included(angle, unit) or _outside(angle),
-        _jumps(angle, max_gap),
-        _slow(load, ask),
-        _spike(load, weight),
-    ]
-    sentences.append(_peak(load, unit, weight))
+    ask = "is time.unit right, or does it count frames (time.rate)?" if mapped else "are its times in s?"
+    sentences = ["" if weight is None else weight_doubt(weight), _slow(angle, ask), *[_still(angle)][:mapped]]
+    sentences += [_included(angle, mapped) or _outside(angle), _jumps(angle, max_gap)]
+    if load:
+        sentences += [_slow(load, ask), _spike(load, weight), _peak(load, unit, weight)]
     return [sentence for sentence in sentences if sentence]
+
+
+def joint_doubts(series: Series, *, is_torque: bool) -> list[str]:
+    """List what is likely a mistake of the hip's or ankle's angle, or of an actuator's torque."""
+    if not is_torque:
+        return [sentence for sentence in (_still(series),) if sentence]
+    most = float(np.abs(series.values).max())
+    unit = f"{series.where} reaches {most:.4g} N m: is {series.name}.unit right?"
+    return [unit] * (most > MOST_TORQUE)
+
+
+def ground_doubts(ground: Series, unit: str, weight: float | None) -> list[str]:
+    """List what is likely a mistake of the ground's vertical force, whose `unit` is the map's."""
+    sentence = _peak(ground, unit, weight, GROUND_PEAK, (0.9, 1.6), "a foot that bears its body")
+    return [sentence] * bool(sentence)
 
 
 def unusual(load: Series, weight: float | None) -> list[str]:
@@ -219,12 +234,12 @@ def _slow(series: Series, ask: str) -> str:
     return f"{series.path} has {rate:.3g} rows a second: {ask} In ms there would be {1000.0 * rate:.3g}"
 
 
-def _included(angle: Series, unit: str | None) -> str:
+def _included(angle: Series, mapped: bool) -> str:
     """Doubt about a knee that is never less bent than 90 degrees, or more than a loaded one can be."""
     low, high = float(angle.values.min()), float(angle.values.max())
     if high <= FOLDED and low < BENT:
         return ""
-    cure = "" if unit is None else f" Then {angle.name}.sign: -1, and {angle.name}.offset: 180 (in deg)"
+    cure = f" Then {angle.name}.sign: -1, and {angle.name}.offset: 180 (in deg)" if mapped else ""
     return (
         f"{angle.where} is {math.degrees(low):.0f} to {math.degrees(high):.0f} deg of flexion: is it the included "
         f"angle, 180 deg less flexion?{cure}"
@@ -276,26 +291,29 @@ def _jumps(angle: Series, max_gap: float) -> str:
     return f"{jumps}{f', and {times} times in all' if times > 1 else ''}: a loose contact, or an encoder's turn?"
 
 
-def _peak(load: Series, unit: str | None, weight: float | None) -> str:
-    """Doubt about a peak load that is not of the order of the body weight, with the unit in which it would be."""
+def _peak(
+    load: Series, unit: str | None, weight: float | None, limits: tuple[float, float] = (LEAST_PEAK, MOST_PEAK),
+    usual: tuple[float, float] = USUAL_PEAK, who: str = "a knee that bears its body",
+) -> str:  # fmt: skip
+    """Doubt about a peak that is not of the order of the body weight, with the unit in which it would be `usual`."""
     peak = float(load.values.max())
     lightest, heaviest = (weight, weight) if weight else USUAL_WEIGHT
-    least, most = LEAST_PEAK * lightest, MOST_PEAK * heaviest
+    least, most = limits[0] * lightest, limits[1] * heaviest
     if least <= peak <= most:
         return ""
     measured = f"{peak:.4g} N" + (f", {peak / weight:.3g} body weights" if weight else "")
-    usual = f"{LEAST_PEAK:g} to {MOST_PEAK:g}" if weight else f"{least:.0f} to {most:.0f} N"
-    hint = f"is load.unit {unit} right, and is it a load's column?"
+    expected = f"{limits[0]:g} to {limits[1]:g}" if weight else f"{least:.0f} to {most:.0f} N"
+    hint = f"is {load.name}.unit {unit} right, and is it a load's column?"
     if unit is None:
         hint = "is it this person's (model), in N, and without spikes?"
     elif weight:
         fitting = []
         for other in ("lbf", "N", "kgf", "kN", BODY_WEIGHT, PERCENT):
             there = peak / factor(unit, FORCE, "load", weight) * factor(other, FORCE, "load", weight) / weight
-            if USUAL_PEAK[0] <= there <= USUAL_PEAK[1]:
+            if usual[0] <= there <= usual[1]:
                 fitting.append((other, f"{there:.2g}"))
         if fitting:
             (first, times), *more = fitting
-            hint = f"is load.unit {unit} right? In {first} it would be {times} body weights"
+            hint = f"is {load.name}.unit {unit} right? In {first} it would be {times} body weights"
             hint += "".join(f", in {other} {there}" for other, there in more)
-    return f"{load.where} presses with {measured} at most, and a knee that bears its body with {usual}: {hint}"
+    return f"{load.where} presses with {measured} at most, and {who} with {expected}: {hint}"

@@ -6,10 +6,11 @@ An importer reads signals from its files (`tables.py`), has them checked (`check
 from __future__ import annotations
 
 import heapq
+import math
 from collections.abc import Iterator, Sequence
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,10 +48,19 @@ BLOCK = 8192
 MCAP = ".mcap"
 
 
+class Stamped(Protocol):
+    """Something over time: `Signal` or `Series`."""
+
+    @property
+    def stamps(self) -> Stamps:
+        """Stamps [ns], growing; shape (n,)."""
+
+
 class Signal(NamedTuple):
     """Values over time, with stamps of their own.
 
-    They are an angle [rad] and, if it is known, its rate [rad/s]; or a wrench: force [N] and torque [N m], x y z each.
+    They are an angle [rad] and, if they are known, its rate [rad/s] and the torque [N m] of an actuator in its sense;
+    or a wrench: force [N] and torque [N m], x y z each.
     """
 
     stamps: Stamps
@@ -90,6 +100,10 @@ class Signal(NamedTuple):
         return f"{len(self.stamps)} rows, {self.stamps[0] / NANOSECONDS:.3f} to {self.stamps[-1] / NANOSECONDS:.3f} s"
 
 
+NOTHING = Signal(np.empty(0, np.int64), np.empty((0, 6)))
+"""A wrench that is not known"""
+
+
 class Gait(NamedTuple):
     """Gait of a knee, with its origin."""
 
@@ -98,7 +112,10 @@ class Gait(NamedTuple):
     joints: dict[str, Signal]
     """Angles and rates by the joints' names in the bag, the knee first, all at the same stamps"""
     reaction: Signal
-    """What the femur exerts on the tibia at its frame's origin, in its frame (x anterior, y superior, z right)"""
+    """What the femur exerts on the tibia at its frame's origin, in its frame (x anterior, y superior, z right)
+
+    It has no rows if only the ground's force is known.
+    """
     columns: dict[str, str]
     """Names of the columns, by quantity"""
     notes: list[str]
@@ -115,9 +132,7 @@ class Gait(NamedTuple):
         return next(iter(self.joints.values()))
 
 
-def common_window(
-    angle: Signal, reaction: Signal, start: float | None = None, end: float | None = None, ground: Signal | None = None
-) -> tuple[int, int]:
+def common_window(*signals: Stamped, start: float | None = None, end: float | None = None) -> tuple[int, int]:
     """Give the first and the last stamp [ns] of the time that all signals cover, within `start` and `end` [s].
 
     Times before 0 are left out.
@@ -125,12 +140,11 @@ def common_window(
     Raises:
         UsageError: the signals have no time in common, or none within `start` and `end`.
     """
-    spans = [(int(each.stamps[0]), int(each.stamps[-1])) for each in (angle, reaction, ground) if each]
+    spans = list(dict.fromkeys((int(each.stamps[0]), int(each.stamps[-1])) for each in signals))
     first, last = max(0, *(span[0] for span in spans)), min(span[1] for span in spans)
     if first >= last:
         covered = " and ".join(f"{a / NANOSECONDS:g} to {b / NANOSECONDS:g} s" for a, b in spans)
-        what = "kinematics, reactions and ground forces" if ground else "kinematics and reactions"
-        raise UsageError(f"{what} have no time in common: {covered}")
+        raise UsageError(f"the files have no time in common: {covered}")
     begin, stop = (edge if s is None else round(s * NANOSECONDS) for s, edge in ((start, first), (end, last)))
     if max(first, begin) >= min(last, stop):
         options = f"--start {begin / NANOSECONDS:g} --end {stop / NANOSECONDS:g}"
@@ -192,17 +206,18 @@ def write_bag(gait: Gait, folder: Path, origin: dict[str, str]) -> None:
     Raises:
         UsageError: the folder cannot be written.
     """
-    streams = [
-        _joint_messages(gait.joints),
-        _wrenches(gait.reaction, topics.JOINT_REACTION_FORCE, f"tibia_{gait.side[0]}"),
-    ]
-    if gait.ground:
-        streams.append(_wrenches(gait.ground, topics.GROUND_REACTION_FORCE, "ground"))
+    streams = {topics.JOINT_STATES: _joint_messages(gait.joints)}
+    for wrench, topic, frame in (
+        (gait.reaction, topics.JOINT_REACTION_FORCE, f"tibia_{gait.side[0]}"),
+        (gait.ground or NOTHING, topics.GROUND_REACTION_FORCE, "ground"),
+    ):
+        if len(wrench.stamps):
+            streams[topic] = _wrenches(wrench, topic, frame)
     with BagWriter(folder / f"{folder.name}_0.mcap") as bag:
-        for topic in (*topics.INPUTS, topics.GROUND_REACTION_FORCE)[: len(streams)]:
+        for topic in streams:
             bag.add_topic(f"/{topic}", topics.MESSAGE_TYPES[topic])
         bag.add_metadata(ORIGIN, origin)
-        for stamp, topic, data in heapq.merge(*streams, key=itemgetter(0)):
+        for stamp, topic, data in heapq.merge(*streams.values(), key=itemgetter(0)):
             bag.write(f"/{topic}", stamp, data)
 
 
@@ -210,8 +225,13 @@ def _joint_messages(joints: dict[str, Signal]) -> Iterator[tuple[int, str, bytes
     """Yield stamp [ns], topic and bytes of a JointState for every stamp."""
     names, signals = tuple(joints), list(joints.values())
     angles, rates = (np.column_stack([joint.values[:, column] for joint in signals]) for column in (0, 1))
-    for stamp, angle, rate in _rows(signals[0].stamps, angles, rates):
-        message = JointState(stamp, "", names, tuple(angle), tuple(rate), ())
+    efforts = np.full_like(angles, math.nan)  # of a joint without an actuator
+    for place, joint in enumerate(signals):
+        if joint.values.shape[1] > 2:
+            efforts[:, place] = joint.values[:, 2]
+    known = any(joint.values.shape[1] > 2 for joint in signals)
+    for stamp, angle, rate, effort in _rows(signals[0].stamps, angles, rates, efforts):
+        message = JointState(stamp, "", names, tuple(angle), tuple(rate), tuple(effort) if known else ())
         yield stamp, topics.JOINT_STATES, encode_joint_state(message)
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import json
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -15,7 +14,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from knee_contact_ros.lab import checks, gait_bag, tables
 from knee_contact_ros.lab.gait_bag import Gait, Signal
-from knee_contact_ros.lab.tables import Series, Table
+from knee_contact_ros.lab.tables import Column, Header, Series, Table
 from knee_contact_ros.parameters.files import first_error
 from knee_contact_ros.parameters.schema import Section, one_of
 from knee_contact_ros.streams.topics import NANOSECONDS
@@ -25,16 +24,20 @@ from knee_contact_ros.system.output_files import replace, work_folder
 from knee_contact_ros.system.terminal import say, warn
 
 Bools = NDArray[np.bool_]
-KINDS = {"angle": tables.ANGLE, "reference": tables.ANGLE, "load": tables.FORCE, "moment": tables.MOMENT}
 BEYOND = NANOSECONDS
 """Time [ns] before and behind the loads within which angles are kept: as far as `pairing.angle_delay` reaches"""
+GROUND = ("ground_force_x", "ground_force", "ground_force_z", "ground_torque_x", "ground_torque_y", "ground_torque_z")
+"""Channels of the ground's wrench in the order of its components; of an insole, the second alone"""
+ANGLES, TORQUES = ("angle", "hip", "ankle"), ("assistance", "", "ankle_assistance")
+"""Channels of the joints' angles, and of the torques of their actuators"""
+IMPORTED = (*ANGLES, *filter(None, TORQUES), "load", "moment", *GROUND)
 
 
 class Channel(Section):
     """Column, or weighted sum of columns of a single file."""
 
-    column: str | None = Field(None, min_length=1)
-    columns: dict[str, float] | None = Field(None, min_length=1, description="names with weights")
+    column: Column | None = Field(None, description="name, or place from 1")
+    columns: dict[Column, float] | None = Field(None, min_length=1, description="names or places, with weights")
     unit: str = Field(description="of the sum")
     scale: float = Field(1.0, description="which the sum is multiplied by, as a calibration says")
     offset: float = Field(0.0, description="in `unit`, added at the end, behind scale, sign and direction")
@@ -49,9 +52,9 @@ class Channel(Section):
         return self
 
     @property
-    def weights(self) -> dict[str, float]:
-        """Weights by the names of the columns."""
-        return self.columns if self.columns is not None else {str(self.column): 1.0}
+    def weights(self) -> dict[Column, float]:
+        """Weights by the names or places of the columns."""
+        return self.columns or ({} if self.column is None else {self.column: 1.0})
 
     @property
     def turned(self) -> float:
@@ -59,16 +62,21 @@ class Channel(Section):
         return 1.0
 
 
-class AngleChannel(Channel):
-    """Flexion angle of the knee."""
+class SignedChannel(Channel):
+    """Angle of a joint, torque of its actuator, or a component of the ground's wrench."""
 
-    sign: Annotated[float, one_of(1.0, -1.0)] = Field(1.0, description="1 if it grows in flexion, or -1")
-    joint: str = Field("knee", min_length=1, description="name in joint_states")
+    sign: Annotated[float, one_of(1.0, -1.0)] = Field(1.0, description="1 if it is positive as ours is, or -1")
 
     @property
     def turned(self) -> float:
-        """Sign that makes flexion positive, 1 or -1."""
+        """Sign that makes it positive as ours is, 1 or -1."""
         return self.sign
+
+
+class AngleChannel(SignedChannel):
+    """Flexion angle of the knee."""
+
+    joint: str = Field(gait_bag.JOINT, min_length=1, description="name in joint_states")
 
 
 class LoadChannel(Channel):
@@ -89,12 +97,24 @@ class SensorMap(Section):
 
     table: tables.TableFormat = tables.TableFormat()
     time: tables.TimeColumn = tables.TimeColumn()
-    angle: AngleChannel
+    angle: AngleChannel = Field(description="knee, positive in flexion")
+    hip: SignedChannel | None = Field(None, description="of the thigh to the vertical, positive with the knee ahead")
+    ankle: SignedChannel | None = Field(None, description="positive in dorsiflexion, 0 at a right angle")
+    assistance: SignedChannel | None = Field(
+        None, description="torque of an actuator at the knee, in its angle's sense"
+    )
+    ankle_assistance: SignedChannel | None = Field(None, description="likewise at the ankle")
     reference: AngleChannel | None = Field(None, description="the angle that align holds `angle` against")
     load: LoadChannel | None = None
     moment: Channel | None = Field(
         None, description="frontal moment about the middle of the plateau; > 0 loads the lateral compartment more"
     )
+    ground_force: SignedChannel | None = Field(None, description="vertical force of the ground on the foot, upwards")
+    ground_force_x: SignedChannel | None = Field(None, description="forwards")
+    ground_force_z: SignedChannel | None = Field(None, description="to the right")
+    ground_torque_x: SignedChannel | None = Field(None, description="about the ankle's centre, forwards")
+    ground_torque_y: SignedChannel | None = Field(None, description="likewise, up")
+    ground_torque_z: SignedChannel | None = Field(None, description="likewise, to the right")
     side: Annotated[str, one_of("right", "left")] = "right"
     body_weight: float | None = Field(None, gt=0.0, le=1e5, description="[N]")
     rate: float = Field(0.0, ge=0.0, le=1e4, description="[Hz] both are interpolated at; 0: every row keeps its stamp")
@@ -112,28 +132,48 @@ def import_csv(files: Sequence[Path], map_file: Path, output: Path, *, overwrite
             only if that is impossible, and not just unlikely. Nothing is then written.
     """
     sensors = read_map(map_file)
-    if sensors.load is None:
-        raise UsageError(f"map {map_file}: load: is missing; only align needs none")
+    if not (sensors.load or sensors.ground_force):
+        raise UsageError(f"map {map_file}: load: is missing, or ground_force: for estimate-load; only align needs none")
     gait_bag.check_output(output, overwrite)
-    channels = read_channels(files, sensors, ("angle", "load", "moment"))
-    angle, load = channels["angle"], channels["load"]
-    if fault := checks.impossible(angle, load):
-        raise UsageError(fault)
-    doubtful = checks.doubts(angle, load, sensors.load.unit, sensors.body_weight, sensors.max_gap)
+    channels = read_channels(files, sensors, IMPORTED)
+    doubtful = check(channels, sensors)
     if doubtful and not anyway:
         raise UsageError(f"{doubtful[0]} (--anyway imports it as it is)")
     gait = gait_of(channels, sensors)
     used = {f"file {number}": path for number, path in enumerate(files, start=1)}
     origin = gait_bag.origin_of("CSV", sensors.side, used)
     origin |= {f"columns of {name}": columns for name, columns in gait.columns.items()}
-    origin |= {"map": json.dumps(sensors.model_dump(exclude_defaults=True)), "conversions": "\n".join(gait.notes)}
+    origin |= {"map": sensors.model_dump_json(exclude_defaults=True), "conversions": "\n".join(gait.notes)}
     origin |= {"body_weight": f"{sensors.body_weight:.7g} N"} if sensors.body_weight else {}
     origin |= ({"doubts": "\n".join(doubtful)} if doubtful else {}) | gait_bag.QUANTITIES
+    origin |= gait_bag.LEG_QUANTITIES if gait.ground else {}
     with work_folder(output.parent) as work:
         gait_bag.write_bag(gait, work / output.name, origin)
         replace(work / output.name, output)
     show(channels, gait, sensors, output)
-    warn([*doubtful, *checks.unusual(load, sensors.body_weight)])
+    warn([*doubtful, *(checks.unusual(channels["load"], sensors.body_weight) if sensors.load else [])])
+
+
+def check(channels: dict[str, Series], sensors: SensorMap) -> list[str]:
+    """List what is likely a mistake.
+
+    Raises:
+        UsageError: the values are not those of a leg at all.
+    """
+    load, ground, weight = channels.get("load"), channels.get("ground_force"), sensors.body_weight
+    for name in ANGLES:
+        if name in channels and (fault := checks.impossible(channels[name], load)):
+            raise UsageError(fault)
+    if ground:
+        checks.check_upright(ground.values, ground.where)
+    unit = sensors.load.unit if sensors.load else None
+    doubts = checks.doubts(channels["angle"], load, unit, weight, sensors.max_gap)
+    for name in (*ANGLES[1:], *TORQUES):
+        if name in channels:
+            doubts += checks.joint_doubts(channels[name], is_torque=name in TORQUES)
+    if ground and sensors.ground_force:
+        doubts += checks.ground_doubts(ground, sensors.ground_force.unit, weight)
+    return doubts
 
 
 def read_map(path: Path) -> SensorMap:
@@ -169,49 +209,69 @@ def read_channels(files: Sequence[Path], sensors: SensorMap, wanted: Sequence[st
     Raises:
         UsageError: a unit is wrong, a file cannot be read, or a column is missing, in several files, or not a number.
     """
-    channels: dict[str, Channel] = {name: each for name in wanted if (each := getattr(sensors, name)) is not None}
-    factors, names = {}, {}
-    for name, each in channels.items():
-        factors[name] = tables.factor(each.unit, KINDS[name], f"map: {name}", sensors.body_weight)
-    for path in files:
-        names[path] = tables.names_in(path, sensors.table)
-    homes = {name: _home(channel, name, names) for name, channel in channels.items()}
+    channels: dict[str, Channel] = {name: each for name in wanted if (each := getattr(sensors, name, None)) is not None}
+    factors = {
+        name: tables.factor(each.unit, _kind(name), f"map: {name}", sensors.body_weight)
+        for name, each in channels.items()
+    }
+    columns = [*sensors.time.places, *(column for each in channels.values() for column in each.weights)]
+    headers = {path: tables.header_of(path, columns, sensors.table) for path in files}
+    homes = {name: _home(channel, name, headers) for name, channel in channels.items()}
     read: dict[Path, Table] = {}
     for path in dict.fromkeys(homes.values()):
         needed = [column for name, home in homes.items() if home == path for column in channels[name].weights]
         read[path] = tables.read_columns(path, list(dict.fromkeys(needed)), sensors.time, sensors.table)
+    if len({table.counted for table in read.values()}) > 1 or (len(read) > 1 and not sensors.time.places):
+        raise UsageError(
+            f"{' and '.join(path.name for path in read)} must have times of one clock: some count rows or frames, or "
+            "tell the time of day, and others do not; or one file has all"
+        )
+    begin = min(int(table.stamps[0]) for table in read.values())
+    for path, table in read.items():
+        if table.counted:
+            offset = round(sensors.time.offset * NANOSECONDS)
+            read[path] = table._replace(stamps=table.stamps - begin + offset)
     leave_out = sensors.missing == "leave_out"
     return {name: _series(name, each, read[homes[name]], factors[name], leave_out) for name, each in channels.items()}
 
 
-def _home(channel: Channel, name: str, names: dict[Path, tuple[str, ...]]) -> Path:
-    """Find the only file that has a channel's columns; `names` are the columns of each file."""
-    candidates = [path for path in names if fnmatchcase(path.name, channel.file or "*")]
+def _kind(name: str) -> str:
+    """Quantity of a channel."""
+    if name in (*ANGLES, "reference"):
+        return tables.ANGLE
+    return tables.MOMENT if name == "moment" or "torque" in name or "assistance" in name else tables.FORCE
+
+
+def _home(channel: Channel, name: str, headers: dict[Path, Header]) -> Path:
+    """Find the only file that has a channel's columns, by the names of the columns of each file."""
+    candidates = [path for path in headers if fnmatchcase(path.name, channel.file or "*")]
     if not candidates:
-        given = ", ".join(path.name for path in names)
+        given = ", ".join(path.name for path in headers)
         raise UsageError(f"map: {name}.file: no file is named as {channel.file}; given are {given}")
-    homes = [path for path in candidates if set(channel.weights) <= set(names[path])]
+    lacking = {path: [column for column in channel.weights if not headers[path].places(column)] for path in candidates}
+    homes = [path for path in candidates if not lacking[path]]
     if len(homes) == 1:
         return homes[0]
     if homes:
-        both = " and ".join(path.name for path in homes)
-        raise UsageError(f"map: {name}: {both} both have {', '.join(channel.weights)}; say which with {name}.file")
-    best = max(candidates, key=lambda path: len(set(channel.weights) & set(names[path])))
-    missing = next(column for column in channel.weights if column not in names[best])
-    everywhere = list(dict.fromkeys(column for path in candidates for column in names[path]))
+        both, columns = " and ".join(path.name for path in homes), ", ".join(map(str, channel.weights))
+        raise UsageError(f"map: {name}: {both} both have {columns}; say which with {name}.file")
+    best = min(candidates, key=lambda path: len(lacking[path]))
+    missing = lacking[best][0]
     fault = f"none of {', '.join(path.name for path in candidates)} has a column"
-    if len(candidates) == 1 or missing in everywhere:
+    if len(candidates) == 1 or any(missing not in columns for columns in lacking.values()):
         fault = f"{best} has no column"
-    raise UsageError(f"{fault} {missing} (map: {name}); {tables.meant(missing, everywhere)}")
+    everywhere = list(dict.fromkeys(column for path in candidates for column in headers[path].names))
+    raise UsageError(f"{fault} {missing} (map: {name}); {tables.meant(str(missing), everywhere)}")
 
 
 def _series(name: str, channel: Channel, table: Table, to_si: float, leave_out: bool) -> Series:
     """Sum the columns of a channel, in SI units and in our sign; `leave_out` rows without a number."""
-    if isinstance(channel, AngleChannel) and table.degrees is not None:
+    if _kind(name) == tables.ANGLE and table.degrees is not None:
         says, header = ("deg", "yes") if table.degrees else ("rad", "no")
         if channel.unit in {"deg", "rad"} - {says}:
             raise UsageError(f"{table.path} says inDegrees={header}, and map: {name}.unit {channel.unit}")
-    places = [table.names.index(column) for column in channel.weights]
+    _check_units(name, channel, table)
+    places = [table.names.index(str(column)) for column in channel.weights]
     numbers = np.isfinite(table.values[:, places])
     there: Bools = np.asarray(numbers.all(axis=1))
     rows, lost = len(there), np.count_nonzero(~there)
@@ -224,68 +284,116 @@ def _series(name: str, channel: Channel, table: Table, to_si: float, leave_out: 
         )
     if rows - lost < 2:
         raise UsageError(f"{table.path} has {rows - lost} row with numbers for {name}; a signal over time needs two")
-    notes = [f"{name}: {lost} of {rows} rows left out, as a number is missing"] * bool(lost)
+    notes = [*table.notes, *["times count from the first row"] * table.counted]
+    notes += [f"{name}: {lost} of {rows} rows left out, as a number is missing"] * bool(lost)
     notes += [f"{name}: {table.duplicates} rows gave way to the next of the same time"] * bool(table.duplicates)
     weights = np.array(list(channel.weights.values()))
     values = (table.values[there][:, places] @ weights) * (to_si * channel.scale * channel.turned)
-    words = " + ".join(column if w == 1.0 else f"{w:g} {column}" for column, w in channel.weights.items())
+    words = " + ".join(str(column) if w == 1.0 else f"{w:g} {column}" for column, w in channel.weights.items())
     if channel.offset:
         values += to_si * channel.offset
         notes.append(f"{name}: {channel.offset:g} {channel.unit} added (offset)")
     return Series(name, table.path, words, table.stamps[there], values, tuple(notes))
 
 
+def _check_units(name: str, channel: Channel, table: Table) -> None:
+    """Refuse a unit of the map that is not the one which the file itself has for a column."""
+    known, ours = tables.UNITS[_kind(name)], tables.ALIASES.get(channel.unit, channel.unit)
+    for column, weight in channel.weights.items():
+        said = table.units.get(column, "")
+        theirs = tables.ALIASES.get(said, said)
+        if theirs in known and theirs != ours and abs(weight * channel.scale) == 1.0:
+            raise UsageError(f"{table.path} says {said} of column {column}, and map: {name}.unit {channel.unit}")
+
+
 def gait_of(channels: dict[str, Series], sensors: SensorMap) -> Gait:
-    """Make angles and reactions over the time that angle and load have in common.
+    """Make angles, reactions and ground forces over the time that all channels have in common.
 
     Raises:
         UsageError: there is no such time, or fewer than two samples are left.
     """
-    angle, load, moment = channels["angle"], channels["load"], channels.get("moment")
-    notes = [note for series in channels.values() for note in series.notes]
-    wrench = np.zeros((len(load.values), 6))
-    wrench[:, 1] = 0.0 - load.values  # no minus zero
-    if moment:
-        if moment.stamps[0] > load.stamps[0] or moment.stamps[-1] < load.stamps[-1]:
-            raise UsageError(f"{moment.where} spans less than the load")
-        wrench[:, 3] = np.interp(load.stamps, moment.stamps, moment.values)
-    flexion, reaction = Signal(angle.stamps, angle.values[:, None]), Signal(load.stamps, wrench)
-    early = int(np.count_nonzero(load.stamps < 0))
-    notes += [f"{early} rows of the load lie before time 0, which no stamp does, and are left out"] * (early > 0)
-    window = gait_bag.common_window(flexion, reaction)
-    notes += gait_bag.gaps("angle", angle.stamps, sensors.max_gap) + gait_bag.gaps("load", load.stamps, sensors.max_gap)
+    notes = list(dict.fromkeys(note for series in channels.values() for note in series.notes))
+    wrenches: dict[str, Signal] = {}
+    for name, parts in (("load", ("", "load", "", "moment", "", "")), ("ground_force", GROUND)):
+        if name in channels:
+            wrenches[name] = _wrench(channels, parts, channels[name].stamps)
+    early = {name: int(np.count_nonzero(wrench.stamps < 0)) for name, wrench in wrenches.items()}
+    window = gait_bag.common_window(*channels.values())
+    for name, series in channels.items():
+        notes += gait_bag.gaps(name, series.stamps, sensors.max_gap)
     if sensors.rate:
         stamps = gait_bag.grid(window, sensors.rate)
-        stamps = stamps[
-            np.all([gait_bag.bridged(stamps, each.stamps, sensors.max_gap) for each in (angle, load)], axis=0)
-        ]
+        known = [gait_bag.bridged(stamps, each.stamps, sensors.max_gap) for each in channels.values()]
+        stamps = stamps[np.all(known, axis=0)]
         if len(stamps) < 2:
             raise UsageError(f"map: rate {sensors.rate:g}: fewer than two samples lie outside gaps (max_gap)")
-        flexion, reaction = flexion.at(stamps), reaction.at(stamps)
-        notes.append(f"both interpolated linearly at {sensors.rate:g} Hz, and nothing where a gap is")
+        at, wrenches = stamps, {name: wrench.at(stamps) for name, wrench in wrenches.items()}
+        words = "both" if len(channels) == 2 else "all"
+        notes.append(f"{words} interpolated linearly at {sensors.rate:g} Hz, and nothing where a gap is")
     else:
-        reaction = gait_bag.within(reaction, window)
-        flexion = flexion.inside((max(0, window[0] - BEYOND), window[1] + BEYOND))
-        outside = len(load.stamps) - early - len(reaction.stamps)
-        notes += [f"{outside} rows of the load left out: no angle at their time"] * (outside > 0)
+        for name, wrench in wrenches.items():
+            wrenches[name] = gait_bag.within(wrench, window)
+            outside = len(wrench.stamps) - early[name] - len(wrenches[name].stamps)
+            lacking = "no angle" if len(channels) == 2 else "not all channels"
+            quantity = name.replace("_", " ")
+            notes += [f"{outside} rows of the {quantity} left out: {lacking} at their time"] * (outside > 0)
+        first, last = gait_bag.common_window(*(channels[name] for name in (*ANGLES, *TORQUES) if name in channels))
+        edges = max(first, window[0] - BEYOND), min(last, window[1] + BEYOND)
+        at = channels["angle"].stamps
+        at = at[(at >= edges[0]) & (at <= edges[1])]
+    for name, rows in early.items():
+        words = f"{rows} rows of the {name.replace('_', ' ')} lie before time 0, which no stamp does, and are left out"
+        notes += [words] * (rows > 0)
+    reaction, ground = wrenches.get("load", gait_bag.NOTHING), wrenches.get("ground_force")
+    if ground and sensors.side == "left":
+        ground = Signal(ground.stamps, ground.values * gait_bag.MIRROR)
+        notes += ["ground: left leg mirrored to a right one (force z, torque x and y turned)"] * len(wrenches)
     columns = {name: series.columns for name, series in channels.items()}
-    return Gait(sensors.side, {sensors.angle.joint: flexion.with_rate()}, reaction, columns, notes)
+    return Gait(sensors.side, _joints(channels, sensors.angle.joint, at), reaction, columns, notes, ground)
+
+
+def _joints(channels: dict[str, Series], knee: str, stamps: tables.Stamps) -> dict[str, Signal]:
+    """Angles, rates and torques of the joints at stamps [ns], by their names in the bag."""
+    joints = {}
+    for name, torque in zip(ANGLES, TORQUES, strict=True):
+        if name in channels:
+            angle = _signal(channels[name]).at(stamps).with_rate()
+            efforts = [_signal(channels[each]).at(stamps).values for each in (torque,) if each in channels]
+            joints[knee if name == "angle" else name] = Signal(stamps, np.hstack([angle.values, *efforts]))
+    return joints
+
+
+def _signal(series: Series) -> Signal:
+    return Signal(series.stamps, series.values[:, None])
+
+
+def _wrench(channels: dict[str, Series], parts: Sequence[str], stamps: tables.Stamps) -> Signal:
+    """Make a wrench at stamps [ns]; of the ground, what is not measured is not a number."""
+    wrench = np.full((len(stamps), 6), np.nan if parts is GROUND else 0.0)
+    for place, name in enumerate(parts):
+        if name in channels:
+            wrench[:, place] = _signal(channels[name]).at(stamps).values[:, 0]
+    if parts is not GROUND:
+        wrench[:, 1] = 0.0 - wrench[:, 1]  # no minus zero
+    return Signal(stamps, wrench)
 
 
 def show(channels: dict[str, Series], gait: Gait, sensors: SensorMap, bag: Path) -> None:
     """Print the columns, the ranges of their values, what was left out, and where the bag is."""
-    angle, load = np.degrees(gait.angle.values[:, 0]), -gait.reaction.values[:, 1]
-    weight = f" ({load.max() / sensors.body_weight:.2f} BW)" if sensors.body_weight else ""
-    at = gait.reaction.stamps[int(load.argmax())] / NANOSECONDS
-    ranges = {
-        "angle": f"{gait.angle.span}, {angle.min():.1f} to {angle.max():.1f} deg",
-        "load": f"{gait.reaction.span}, largest {load.max():.1f} N{weight} at {at:.3f} s",
-    }
+    ranges = {}
+    for name, signal in zip(ANGLES, gait.joints.values(), strict=False):
+        low, high = np.degrees([signal.values[:, 0].min(), signal.values[:, 0].max()])
+        ranges[name] = f"{signal.span}, {low:.1f} to {high:.1f} deg"
+    for name, wrench in ("load", gait.reaction), ("ground_force", gait.ground):
+        if wrench and len(wrench.stamps):
+            force = np.abs(wrench.values[:, 1])
+            weight = f" ({force.max() / sensors.body_weight:.2f} BW)" if sensors.body_weight else ""
+            at = wrench.stamps[int(force.argmax())] / NANOSECONDS
+            ranges[name] = f"{wrench.span}, largest {force.max():.1f} N{weight} at {at:.3f} s"
     rows = []
     for name, series in channels.items():
         rows.append((name, f"{series.columns} of {series.path.name}"))
-        if name in ranges:
-            rows.append(("", ranges[name]))
+        rows += [("", ranges[name])] if name in ranges else []
     gait_bag.show(rows)
     for line in ("", *(f"- {note}" for note in gait.notes), *[""][: len(gait.notes)], f"Bag: {bag}"):
         say(line, hang=2)

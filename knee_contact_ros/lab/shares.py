@@ -24,16 +24,16 @@ from scipy.optimize import lsq_linear
 from knee_contact_ros import __version__
 from knee_contact_ros.joint_reaction.compartments import MeasuredShare, ShareTable
 from knee_contact_ros.joint_reaction.estimator import LEAST_PEAK, MOST_PEAK, STIFF
-from knee_contact_ros.lab.fit_files import read_number_table, write_complete
+from knee_contact_ros.lab.tables import TableFormat, TimeColumn, header_of, read_columns
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_LOAD
-from knee_contact_ros.model.types import Floats
+from knee_contact_ros.model.types import NANOSECOND, Floats
 from knee_contact_ros.parameters.files import SHARE_COLUMNS, read_share_table
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.output_files import refuse_existing
+from knee_contact_ros.system.output_files import refuse_existing, write_complete
 from knee_contact_ros.system.terminal import WIDTH, say, shown
 
-TERM = re.compile(r"\s*([+-])?\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)\s*\*?\s*)?([A-Za-z_]\w*)\s*")
-"""A term of a sum: sign, factor, column"""
+TERM = re.compile(r"\s*([+-])?\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)\s*\*?\s*)?([^\W\d]\w*|'[^']+'|\"[^\"]+\")\s*")
+"""A term of a sum: sign, factor, column, in quotes if it has other signs than letters and digits"""
 FEWEST = 20
 """The least number of samples of a trial"""
 LEAST_FLEXION = -10.0
@@ -125,60 +125,60 @@ def read_trial(paths: Sequence[Path], wanted: Wanted, body_weight: float) -> Tri
         UsageError: a file cannot be read, a column is missing or twice, times do not increase or do not overlap, or
             values cannot be those of a knee.
     """
-    name, files = paths[0].stem, [_read_file(path, wanted.time) for path in paths]
-    times = [file[wanted.time] for file in files]
+    name = paths[0].stem
+    sums = {"--axial": wanted.axial, "--medial": wanted.medial, "--flexion": wanted.flexion}
+    terms = {option: _terms(option, text) for option, text in sums.items()}
+    needed = list(dict.fromkeys(column for each in terms.values() for _, column in each))
+    times: list[Any] = []
+    found: dict[str, tuple[Floats, Floats]] = {}
+    known: list[str] = []
+    for path in paths:
+        header = header_of(path, [wanted.time, *needed], TableFormat())
+        header.place(wanted.time)
+        known += header.names
+        table = read_columns(
+            path, [each for each in needed if header.places(each)], TimeColumn(column=wanted.time), TableFormat()
+        )
+        times.append(table.stamps * NANOSECOND)
+        for place, column in enumerate(table.names):
+            if column in found:
+                raise UsageError(f"{path}: column {column} is in another file of trial {name}, too")
+            if not np.isfinite(table.values[:, place]).all():
+                raise UsageError(f"{path}: column {column} of trial {name} has values that are no numbers")
+            found[column] = times[-1], table.values[:, place]
     first, last = max(time[0] for time in times), min(time[-1] for time in times)
     kept = times[0][(times[0] >= first) & (times[0] <= last)]
     if len(kept) < FEWEST:
         raise UsageError(
             f"trial {name}: {len(kept)} samples at which all files have some; at least {FEWEST} are needed"
         )
-    known: dict[str, Floats] = {}
-    for file, time, path in zip(files, times, paths, strict=True):
-        for column, values in file.items():
-            if column != wanted.time and column in known:
-                raise UsageError(f"{path}: column {column} is in another file of trial {name}, too")
-            known[column] = np.interp(kept, time, values)
-    sums = {"--axial": wanted.axial, "--medial": wanted.medial, "--flexion": wanted.flexion}
-    axial, medial, flexion = (_sum(option, text, known, name) for option, text in sums.items())
+    for option, each in terms.items():
+        for _, column in each:
+            if column not in found:
+                raise UsageError(f"{option}: trial {name} has no column {column}; it has {', '.join(known)}")
+    axial, medial, flexion = (
+        sum((weight * np.interp(kept, *found[column]) for weight, column in each), np.zeros(len(kept)))
+        for each in terms.values()
+    )
     flexion = np.radians(flexion) if wanted.degrees else flexion
     hint = "" if wanted.degrees else "; --angle-unit deg, if it is in degrees"
     _refuse_impossible(name, flexion, axial, medial, body_weight, hint)
     return Trial(name, flexion, axial / body_weight, medial / body_weight, body_weight)
 
 
-def _read_file(path: Path, clock: str) -> dict[str, Floats]:
-    """Read the columns of a file, by name; refuse times that do not grow."""
-    table = read_number_table(path)
-    if not len(table.rows):
-        raise UsageError(f"{path}: it must hold a line of column names, and rows of numbers")
-    columns = dict(zip(table.names, table.rows.T, strict=True))
-    if clock not in columns:
-        raise UsageError(f"{path} has no column {clock}; it has {', '.join(columns)}")
-    if not np.isfinite(columns[clock]).all():
-        raise UsageError(f"{path}: column {clock} has values that are no numbers")
-    if not (np.diff(columns[clock]) > 0.0).all():
-        raise UsageError(f"{path}: column {clock} does not grow")
-    return columns
-
-
-def _sum(option: str, text: str, known: dict[str, Floats], trial: str) -> Floats:
-    """Compute a weighted sum of columns."""
-    place, total = 0, np.zeros(len(next(iter(known.values()))))
+def _terms(option: str, text: str) -> list[tuple[float, str]]:
+    """Read a weighted sum of columns: weights and names."""
+    place, terms = 0, []
     while place < len(text):
         term = TERM.match(text, place)
         if term is None or (place and not term[1]):
             raise UsageError(f"{option} {text!r}: it must be a sum of columns, as '0.98 am + 0.97 pm - al'")
-        sign, factor, column = term.groups()
-        if column not in known:
-            raise UsageError(f"{option}: trial {trial} has no column {column}; it has {', '.join(known)}")
-        if not np.isfinite(known[column]).all():
-            raise UsageError(f"{option}: column {column} of trial {trial} has values that are no numbers")
-        total += (-1.0 if sign == "-" else 1.0) * float(factor or 1.0) * known[column]
+        sign, weight, column = term.groups()
+        terms.append(((-1.0 if sign == "-" else 1.0) * float(weight or 1.0), column.strip("'\"")))
         place = term.end()
-    if not place:
+    if not terms:
         raise UsageError(f"{option}: it must be a sum of columns")
-    return total
+    return terms
 
 
 def _refuse_impossible(trial: str, flexion: Floats, axial: Floats, medial: Floats, weight: float, unit: str) -> None:

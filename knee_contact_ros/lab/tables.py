@@ -1,12 +1,13 @@
-"""Columns over time from files of numbers: OpenSim's storage files (.sto, .mot) and text tables.
+"""Columns over time from files of numbers: OpenSim's storage files (.sto, .mot), text tables and Parquet files.
 
 A storage file has a header that ends with `endheader`, a line of column names, and numbers. In text tables columns may
-be separated by commas, semicolons, tabs or spaces, numbers have decimal points or commas, and a byte order mark or
-lines before the names may be there. They are read row by row, so that only the selected columns must fit in memory.
+be separated by commas, semicolons, tabs or spaces, numbers have decimal points or commas, and lines before and behind
+the names may be there. They are read row by row, so that only the selected columns must fit in memory.
 """
 
 from __future__ import annotations
 
+import codecs
 import csv
 import difflib
 import io
@@ -15,6 +16,8 @@ import re
 from array import array
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from datetime import date
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, NamedTuple
 
@@ -25,12 +28,14 @@ from pydantic import Field
 from knee_contact_ros.parameters.schema import Section, one_of
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import open_regular
+from knee_contact_ros.system.files import open_regular, require
 
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
+Column = str | int
+"""Name of a column, or its place from 1"""
 
-STORAGES = {".sto", ".mot"}
+STORAGES, PARQUETS = {".sto", ".mot"}, {".parquet", ".pq"}
 END = "endheader"
 LAST_TIME = 2**31
 """First time [s] that a ROS stamp cannot hold"""
@@ -41,6 +46,11 @@ MOST_STANDING = 0.1
 LONGEST_LINE = 2**20
 """Largest number of characters in a line of a text table"""
 COMMENT = "#"
+SEARCHED = 300
+"""Number of lines at the beginning of a text table among which its names are looked for"""
+HALF_DAY, DAY = 43_200.0, 86_400.0
+"""[s]"""
+WINDOWS = "cp1252"
 POUND_FORCE, KILOPOND, INCH = 4.4482216152605, 9.80665, 0.0254
 TIME, ANGLE, FORCE, MOMENT = "time", "angle", "force", "moment"
 BODY_WEIGHT, PERCENT = "BW", "%BW"
@@ -53,6 +63,11 @@ DECIMAL_COMMA = re.compile(r"[-+]?(?:0,\d+|\d+,(?:\d{1,2}|\d{4,}))")
 """Numbers whose comma is no thousands mark"""
 BEGINS = re.compile(r"\s*[-+]?(?:\.?\d|nan\b|inf)", re.IGNORECASE)
 """Begin of a line of numbers"""
+CLOCK = re.compile(
+    r"(?:(\d{4})-(\d\d)-(\d\d)[ T]+|\d[\d./-]*[ T]+)?(?:(\d{1,2}):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)"
+    r"(?: *(?:Z|UTC|[-+]\d\d:?\d\d))?"
+)
+"""A time of day: an ISO date or another one, hours, minutes, seconds, zone; only minutes and seconds must be there"""
 SOME = 3
 """Number of cells from which a column's way to write numbers is told"""
 UNITS = {
@@ -86,14 +101,25 @@ class Table(NamedTuple):
     """Number of rows that were left out for a later one of the same stamp"""
     words: Mapping[tuple[int, str], str] = {}
     """Cells of a storage file that are no numbers, and NaN in `values`, by stamp and column"""
+    counted: bool = False
+    """Whether times are frames or times of day, which begin anywhere"""
+    units: Mapping[Column, str] = {}
+    """What the file says of the units of columns"""
+    notes: tuple[str, ...] = ()
+    """How the file was read, as sentences"""
 
-    def columns(self, names: Sequence[str]) -> Floats:
+    def columns(self, names: Sequence[Column]) -> Floats:
         """Return columns by their names, shape (n, columns).
 
         Raises:
             UsageError: a column is not there or there twice.
         """
-        return self.values[:, [_place(name, self.names, self.path) for name in names]]
+        return self.values[:, [self.header.place(name) for name in names]]
+
+    @property
+    def header(self) -> Header:
+        """Names of the columns."""
+        return Header(self.path, self.names)
 
     def column(self, name: str) -> Floats:
         """Return a column by its name, shape (n,).
@@ -101,7 +127,7 @@ class Table(NamedTuple):
         Raises:
             UsageError: the column is not there or there twice, or has a value that is not finite.
         """
-        values = self.values[:, _place(name, self.names, self.path)]
+        values = self.values[:, self.header.place(name)]
         if not np.isfinite(values).all():
             row = int(np.argmin(np.isfinite(values)))
             cell = self.words.get((int(self.stamps[row]), name), values[row])
@@ -147,32 +173,72 @@ class Series(NamedTuple):
 
 
 class TableFormat(Section):
-    """Format of the text files, where it cannot be recognised."""
+    """Format of the files, where it cannot be recognised."""
 
-    header_line: int | None = Field(None, ge=1, description="line with the names; default: the first with content")
-    first_line: int | None = Field(None, ge=2, description="line of the first row; default: the one after the names")
+    header_line: int | None = Field(
+        None, ge=1, description="line with the names; default: the one with most of the names that the map has"
+    )
+    first_line: int | None = Field(None, ge=2, description="line of the first row; default: the first with a number")
     delimiter: str | None = Field(None, min_length=1, max_length=1, description="default: as the names are divided")
     decimal: Annotated[str, one_of("auto", ".", ",")] = Field(
         "auto", description="auto: a comma where columns are not divided by commas"
     )
+    encoding: str = Field("auto", description="as Python names it; auto: UTF-8, UTF-16 by its mark, or Windows-1252")
+    rows: dict[str, str | int | float] = Field({}, description="take only rows with these values in these columns")
 
 
 class TimeColumn(Section):
-    """Column with the time of each row."""
+    """Time of each row."""
 
-    column: str = Field("time", min_length=1)
+    column: Column = Field("time", description="numbers of `unit`, times of day, or with `rate` frames")
     unit: str = "s"
+    rate: float | None = Field(
+        None, gt=0.0, le=1e6, description="[Hz] of the frames in `column`, or without `column` of the rows"
+    )
     offset: float = Field(0.0, description="[s] added, so that recordings with large times begin near 0")
+
+    @property
+    def places(self) -> list[Column]:
+        """The column, if there is one."""
+        return [] if self.rate and "column" not in self.model_fields_set else [self.column]
 
 
 class Header(NamedTuple):
-    """Names of a text file's columns, and its delimiter."""
+    """Names of a file's columns, and how its lines are divided."""
 
+    path: Path
     names: tuple[str, ...]
-    line: int
-    """Number of the line that has the names, counted from 1"""
-    delimiter: str
+    line: int = 0
+    """Number of the line that has the names, counted from 1; 0: there is none"""
+    delimiter: str = ""
     """Character between columns; a space stands for any number of blanks"""
+    encoding: str = ""
+    above: tuple[tuple[str, ...], ...] = ()
+    """Lines right above the names that are divided as they are, such as of sensors that have columns X, Y, Z each"""
+
+    def places(self, name: Column) -> list[int]:
+        """Indices of the columns that a place from 1 or a name means: `X`, or `KneeAngles.X` with the one above it."""
+        if isinstance(name, int):
+            return [name - 1] if 1 <= name <= len(self.names) else []
+        found = [place for place, each in enumerate(self.names) if each == name]
+        return found or [place for place in range(len(self.names)) if name in self.qualified(place)]
+
+    def qualified(self, place: int) -> list[str]:
+        """Names of a column with those above it, also without what is before their colon."""
+        above = [line[place] for line in self.above if line[place]]
+        names = dict.fromkeys(each for name in above for each in (name, name.rpartition(":")[2]))
+        return [f"{name}.{self.names[place]}" for name in names]
+
+    def place(self, name: Column) -> int:
+        """Index of a column; refuse one that is not there, or there twice."""
+        found = self.places(name)
+        if len(found) > 1:
+            full = [self.qualified(place)[:1] for place in found]
+            cure = f"say which: {', '.join(each[0] for each in full)}" if all(full) else "their names must differ"
+            raise UsageError(f"{self.path} has {len(found)} columns {name}; {cure}")
+        if not found:
+            raise UsageError(f"{self.path} has no column {name}; {meant(str(name), self.names)}")
+        return found[0]
 
 
 def factor(unit: str, kind: str, what: str, body_weight: float | None = None) -> float:
@@ -216,7 +282,7 @@ def read_storage(path: Path) -> Table:
     if numbers.shape[1] != len(names):
         raise UsageError(f"{path}: {len(names)} column names, but {numbers.shape[1]} columns")
     degrees = {"yes": True, "no": False}.get(header.get("indegrees", "").lower())
-    table = _over_time(path, names[1:], numbers, degrees)
+    table = _over_time(path, names[1:], _stamps(path, numbers[:, 0]), numbers[:, 1:])._replace(degrees=degrees)
     stamps = {row: round(numbers[row, 0] * NANOSECONDS) for row, _ in words}
     return table._replace(words={(stamps[row], names[place]): cell for (row, place), cell in words.items()})
 
@@ -244,23 +310,27 @@ def _by_cells(path: Path, names: Sequence[str], rows: Sequence[str]) -> tuple[Fl
     return numbers, words
 
 
-def _over_time(path: Path, names: Sequence[str], numbers: Floats, degrees: bool | None = None) -> Table:
-    """Make a table of time [s] and columns `names`, shape (n, 1 + columns).
+def _stamps(path: Path, time: Floats, factor: float = 1.0, offset: float = 0.0) -> Stamps:
+    """Convert times to stamps [ns]; refuse one that is no number, or that a stamp cannot hold."""
+    seconds = time * factor + offset
+    if not np.isfinite(seconds).all() or np.abs(seconds).max() >= LAST_TIME:
+        raise UsageError(f"{path}: a time is not a number of seconds below {LAST_TIME}")
+    return np.rint(seconds * NANOSECONDS).astype(np.int64)
+
+
+def _over_time(path: Path, names: Sequence[str], stamps: Stamps, values: Floats) -> Table:
+    """Make a table of stamps [ns] and columns `names`, shape (n, columns).
 
     Raises:
-        UsageError: a time is no number of seconds, or times decrease.
+        UsageError: times decrease.
     """
-    time = numbers[:, 0]
-    if not np.isfinite(time).all() or np.abs(time).max() >= LAST_TIME:
-        raise UsageError(f"{path}: a time is not a number of seconds below {LAST_TIME}")
-    stamps = np.rint(time * NANOSECONDS).astype(np.int64)
     steps = np.diff(stamps)
     if (steps < 0).any():
         row = int(np.argmax(steps < 0))
-        rows = f"(rows {row + 1}, {row + 2})"
-        raise UsageError(f"{path}: time goes back from {time[row]:.7g} to {time[row + 1]:.7g} s {rows}")
+        before, after = stamps[row : row + 2] / NANOSECONDS
+        raise UsageError(f"{path}: time goes back from {before:.7g} to {after:.7g} s (rows {row + 1}, {row + 2})")
     last = np.append(steps > 0, True)
-    return Table(path, tuple(names), stamps[last], numbers[last, 1:], degrees, int(np.count_nonzero(~last)))
+    return Table(path, tuple(names), stamps[last], values[last], None, int(np.count_nonzero(~last)))
 
 
 def text_of(path: Path) -> str:
@@ -314,18 +384,27 @@ def repaired(text: str, path: Path) -> str:
     return "\n".join([*top, f"inDegrees={header.get('indegrees', 'no')}", END, "\t".join(names), *rows]) + "\n"
 
 
-def names_in(path: Path, table_format: TableFormat) -> tuple[str, ...]:
-    """Names of the columns of a text file or OpenSim storage file, with that of the time.
+def header_of(path: Path, wanted: Collection[Column], table_format: TableFormat) -> Header:
+    """Names of the columns of a file, with that of the time; `wanted` are those that are looked for.
 
     Raises:
         UsageError: the file cannot be read, or has no names.
     """
     if path.suffix.lower() in STORAGES:
-        return (TIME, *read_storage(path).names)
-    return _header(path, table_format).names
+        return Header(path, (TIME, *read_storage(path).names))
+    if path.suffix.lower() not in PARQUETS:
+        return _text_header(path, wanted, table_format)
+    require("tables", "pandas", "pyarrow")
+    import pyarrow as pa
+    from pyarrow.parquet import read_schema
+
+    try:
+        return Header(path, tuple(read_schema(path).names))
+    except (OSError, pa.ArrowException) as error:
+        raise UsageError(f"cannot read {path}: {' '.join(str(error).split())[:200]}") from None
 
 
-def read_columns(path: Path, wanted: Collection[str], time: TimeColumn, table_format: TableFormat) -> Table:
+def read_columns(path: Path, wanted: Sequence[Column], time: TimeColumn, table_format: TableFormat) -> Table:
     """Read the columns `wanted` of a file over time; an empty cell is read as NaN.
 
     Raises:
@@ -335,85 +414,200 @@ def read_columns(path: Path, wanted: Collection[str], time: TimeColumn, table_fo
     to_seconds = factor(time.unit, TIME, "time")
     if path.suffix.lower() in STORAGES:
         storage = read_storage(path)
-        storage.columns(list(wanted))
         stamps = storage.stamps if to_seconds == 1.0 else np.rint(storage.stamps * to_seconds).astype(np.int64)
-        return storage._replace(stamps=stamps + round(time.offset * NANOSECONDS))
-    header = _header(path, table_format)
-    numbers = _numbers(
-        path, header, [_place(name, header.names, path) for name in (time.column, *wanted)], table_format
-    )
+        header = Header(path, (TIME, *storage.names))
+        values = np.column_stack([storage.stamps / NANOSECONDS, storage.values])[:, [header.place(c) for c in wanted]]
+        names = tuple(str(name) for name in wanted)
+        return storage._replace(names=names, values=values, stamps=stamps + round(time.offset * NANOSECONDS))
+    header = header_of(path, [*time.places, *wanted], table_format)
+    places = [header.place(name) for name in (*time.places, *wanted)]
+    numbers, units, by_clock = read_numbers(header, places, table_format, len(time.places))
     if not len(numbers):
         raise UsageError(f"{path} has no rows below its names (line {header.line})")
-    if not np.isfinite(numbers[:, 0]).all():
-        row = int(np.argmin(np.isfinite(numbers[:, 0])))
-        raise UsageError(f"{path}: column {time.column} is {numbers[row, 0]} in row {row + 1}; a time must be there")
-    numbers[:, 0] = numbers[:, 0] * to_seconds + time.offset
-    table = _over_time(path, list(wanted), numbers)
+    stamps, counted = _times(path, time, numbers, by_clock)
+    table = _over_time(path, [str(name) for name in wanted], stamps, numbers[:, len(time.places) :])
     if table.duplicates > MOST_STANDING * len(numbers):
         raise UsageError(
             f"{path}: in {table.duplicates} of {len(numbers)} rows column {time.column} has the value of the next row; "
             f"is it the time, in {time.unit}, with enough digits?"
         )
-    return table
+    odd = header.encoding == WINDOWS and table_format.encoding == "auto"
+    notes = (f"{path.name} is not in UTF-8, and was read as Windows-1252 (table.encoding)",) * odd
+    said = {name: units.get(place, "") or _bracketed(header.names[place]) for name, place in
+            zip(wanted, places[len(time.places) :], strict=True)}  # fmt: skip
+    return table._replace(counted=counted, units=said, notes=notes)
 
 
-def _header(path: Path, table_format: TableFormat) -> Header:
-    """Read the names of a text file's columns; refuse a file that is empty, or has numbers where names should be."""
-    wanted = table_format.header_line
-    with _opened(path) as file:
-        for number, line in enumerate(_lines(file, path), start=1):
-            if (number == wanted) if wanted else (line.strip() and line[0] != COMMENT):
-                break
-        else:
-            raise UsageError(f"{path} has no line {wanted} (table.header_line)" if wanted else f"{path} is empty")
-    delimiter = table_format.delimiter or next((mark for mark in ";\t," if mark in line), " ")
-    cells = line.split() if delimiter == " " else next(csv.reader([line], delimiter=delimiter), [])
-    names = tuple(name.strip() for name in cells)
-    if all(_is_number(name) for name in names if name):
-        raise UsageError(
-            f"{path}: line {number} has numbers, and must have the columns' names; put a line with them on top, or say "
-            "where they are (table.header_line)"
-        )
-    return Header(names, number, delimiter)
+def _times(path: Path, time: TimeColumn, numbers: Floats, by_clock: bool) -> tuple[Stamps, bool]:
+    """Stamps [ns] of rows, and whether they begin anywhere, as frames and times of day do."""
+    if not time.places:
+        numbers = np.arange(len(numbers), dtype=np.float64)[:, None]
+    first = numbers[:, 0]
+    if not np.isfinite(first).all():
+        row = int(np.argmin(np.isfinite(first)))
+        raise UsageError(f"{path}: column {time.column} is {first[row]} in row {row + 1}; a time must be there")
+    if by_clock:
+        return _stamps(path, first, 1.0, time.offset), True
+    if time.rate is None:
+        return _stamps(path, first, factor(time.unit, TIME, "time"), time.offset), False
+    if (first % 1.0).any():
+        odd = first[first % 1.0 > 0.0][0]
+        raise UsageError(f"{path}: column {time.column} has {odd:g}, and with time.rate it must count frames")
+    return _stamps(path, first, 1.0 / time.rate, time.offset), True
 
 
-def _place(name: str, names: Sequence[str], path: Path) -> int:
-    """Index of a column by its name; refuse one that is not there, or there twice."""
-    count = list(names).count(name)
-    if count == 0:
-        raise UsageError(f"{path} has no column {name}; {meant(name, names)}")
-    if count > 1:
-        raise UsageError(f"{path} has {count} columns {name}; their names must differ")
-    return names.index(name)
+def read_numbers(
+    header: Header, places: Sequence[int], table_format: TableFormat, times: int = 0
+) -> tuple[Floats, dict[int, str], bool]:
+    """Read the columns of a Parquet file or text at some places, shape (rows, places), NaN where there is none.
 
+    The first `times` places, 0 or 1, may hold times of day, which become seconds. The others answers are what a row
+    right below the names says in each column, and whether there are times of day.
 
-def _numbers(path: Path, header: Header, places: Sequence[int], table_format: TableFormat) -> Floats:
-    """Read the numbers of the columns at some places, shape (rows, places)."""
+    Raises:
+        UsageError: a cell is no number, or a line has not as many columns as there are names.
+    """
+    if header.path.suffix.lower() in PARQUETS:
+        return _parquet(header, places, table_format), {}, False
     either = table_format.decimal == "auto" and header.delimiter != ","
     decimal = "." if table_format.decimal == "auto" else table_format.decimal
     stated = table_format.decimal != "auto"
-    flat, marks = array("d"), Marks(places)
-    width, first = len(header.names), table_format.first_line or header.line + 1
-    with _opened(path) as file:
-        for line, cells in _rows(file, path, header.delimiter):
-            if line < first or not any(cells) or cells[0].startswith(COMMENT):
+    flat, marks, units, clock = array("d"), Marks(places), dict[int, str](), Clock()
+    for line, cells in _records(header, table_format, units):
+        for number, place in enumerate(places):
+            cell = cells[place].strip()
+            try:
+                if number < times and ":" in cell:
+                    flat.append(clock.seconds(cell))
+                    continue
+                flat.append(_number(cell, "" if either else decimal, strict=not stated))
+            except ValueError:
+                fault = f"{header.path}: line {line}, column {header.names[place]}: {cell[:40]!r} is no number"
+                raise UsageError(fault + (_stated(cell, decimal) if stated else _cause(cell))) from None
+            if not stated:
+                marks.add(place, cell, line)
+    if not stated:
+        marks.check(header.path, header.names)
+    return np.array(flat).reshape(-1, len(places)), units, clock.first is not None
+
+
+def _parquet(header: Header, places: Sequence[int], table_format: TableFormat) -> Floats:
+    """Read the columns at some places of a Parquet file, shape (rows, places)."""
+    import pandas as pd
+
+    filters = [(name, "==", value) for name, value in table_format.rows.items()]
+    for name in table_format.rows:
+        header.place(name)
+    names = [header.names[place] for place in places]
+    try:
+        frame = pd.read_parquet(header.path, columns=list(dict.fromkeys(names)), filters=filters or None)
+        return np.column_stack([frame[name].to_numpy(np.float64) for name in names])
+    except (ValueError, TypeError) as error:
+        fault = " ".join(str(error).split())[:200]
+        raise UsageError(f"{header.path}: {', '.join(names)} must be numbers: {fault}") from None
+
+
+def _text_header(path: Path, wanted: Collection[Column], table_format: TableFormat) -> Header:
+    """Find the names of a text file's columns: the line that has most of those `wanted`, or else the first line.
+
+    They may stand behind a `#`. Raises a `UsageError` for a file that is empty, or has numbers where names should be.
+    """
+    encoding, given = _encoding(path, table_format), table_format.header_line
+    with _opened(path, encoding) as file:
+        lines = list(islice(_lines(file, path), max(SEARCHED, given or 0)))
+    if given and given > len(lines):
+        raise UsageError(f"{path} has no line {given} (table.header_line)")
+    there = [number for number, line in enumerate(lines, start=1) if line.strip()]
+    content = [number for number in there if not lines[number - 1].startswith(COMMENT)]
+    if not content:
+        raise UsageError(f"{path} is empty")
+    delimiters = {n: table_format.delimiter or next((m for m in ";\t," if m in lines[n - 1]), " ") for n in there}
+    names = {number: _cells(lines[number - 1].lstrip(COMMENT), delimiters[number]) for number in there}
+    asked = {name for name in wanted if isinstance(name, str)}
+    asked |= {name.rpartition(".")[2] for name in asked}
+
+    def fits(number: int) -> tuple[int, bool]:
+        return len(asked.intersection(names[number])), number in content
+
+    number = given or max([content[0], *there], key=fits)
+    if not given and not fits(number)[0]:
+        alike = [line for line in there if line < content[0] and len(names[line]) == len(names[content[0]])]
+        number = alike[-1] if alike else content[0]
+        least = max([1, *(name for name in wanted if isinstance(name, int))])
+        full = [line for line in content if len(names[line]) >= least]
+        rows = [line for line in full if all(map(_is_number, filter(None, names[line])))]
+        if not asked and rows:  # columns by their places need no names
+            width = len(names[rows[0]])
+            return Header(path, tuple(map(str, range(1, width + 1))), rows[0] - 1, delimiters[rows[0]], encoding)
+    if all(_is_number(name) for name in names[number] if name):
+        raise UsageError(
+            f"{path}: line {number} has numbers, and must have the columns' names; put a line with them on top, say "
+            "where they are (table.header_line), or name columns by their place (column: 2)"
+        )
+    above = []
+    for line in range(number - 1, 0, -1):
+        cells = _cells(lines[line - 1].lstrip(COMMENT), delimiters[number])
+        if len(cells) < 2:
+            break
+        filled, last = [], ""
+        for cell in (cells + [""] * len(names[number]))[: len(names[number])]:
+            last = cell or last
+            filled.append(last)
+        above.append(tuple(filled))
+    return Header(path, tuple(names[number]), number, delimiters[number], encoding, tuple(above))
+
+
+def _cells(line: str, delimiter: str) -> list[str]:
+    cells = line.split() if delimiter == " " else next(csv.reader([line], delimiter=delimiter), [])
+    return [cell.strip() for cell in cells]
+
+
+def _bracketed(name: str) -> str:
+    """What stands in brackets at the end of a name: its unit."""
+    match = re.search(r"[\[(]([^\[(\])]+)[\])]$", name)
+    return match[1].strip() if match else ""
+
+
+def _records(header: Header, table_format: TableFormat, units: dict[int, str]) -> Iterator[tuple[int, list[str]]]:
+    """Yield number and cells of each row below the names; `units` gets what a row without a number says before them."""
+    width, first, begun = len(header.names), table_format.first_line, False
+    chosen = {header.place(name): str(value) for name, value in table_format.rows.items()}
+    with _opened(header.path, header.encoding) as file:
+        for line, cells in _rows(file, header.path, header.delimiter):
+            if line < (first or header.line + 1) or not any(cells) or cells[0].startswith(COMMENT):
+                continue
+            begun = begun or first is not None or any(_is_number(cell) or CLOCK.fullmatch(cell) for cell in cells)
+            if not begun:
+                units |= {place: cell.strip(" []()") for place, cell in enumerate(cells) if not units.get(place)}
                 continue
             if len(cells) < width or any(cells[width:]):
-                raise UsageError(f"{path}: line {line} has {len(cells)} columns, and the names are {width}")
-            for place in places:
-                try:
-                    flat.append(_number(cells[place], "" if either else decimal, strict=not stated))
-                except ValueError:
-                    fault = (
-                        f"{path}: line {line}, column {header.names[place]}: {cells[place].strip()[:40]!r} is no number"
-                    )
-                    cause = _stated(cells[place], decimal) if stated else _cause(cells, place, line == first)
-                    raise UsageError(fault + cause) from None
-                if not stated:
-                    marks.add(place, cells[place].strip(), line)
-    if not stated:
-        marks.check(path, header.names)
-    return np.array(flat).reshape(-1, len(places))
+                raise UsageError(f"{header.path}: line {line} has {len(cells)} columns, and the names are {width}")
+            if all(cells[place].strip() == value for place, value in chosen.items()):
+                yield line, cells
+
+
+class Clock:
+    """Reads times of day, without dates also over midnight."""
+
+    def __init__(self) -> None:
+        """Begin before the first one."""
+        self.first: int | None = None
+        """Number of the first row's day; None before it"""
+        self._last, self._nights = 0.0, 0
+
+    def seconds(self, cell: str) -> float:
+        """Time [s] from the midnight before the first row; a ValueError if a cell has none."""
+        match = CLOCK.fullmatch(cell)
+        if match is None:
+            raise ValueError
+        year, month, day, hours, minutes, seconds = match.groups()
+        at = 3600.0 * int(hours or 0) + 60.0 * int(minutes) + float(seconds.replace(",", "."))
+        today = date(int(year), int(month), int(day)).toordinal() if year else 0
+        self.first = today if self.first is None else self.first
+        if not year:
+            self._nights += self._last - at > HALF_DAY
+            self._last = at
+        return DAY * (today - self.first + self._nights) + at
 
 
 class Marks:
@@ -442,7 +636,7 @@ class Marks:
                 sign = "point" if mark == ".?" else "comma"
                 raise UsageError(
                     f"{path}: line {line}, column {names[place]}: the {sign} of {cell!r} may be a decimal or a "
-                    "thousands mark; say which mark is the decimal one (table.decimal: '.' or ',')"
+                    "thousands mark; say which mark is the decimal one (table.decimal: '.' or ',' in a map)"
                 )
 
 
@@ -475,27 +669,40 @@ def _stated(cell: str, decimal: str) -> str:
     return f"; table.decimal says {decimal!r}, and digits are not grouped by {other!r}" if other in cell else ""
 
 
-def _cause(cells: Sequence[str], place: int, first: bool) -> str:
-    """Hint at the cause of a cell that has no number; `first`: it is in the first row."""
-    if first and not any(_is_number(cell) for cell in cells if cell.strip()):
-        return "; where the rows begin later, say so (table.first_line)"
-    if GROUPED.fullmatch(cells[place].strip()):
-        return "; say which mark is the decimal one (table.decimal: '.' or ',')"
-    return "; for decimal commas say table.decimal: ','" if "," in cells[place] else ""
+def _cause(cell: str) -> str:
+    """Hint at the cause of a cell that has no number."""
+    if GROUPED.fullmatch(cell):
+        return "; say which mark is the decimal one (table.decimal: '.' or ',' in a map)"
+    return "; for decimal commas say table.decimal: ','" if "," in cell else ""
 
 
-def _opened(path: Path) -> io.TextIOWrapper:
-    """Open a text file in UTF-8, or in UTF-16 if it has the mark; bytes that are neither are replaced."""
+def _encoding(path: Path, table_format: TableFormat) -> str:
+    """Encoding of a text file: the given one; UTF-16 if it has the mark; UTF-8 if it is valid, or else Windows-1252."""
+    given = table_format.encoding
     try:
-        file = open_regular(path)
-        begin = file.peek(4096)[:4096]
+        if given != "auto":
+            return codecs.lookup(given).name
+        decoder = codecs.getincrementaldecoder("utf-8-sig")()
+        with open_regular(path) as file:
+            begin = file.peek(4096)[:4096]
+            if begin[:2] in {b"\xff\xfe", b"\xfe\xff"}:
+                return "utf-16"
+            if b"\0" in begin:
+                raise UsageError(f"{path} is not a text file")
+            while block := file.read(2**20):
+                decoder.decode(block)
+            decoder.decode(b"", final=True)
+    except LookupError:
+        raise UsageError(f"table.encoding {given!r} is not known; as utf-8, cp1252, cp1251, mac-roman") from None
+    except UnicodeDecodeError:
+        return WINDOWS
     except OSError as error:
         raise UsageError(f"cannot read {path}: {error.strerror}") from None
-    encoding = "utf-16" if begin[:2] in {b"\xff\xfe", b"\xfe\xff"} else "utf-8-sig"
-    if b"\0" in begin and encoding != "utf-16":
-        file.close()
-        raise UsageError(f"{path} is not a text file")
-    return io.TextIOWrapper(file, encoding=encoding, errors="replace", newline="")
+    return "utf-8-sig"
+
+
+def _opened(path: Path, encoding: str) -> io.TextIOWrapper:
+    return io.TextIOWrapper(open_regular(path), encoding=encoding, errors="replace", newline="")
 
 
 def _lines(file: io.TextIOWrapper, path: Path) -> Iterator[str]:

@@ -18,7 +18,7 @@ import shlex
 import shutil
 import stat
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
@@ -287,6 +287,25 @@ def write_new(path: Path, data: bytes) -> None:
             with suppress(OSError):
                 path.unlink()
             raise
+
+
+def write_complete(contents: Mapping[Path, bytes]) -> None:
+    """Write files, which get their names when all of them are complete, and replace others.
+
+    Raises:
+        UsageError: one cannot be written.
+    """
+    try:
+        for path, content in contents.items():
+            write_new(partial_name(path), content)
+        for path in contents:
+            partial_name(path).replace(path)
+    except OSError as error:
+        raise UsageError(f"cannot write {path}: {error.strerror}") from None
+    finally:
+        for path in contents:
+            with suppress(OSError):  # its folder may be what cannot be used
+                partial_name(path).unlink()
 
 
 def make_folder(folder: Path) -> None:

@@ -30,7 +30,6 @@ from knee_contact_ros.lab.calibrate.fit import (
     trades,
 )  # fmt: skip
 from knee_contact_ros.lab.calibrate.problem import Data, Free, Problem, Unknown, unknowns_of
-from knee_contact_ros.lab.fit_files import write_complete
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.offline.notebooks import Name, in_python_words
 from knee_contact_ros.parameters.files import load_parameters
@@ -39,7 +38,7 @@ from knee_contact_ros.results import Results
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, LOAD_INPUTS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded
-from knee_contact_ros.system.output_files import refuse_existing, refuse_impossible
+from knee_contact_ros.system.output_files import refuse_existing, refuse_impossible, write_complete
 from knee_contact_ros.system.terminal import WIDTH, progress, say, shown, warn
 
 UNITS = contact.ANSWERS | {load.AXIAL_FORCE: "N"}

@@ -13,7 +13,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from knee_contact_ros.lab.calibrate.problem import STEP, Data, Fittable, Problem, Unknown
-from knee_contact_ros.lab.fit_files import read_number_table
+from knee_contact_ros.lab.gait_bag import digest
+from knee_contact_ros.lab.tables import TableFormat, header_of, read_numbers
 from knee_contact_ros.model.compiler import worth_compiling
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import Floats, Rows, Status, blank
@@ -30,7 +31,7 @@ from knee_contact_ros.results import Results
 from knee_contact_ros.system.errors import UsageError
 
 TIME, ANGLE, LOAD, AXIAL_LOAD, HEIGHT = "time", "flexion_angle", "load", "axial_load", "femoral_height"
-ANSWERS = {"penetration_depth": "m", "contact_force": "N", "gap": "m", HEIGHT: "m"}
+ANSWERS: dict[str, str] = {"penetration_depth": "m", "contact_force": "N", "gap": "m", HEIGHT: "m"}
 """Columns to which the model is fitted, with their units; the height only where it is not prescribed"""
 COLUMNS = (TIME, ANGLE, LOAD, AXIAL_LOAD, *ANSWERS)
 SHARE = "load.share"
@@ -65,20 +66,21 @@ class Measured(Data):
 
 
 def read_measured(path: Path, drive: str) -> Measured:
-    """Read a trial from a CSV file: names in the first line, an empty cell (or nan) where nothing was measured.
+    """Read a trial from a text table, as `import-csv` does; an empty cell (or nan) is where nothing was measured.
 
-    Lines that begin with `#` are ignored. Columns are `time` [s], `flexion_angle` [rad], `load` or `axial_load` [N]
+    Columns are `time` [s], `flexion_angle` [rad], `load` or `axial_load` [N]
     or, with drive displacement, `femoral_height` [m]; and one or more of `ANSWERS`.
 
     Raises:
         UsageError: the file cannot be read or is no such table, or values make no sense.
     """
-    table = read_number_table(path, gaps=True)
-    for place, name in enumerate(table.names):
-        if name in table.names[:place]:
+    header = header_of(path, COLUMNS, TableFormat())
+    for name in header.names:
+        if header.names.count(name) > 1:
             raise UsageError(f"{path}: column {name or repr('')} is there twice")
-    columns = dict(zip(table.names, table.rows.T, strict=True))
-    return replace(measured_from(columns, drive, str(path)), digest=table.digest)
+    numbers, _, _ = read_numbers(header, range(len(header.names)), TableFormat())
+    columns = dict(zip(header.names, numbers.T, strict=True))
+    return replace(measured_from(columns, drive, str(path)), digest=digest(path))
 
 
 def measured_from(table: Mapping[str, ArrayLike] | Any, drive: str, source: str = "table") -> Measured:

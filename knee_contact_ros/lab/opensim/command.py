@@ -195,7 +195,8 @@ def read_knee(side: str, files: Files, settings: Settings, work: Path) -> tuple[
         notes += leg.notes
     ground_force = leg.ground if leg else None
     known = angle.stamps, reaction.stamps
-    window = gait_bag.common_window(angle, reaction, settings.start, settings.end, ground_force)
+    all_signals = [each for each in (angle, reaction, ground_force) if each]
+    window = gait_bag.common_window(*all_signals, start=settings.start, end=settings.end)
     seen, loads = [each.inside(window) if len(each.inside(window).stamps) > 1 else each for each in (angle, reaction)]
     doubtful, unusual = _doubts(seen, loads, files, columns, facts and facts.weight)
     if doubtful and not settings.anyway:
@@ -234,7 +235,7 @@ def _doubts(
     flexion = Series("angle", files.kinematics, columns["angle"], angle.stamps, angle.values[:, 0])
     axial = columns["reaction"].replace(f"({' '.join(results.AXES)})", "fy")
     load = Series("load", files.reactions, axial, reaction.stamps, -reaction.values[:, 1])
-    return checks.doubts(flexion, load, None, weight, results.MAX_GAP), checks.unusual(load, weight)
+    return checks.doubts(flexion, load, None, weight, results.MAX_GAP, mapped=False), checks.unusual(load, weight)
 
 
 def show_knee(gait: Gait, weight: float | None, files: Files, bag: Path) -> None:

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from knee_contact_ros.lab.fit_files import write_complete
 from knee_contact_ros.lab.profiles.fit import GAIT, SLAB, TOLERANCE, Fit, concave, dented, fit
 from knee_contact_ros.lab.profiles.surfaces import Surface, circle, contact_centre, read_surface
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import require
+from knee_contact_ros.system.output_files import write_complete
 
 LABEL = 11
 """Width of the label of a line on the terminal, with the space behind it"""

@@ -226,11 +226,11 @@ WRONG_OPTIONS = [
     ([*FREE_DAMPING, "--namespace", "left"], "a table has columns, and no topics"),
 ]
 DAMAGED_TABLES = [
-    ("", "it has no column time, which drive force needs; it has none"),
+    ("", "is empty"),
     (GOOD, "its columns must be equally long, with one sample or more"),
     (GOOD + "0,0,100,1e-4\n", "1 values are measured, for 1 parameters"),
-    (GOOD + "0,0,100,1e-4\n1,0,100\n", "row 2 does not hold 4 numbers or empty cells: 1,0,100"),
-    (GOOD + "0,0,100,x\n", "row 1 does not hold 4 numbers or empty cells: 0,0,100,x"),
+    (GOOD + "0,0,100,1e-4\n1,0,100\n", "line 3 has 3 columns, and the names are 4"),
+    (GOOD + "0,0,100,x\n", "line 2, column penetration_depth: 'x' is no number"),
     (GOOD + "0,0,100,1e-4\n0,0,100,1e-4\n", "column time must increase, by a nanosecond or more; row 2 does not"),
     (GOOD + "0,0,,1e-4\n1,0,100,1e-4\n", "column load is nan in row 1; an input must be known at every sample"),
     (GOOD + "0,0,100,inf\n1,0,100,1e-4\n", "column penetration_depth is inf in row 1; allowed are numbers"),
@@ -241,7 +241,7 @@ DAMAGED_TABLES = [
     ("time,flexion_angle,load,penetration_dept\n0,0,1,1\n", "penetration_dept is not known; did you mean penetra"),
     ("time,flexion_angle,load,load,gap\n0,0,1,1,1\n", "column load is there twice"),
     ("time,flexion_angle,load,axial_load,gap\n0,0,1,1,1\n", "columns load and axial_load are both there"),
-    ("\N{CENT SIGN}", "not a text file in UTF-8"),
+    ("\N{CENT SIGN}", "column \N{CENT SIGN} is not known; allowed are time"),
 ]
 
 
