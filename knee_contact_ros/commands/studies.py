@@ -50,18 +50,17 @@ def sweep(study: Path, output: str, workers: int | None, scheduler: str) -> None
 @click.argument("study", type=FILE, metavar="STUDY.yaml")
 @click.option(
     "--output", required=True, metavar="DIR",
-    help="Folder of page, pictures, indices.csv and cases. Cases that are there are not computed again.",
+    help="Folder of pictures, indices.csv and cases. Cases that are there are not computed again.",
 )  # fmt: skip
 @on_workers
 def sensitivity(study: Path, output: str, workers: int | None, scheduler: str) -> None:
     """Find out which parameters matter.
 
-    Indices of Sobol or Morris, with intervals, of depth, pressure, bone contact and force: in a page with figures. A
+    Indices of Sobol or Morris, with intervals, of depth, pressure, bone contact and force: a table and pictures. A
     study is as for sweep, with `sensitivity` (method, n, ranges) in the place of `sample`.
     """
     require("sweep", "pyarrow", "distributed", "fsspec", "SALib", "matplotlib")
-    require("report", "jinja2")
-    from knee_contact_ros.lab.sensitivity_page import run_sensitivity
+    from knee_contact_ros.lab.sensitivity_study import run_sensitivity
 
     run_sensitivity(study, output, workers or 0, scheduler)
 

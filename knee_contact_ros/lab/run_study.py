@@ -322,7 +322,7 @@ class Shards:
         """
         self.url, self.run = url, run
         with self.errors():
-            self._files, self._folder = fsspec.core.url_to_fs(url, use_listings_cache=False)
+            self.files, self.folder = fsspec.core.url_to_fs(url, use_listings_cache=False)
 
     def make(self, note: str, text: str) -> None:
         """Make the folder, if it does not exist, and write the note (`note_of`) into it.
@@ -334,17 +334,17 @@ class Shards:
         with self.errors():
             new = not self.has("")
             try:
-                self._files.makedirs(self._folder, exist_ok=True)
+                self.files.makedirs(self.folder, exist_ok=True)
                 self.put(note, text.encode())
             except Exception:
                 with suppress(Exception):
                     if new:
-                        self._files.rmdir(self._folder)
+                        self.files.rmdir(self.folder)
                 raise
 
     def has(self, name: str) -> bool:
         """Whether the folder has a file."""
-        return bool(self._files.exists(f"{self._folder}/{name}".rstrip("/")))
+        return bool(self.files.exists(f"{self.folder}/{name}".rstrip("/")))
 
     @contextmanager
     def errors(self) -> Iterator[None]:
@@ -386,13 +386,13 @@ class Shards:
         Raises:
             UsageError: the folder holds something else.
         """
-        place = f"{self._folder}/{folder}".rstrip("/")
+        place = f"{self.folder}/{folder}".rstrip("/")
         with self.errors():
-            if not self._files.exists(place):
+            if not self.files.exists(place):
                 return []
-            if not self._files.isdir(place):
+            if not self.files.isdir(place):
                 raise UsageError(f"output {self.url}: it is no folder")
-            entries = [PurePosixPath(name.rstrip("/")).name for name in self._files.ls(place, detail=False)]
+            entries = [PurePosixPath(name.rstrip("/")).name for name in self.files.ls(place, detail=False)]
         names = sorted(name for name in entries if not name.startswith(("_", ".")))
         for name in names:
             if not (name.startswith("cases-") and name.endswith(".parquet")):
@@ -410,7 +410,7 @@ class Shards:
             UsageError: it is damaged, or no shard.
         """
         try:
-            content = self._files.cat_file(f"{self._folder}/{name}")
+            content = self.files.cat_file(f"{self.folder}/{name}")
             return pq.read_table(pa.BufferReader(content), columns=list(columns) if columns else None)
         except Exception as error:  # a boundary: damaged files raise what they like
             why = reason(error).splitlines()[0]
@@ -427,7 +427,7 @@ class Shards:
         """
         name = f"cases-{_digest(' '.join(table['case'].to_pylist()))}.parquet"
         if series is not None:
-            self._files.makedirs(f"{self._folder}/{SERIES}", exist_ok=True)
+            self.files.makedirs(f"{self.folder}/{SERIES}", exist_ok=True)
         for place, one in ((f"{SERIES}/{name}", series), (name, table)):
             if one is not None:
                 content = pa.BufferOutputStream()
@@ -441,17 +441,17 @@ class Shards:
         Raises:
             OSError: it cannot be written.
         """
-        unfinished = f"{self._folder}/{PurePosixPath(name).with_name(f'{UNFINISHED}{self.run}-{uuid.uuid4().hex}')}"
+        unfinished = f"{self.folder}/{PurePosixPath(name).with_name(f'{UNFINISHED}{self.run}-{uuid.uuid4().hex}')}"
         try:
-            with self._files.open(unfinished, "wb") as file:
+            with self.files.open(unfinished, "wb") as file:
                 file.write(content)
-                if isinstance(self._files, LocalFileSystem):
+                if isinstance(self.files, LocalFileSystem):
                     file.flush()
                     os.fsync(file.fileno())
-            self._files.mv(unfinished, f"{self._folder}/{name}")
+            self.files.mv(unfinished, f"{self.folder}/{name}")
         except BaseException:
             with suppress(Exception):
-                self._files.rm(unfinished)
+                self.files.rm(unfinished)
             raise
 
     def unite(self) -> None:
@@ -466,16 +466,16 @@ class Shards:
                 if own:
                     rest = table.filter(pc.is_in(table["case"], value_set=pa.array(own, pa.string())))
                     written.add(self.write(rest, None))
-                self._files.rm(f"{self._folder}/{name}")
+                self.files.rm(f"{self.folder}/{name}")
 
     def sweep_up(self) -> None:
         """Remove the unfinished files of this run, and those that another has left long ago."""
         with suppress(Exception):
-            for path, entry in self._files.find(self._folder, maxdepth=2, detail=True).items():
+            for path, entry in self.files.find(self.folder, maxdepth=2, detail=True).items():
                 name, written = PurePosixPath(path).name, float(entry.get("mtime") or time.time())
                 old = name.startswith(UNFINISHED) and time.time() - written > LONG_AGO
                 if old or name.startswith(f"{UNFINISHED}{self.run}-"):
-                    self._files.rm(path)
+                    self.files.rm(path)
 
 
 class Plan:

@@ -1,15 +1,6 @@
 """Sensitivity indices of a knee's outcomes to its parameters, of Sobol and Morris, by SALib, and `sensitivity`.
 
-A study file is that of a sweep, with `sensitivity` in the place of `sample`:
-
-    bags:        [walking.mcap]
-    params:      [healthy, osteoarthritis]
-    grid:        {load.share: [0.5, 1.0]}
-    sensitivity: {method: sobol, n: 256, seed: 1, second_order: false, confidence: 0.95,
-                  ranges: {contact.stiffness: [5.0e7, 1.0e8], contact.damping: {from: 1.0e3, to: 1.0e4, scale: log}}}
-    outcomes:    [peak_depth, peak_pressure, bone_time]
-
-The indices are of every combination of bag, knee and grid value. SALib draws the points in the unit cube, in groups (a
+SALib draws the points in the unit cube, in groups (a
 base sample, a trajectory), one after another: a larger n begins with the same groups, and so needs only the other
 cases. It needs whole groups: one in which a case has no value is left out. If more than `MOST_SPOILT` of the groups are
 left out, there are no indices, since the rest is no sample of the ranges.
@@ -21,25 +12,25 @@ Sobol: Saltelli et al. 2010, Computer Physics Communications 181:259-270, doi:10
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import combinations
-from pathlib import Path
+from itertools import repeat
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, ValidationError, model_validator
 
-from knee_contact_ros.lab.study import Design, Floats, Study
+from knee_contact_ros.lab.study import Design, Floats
 from knee_contact_ros.lab.sweep import LATERAL, OUTCOMES, Cohort, sweep
 from knee_contact_ros.offline.notebooks import Name
 from knee_contact_ros.parameters.files import Source, first_error
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import DEFAULT_PARAMETERS, read_mapping
+from knee_contact_ros.system.files import DEFAULT_PARAMETERS
 
 if TYPE_CHECKING:
     import pandas as pd
+
 
 FEWEST = 8
 """The least number of groups from which indices are computed"""
@@ -59,8 +50,6 @@ LEADING = {"sobol": "ST", "morris": "mu_star"}
 """The index of each method by which parameters are sorted"""
 USUAL = ("peak_depth", "peak_pressure", "bone_time", "peak_force")
 """Outcomes that are analysed unless others are named"""
-OWN = ("sensitivity", "outcomes")
-"""Names in the file that the study file of a sweep does not have"""
 BOUNDS = {"peak_depth": "error_bound", "peak_force": "force_error_bound"}
 """Outcomes whose numerical error is known, with the column that bounds it"""
 AFTER = ("outcome", "parameter", "index", "n", "value", "low", "high")
@@ -122,30 +111,15 @@ class SalibDesign(Design):
         return np.asarray(drawn)
 
 
-class Index(NamedTuple):
-    """A sensitivity index, with its interval at the design's level of confidence."""
-
-    parameter: str
-    """Name of the parameter; `a x b` for the index of a pair"""
-    kind: str
-    """S1, ST or S2; mu_star, mu or sigma, in the outcome's unit over the whole range of the parameter"""
-    n: int
-    """Number of groups from which the index is computed"""
-    value: float
-    """Value of the index"""
-    low: float
-    """Lower end of the interval; not a number where there is none"""
-    high: float
-    """Upper end of the interval; not a number where there is none"""
-
-
 class Analysed(NamedTuple):
     """Analysis of an outcome."""
 
     outcome: str
     """Name of the outcome"""
-    indices: tuple[Index, ...]
-    """Indices for the beginnings of the design, and last for all of it; none where there is a `reason`"""
+    table: pd.DataFrame
+    """Indices for the beginnings of the design, and last for all of it: `parameter` (`a x b` for a pair), `index` (S1,
+    ST or S2; mu_star, mu or sigma, over the whole range of the parameter), `n` (groups), `value`, and the ends of its
+    interval, `low` and `high`, in the outcome's SI unit; no rows where there is a `reason`"""
     groups: int
     """Number of groups of the design"""
     spoilt: int
@@ -159,20 +133,10 @@ class Analysed(NamedTuple):
     reason: str
     """Why there are no indices; empty if there are"""
 
-    def final(self, kind: str) -> list[Index]:
-        """Give the indices of a kind for the whole design, the largest first."""
-        most = max((index.n for index in self.indices), default=0)
-        indices = [index for index in self.indices if index.n == most and index.kind == kind]
-        return sorted(indices, key=lambda index: -index.value)
-
-    def by_parameter(self, kind: str) -> dict[str, Index]:
+    def final(self, kind: str) -> pd.DataFrame:
         """Give the indices of a kind for the whole design by parameter, the largest first."""
-        return {index.parameter: index for index in self.final(kind)}
-
-    def course(self, kind: str, parameter: str) -> list[Index]:
-        """Give an index for the beginnings of the design, the shortest first."""
-        indices = (index for index in self.indices if (index.kind, index.parameter) == (kind, parameter))
-        return sorted(indices, key=lambda index: index.n)
+        last = self.table[(self.table["n"] == self.table["n"].max()) & (self.table["index"] == kind)]
+        return last.sort_values("value", ascending=False, kind="stable").set_index("parameter")
 
 
 def analyse(design: SalibDesign, outcome: str, values: Floats, bound: float = 0.0) -> Analysed:
@@ -184,11 +148,13 @@ def analyse(design: SalibDesign, outcome: str, values: Floats, bound: float = 0.
         values: Values at the points, shape (design.number,); not a number where a case failed.
         bound: Bound of the values' numerical error; an outcome whose standard deviation is no larger has no indices.
     """
+    import pandas as pd
+
     grouped, finite = values.reshape(design.n, design.group), np.isfinite(values)
     whole = np.asarray(finite.reshape(grouped.shape).all(axis=1))
     spoilt, cases, known = int((~whole).sum()), int((~finite).sum()), values[finite]
     mean, deviation = (float(known.mean()), float(known.std())) if known.size else (np.nan, np.nan)
-    indices, reason, unit = list[Index](), "", f" {unit_of(outcome)}".rstrip()
+    rows, reason, unit = list[tuple[Any, ...]](), "", f" {unit_of(outcome)}".rstrip()
     if not known.size:
         reason = "no case has a value"
     elif spoilt > MOST_SPOILT * design.n:
@@ -204,16 +170,18 @@ def analyse(design: SalibDesign, outcome: str, values: Floats, bound: float = 0.
             f"error bound is {bound:.2g}{unit}; what matters there a smaller fidelity.tolerance would show"
         )
     else:
-        cube, compute = (
-            design.unit().reshape(*grouped.shape, -1),
-            _of_morris if design.method == "morris" else _of_sobol,
-        )
+        cube = design.unit().reshape(*grouped.shape, -1)
+        compute = _of_morris if design.method == "morris" else _of_sobol
         for count in (design.n // part for part in BEGINNINGS):
             kept = np.flatnonzero(whole[:count])
             if len(kept) >= FEWEST and not _same(grouped[kept]):
-                indices += compute(design, cube[kept], grouped[kept])
-        reason = "" if indices else f"fewer than {FEWEST} whole groups"
-    return Analysed(outcome, tuple(indices), design.n, spoilt, cases, mean, deviation, reason)
+                rows += [
+                    (name, kind, len(kept), *map(float, numbers))
+                    for name, kind, *numbers in compute(design, cube[kept], grouped[kept])
+                ]
+        reason = "" if rows else f"fewer than {FEWEST} whole groups"
+    table = pd.DataFrame(rows, columns=list(AFTER[1:]))
+    return Analysed(outcome, table, design.n, spoilt, cases, mean, deviation, reason)
 
 
 def unit_of(outcome: str) -> str:
@@ -225,8 +193,8 @@ def _same(values: Floats) -> bool:
     return bool(np.ptp(values) <= SAME * np.abs(values).max())
 
 
-def _of_sobol(design: SalibDesign, _points: Floats, values: Floats) -> list[Index]:
-    """Compute Sobol's indices from values in groups, shape (n, group)."""
+def _of_sobol(design: SalibDesign, _points: Floats, values: Floats) -> Iterator[tuple[Any, ...]]:
+    """Compute Sobol's indices from values in groups, shape (n, group): parameter, kind, value, low and high of each."""
     from SALib.analyze import sobol
 
     result: Any = sobol.analyze(
@@ -234,84 +202,35 @@ def _of_sobol(design: SalibDesign, _points: Floats, values: Floats) -> list[Inde
         conf_level=design.confidence, seed=design.seed + 1,
     )  # fmt: skip
     # SALib takes a seed of 0 for none
-    names, places = list(design.ranges), range(len(design.ranges))
-    wanted: list[tuple[str, str, tuple[int, ...]]] = [(names[i], kind, (i,)) for kind in ("S1", "ST") for i in places]
-    if design.second_order:
-        wanted += [(f"{names[i]} x {names[j]}", "S2", (i, j)) for i, j in combinations(places, 2)]
-    return [
-        _index(name, kind, len(values), result[kind][place], result[f"{kind}_conf"][place])
-        for name, kind, place in wanted
-    ]
+    for frame in result.to_df():
+        for name, (value, half) in zip(frame.index, frame.to_numpy(), strict=True):
+            yield (
+                name if isinstance(name, str) else " x ".join(name), frame.columns[0], value, value - half, value + half
+            )  # fmt: skip
 
 
-def _of_morris(design: SalibDesign, points: Floats, values: Floats) -> list[Index]:
+def _of_morris(design: SalibDesign, points: Floats, values: Floats) -> Iterator[tuple[Any, ...]]:
     """Compute Morris's indices from trajectories: points, shape (n, group, parameters), and values, shape (n, group).
 
     SALib gives an interval of mu_star alone, so those of mu and sigma come from a bootstrap of our own.
     """
-    result, n = _screened(design, points, values, RESAMPLES), len(values)
-    random = np.random.default_rng(design.seed + 1)
-    resampled = []
-    for _ in range(FEWER):
-        drawn = random.integers(n, size=n)
-        other = _screened(design, points[drawn], values[drawn], 2)
-        resampled.append((other["mu"], other["sigma"]))
-    tail = 0.5 * (1.0 - design.confidence)
-    low, high = np.quantile(np.array(resampled, dtype=float), (tail, 1.0 - tail), axis=0)
-    indices = []
-    for i, name in enumerate(design.ranges):
-        indices.append(_index(name, "mu_star", n, result["mu_star"][i], result["mu_star_conf"][i]))
-        for row, kind in enumerate(("mu", "sigma")):
-            indices.append(Index(name, kind, n, float(result[kind][i]), float(low[row, i]), float(high[row, i])))
-    return indices
-
-
-def _screened(design: SalibDesign, points: Floats, values: Floats, resamples: int) -> Any:
     from SALib.analyze import morris
 
-    return morris.analyze(
-        design.problem, points.reshape(-1, points.shape[-1]), values.ravel(), num_resamples=resamples,
-        conf_level=design.confidence, num_levels=LEVELS, seed=design.seed + 1,
-    )  # fmt: skip
+    def screened(which: Any, resamples: int) -> Any:
+        return morris.analyze(
+            design.problem, points[which].reshape(-1, points.shape[-1]), values[which].ravel(),
+            num_resamples=resamples, conf_level=design.confidence, num_levels=LEVELS, seed=design.seed + 1,
+        )  # fmt: skip
 
-
-def _index(parameter: str, kind: str, n: int, value: float, half_width: float) -> Index:
-    return Index(parameter, kind, n, float(value), float(value - half_width), float(value + half_width))
-
-
-class SensitivityStudy(NamedTuple):
-    """A sensitivity analysis: cases at the points of a design, and the outcomes to be analysed."""
-
-    cases: Study
-    """The study whose cases are the points"""
-    design: SalibDesign
-    """The design of the points"""
-    outcomes: tuple[str, ...]
-    """Names of columns of the study's table"""
-
-
-def read_sensitivity_study(path: Path) -> SensitivityStudy:
-    """Read a study file.
-
-    Raises:
-        UsageError: the file cannot be read, a name is unknown, a value is not allowed, or ranges are missing.
-    """
-    content = read_mapping(path, "study", "bags, params, grid, sensitivity or outcomes")
-    if "sample" in content:
-        raise UsageError(f"{path}: sample is not allowed; the method under sensitivity draws its own")
-    given = content.get("sensitivity")
-    if not isinstance(given, Mapping):
-        raise UsageError(f"{path}: sensitivity: {given!r} is not allowed; method, n and ranges")
-    try:
-        design = SalibDesign.model_validate(dict(given))
-        outcomes = checked_outcomes(content.get("outcomes", USUAL))
-    except ValidationError as error:
-        raise UsageError(f"{path}: sensitivity.{first_fault(error)}") from None
-    except UsageError as error:
-        raise UsageError(f"{path}: {error}") from None
-    study = Study({name: value for name, value in content.items() if name not in OWN}, str(path), design)
-    study.content |= {name: content[name] for name in OWN if name in content}
-    return SensitivityStudy(study, design, outcomes)
+    n, random, tail = len(values), np.random.default_rng(design.seed + 1), 0.5 * (1.0 - design.confidence)
+    result, others = screened(slice(None), RESAMPLES), [screened(random.integers(n, size=n), 2) for _ in range(FEWER)]
+    half = np.asarray(result["mu_star_conf"])
+    for kind in ("mu_star", "mu", "sigma"):
+        drawn = np.array([other[kind] for other in others], dtype=float)
+        low, high = np.quantile(drawn, (tail, 1.0 - tail), axis=0)
+        if kind == "mu_star":
+            low, high = result[kind] - half, result[kind] + half
+        yield from zip(design.ranges, repeat(kind), result[kind], low, high, strict=False)
 
 
 def first_fault(error: ValidationError) -> str:
@@ -336,71 +255,43 @@ def checked_outcomes(names: Any) -> tuple[str, ...]:
     return tuple(names)
 
 
-class Display(NamedTuple):
-    """How an outcome is shown to people."""
-
-    title: str
-    """Name of the outcome in words"""
-    unit: str
-    """Unit in which it is shown; empty if it has none"""
-    factor: float
-    """Factor from the SI unit to that unit"""
-
-    @property
-    def label(self) -> str:
-        """Title with unit."""
-        return f"{self.title} [{self.unit}]" if self.unit else self.title
-
-
-def display_of(outcome: str) -> Display:
-    """Give title, unit and factor of an outcome."""
+def display_of(outcome: str) -> tuple[str, str, float]:
+    """Give the title of an outcome, the unit in which it is shown, and the factor from its SI unit."""
     unit = unit_of(outcome)
     factor, name = UNITS.get(unit, (1.0, unit))
-    return Display(outcome.replace("_", " "), name, factor)
+    return outcome.replace("_", " "), name, factor
 
 
-def interval(index: Index, factor: float = 1.0) -> str:
-    """Write an index with its interval, in a unit that is so many times smaller than the index's own."""
-    form = ".2f" if factor == 1.0 and index.kind.startswith("S") else ".3g"
-    value, low, high = (f"{factor * number:{form}}" for number in index[3:])
-    return value if math.isnan(index.low) else f"{value} ({low} to {high})"
+def interval(index: Any, factor: float) -> str:
+    """Write an index (a row of `Analysed.final`) with its interval, in a unit so many times smaller than its own."""
+    form = ".2f" if factor == 1.0 and index["index"].startswith("S") else ".3g"
+    value, low, high = (f"{factor * index[name]:{form}}" for name in ("value", "low", "high"))
+    return f"{value} ({low} to {high})"
 
 
 def not_converged(design: SalibDesign, analysed: Analysed) -> list[str]:
     """Give the reasons why the indices of an outcome have not converged; none if they have."""
     leading = analysed.final(LEADING[design.method])
-    if not leading:
+    if leading.empty:
         return []
-    parts = []
-    first = leading[0]
-    width, most = first.high - first.low, WIDEST if design.method == "sobol" else WIDEST_EFFECT * first.value
+    parts, first, sobol = [], leading.iloc[0], design.method == "sobol"
+    width, most = first["high"] - first["low"], WIDEST if sobol else WIDEST_EFFECT * first["value"]
     if width > most:
-        factor = display_of(analysed.outcome).factor if design.method == "morris" else 1.0
+        factor = 1.0 if sobol else display_of(analysed.outcome)[2]
+        least = math.ceil(first["n"] * (width / most) ** 2)  # an interval's width goes with the root of n
+        enough = 1 << (least - 1).bit_length() if sobol else least
         parts.append(
-            f"not converged: the interval of the largest index, {first.kind} of {first.parameter} "
+            f"not converged: the interval of the largest index, {first['index']} of {first.name} "
             f"{interval(first, factor)}, is {factor * width:.2g} wide, more than {factor * most:.2g}; "
-            f"{_enough(design, first.n, width / most)}"
+            + (f"n = {enough} may do" if enough <= MOST else "no n will do")
         )
-    if len(leading) > 1 and leading[1].high > first.low:
-        parts.append(f"which of {first.parameter} and {leading[1].parameter} matters more is open")
-    return parts + (_sums(analysed) if design.method == "sobol" else [])
-
-
-def _enough(design: SalibDesign, number: int, ratio: float) -> str:
-    """Say with how many groups an interval is narrower by a ratio; its width goes with the root of their number."""
-    least = math.ceil(number * ratio**2)
-    enough = 1 << (least - 1).bit_length() if design.method == "sobol" else least
-    return f"n = {enough} may do" if enough <= MOST else "no n will do"
-
-
-def _sums(analysed: Analysed) -> list[str]:
-    """Check that the first-order indices sum to 1 at most, and the total ones to 1 at least (Saltelli et al. 2010)."""
-    parts = []
+    if len(leading) > 1 and leading.iloc[1]["high"] > first["low"]:
+        parts.append(f"which of {first.name} and {leading.index[1]} matters more is open")
+    # S1 sum to 1 at most, and ST to 1 at least (Saltelli et al. 2010).
     for kind, sign, limit in (("S1", 1.0, "more"), ("ST", -1.0, "less")):
         indices = analysed.final(kind)
-        total = sum(index.value for index in indices)
-        half = math.hypot(*(0.5 * (index.high - index.low) for index in indices))
-        if sign * (total - 1.0) > half:
+        total, half = indices["value"].sum(), math.hypot(*(0.5 * (indices["high"] - indices["low"])))
+        if len(indices) and sign * (total - 1.0) > half:
             parts.append(
                 f"not converged: the {kind} of all parameters sum to {total:.2f}, {limit} than 1 by more than the "
                 f"interval of the sum, ± {half:.2f}"
@@ -427,10 +318,14 @@ class Sensitivity:
 
     def to_pandas(self) -> pd.DataFrame:
         """Give a data frame with a row for each index: outcome, parameter, index, n, value, low, high; SI units."""
-        import pandas as pd
+        return tidy(self.outcomes.values())
 
-        rows = [(name, *index) for name, analysed in self.outcomes.items() for index in analysed.indices]
-        return pd.DataFrame(rows, columns=list(AFTER))
+
+def tidy(several: Iterable[Analysed]) -> pd.DataFrame:
+    """Join the tables of several outcomes, with the name of the outcome in the first column."""
+    import pandas as pd
+
+    return pd.concat([one.table.assign(outcome=one.outcome) for one in several])[list(AFTER)]
 
 
 def sensitivity(
