@@ -2,18 +2,20 @@
 
 The lengths that records claim are not trusted: a record is accepted only if its content has exactly its length. After
 anything else reading continues at the record to which the length leads, or else at the next chunk. All chunks are
-looked at before the first message is read. The index serves only to find chunks whose heads are wrong.
+looked at before the first message is read. The index, if it fits its checksum, tells where chunks are whose heads are
+wrong. A chunk that is too large for the memory is unpacked into a temporary file.
 """
 
 from __future__ import annotations
 
+import mmap
 import re
 import struct
+import tempfile
 import zlib
 from bisect import bisect_right
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import suppress
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from heapq import heappop, heappush
 from io import BytesIO
 from itertools import accumulate, zip_longest
@@ -54,8 +56,12 @@ PRIVATE = 0x80
 """First opcode for private records of applications"""
 CHUNK_OR_DATA_END = re.compile(rb"(?s)(?=\x06.{4}\x00{4}|\x0f\x04\x00{7})")
 """Head of a chunk of less than 4 GiB, or of the record that ends the data section"""
-LONGEST_NAME, LONGEST_INDEX, LARGEST_RECORD, LARGEST_CHUNK = 16, 2**24, 2**30, 2**28
-"""Largest sizes [B] of what is read: name of a compression, message indices of a chunk, record, uncompressed chunk"""
+LONGEST_NAME, LONGEST_INDEX, LARGEST_RECORD, LARGEST_SUMMARY = 16, 2**24, 2**30, 2**27
+"""Largest sizes [B] of what is read: name of a compression, message indices of a chunk, record, summary section"""
+LARGEST_CHUNK = 2**28
+"""Largest uncompressed size [B] of a chunk that is unpacked into memory"""
+FOOTER_SIZE = 29
+"""Size [B] of the footer record"""
 MOST_GROWTH = 200
 """Largest uncompressed size of all chunks as a multiple of the file's size; recordings of motion reach ten"""
 ALLOWED_SIZE = 2**26
@@ -65,7 +71,13 @@ MOST_RECORDS = 2**20
 BLOCK = 2**20
 """Size [B] of the pieces in which a file is searched, and of messages outside chunks that are read at once"""
 STEP = 4096
-"""Size [B] of the pieces in which a truncated chunk is decompressed"""
+"""Size [B] of the compressed pieces of a truncated or very large chunk: a piece holds at most some 64 MB"""
+DECOMPRESSORS: dict[str, Callable[[], Callable[[bytes], bytes]]] = {
+    "zstd": lambda: zstandard.ZstdDecompressor().decompressobj().decompress,
+    "lz4": lambda: lz4.frame.LZ4FrameDecompressor().decompress,
+    "": lambda: bytes,
+}
+"""Makers of functions that decompress data piece by piece, by the name of the compression"""
 CHANNELS = 2**16
 """Number of possible channels in a file"""
 NO_DEFINITION = MessageDefinition(MessageDefinitionFormat.NONE, "")
@@ -74,6 +86,10 @@ FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionF
 """Format of a definition by the encoding of its schema"""
 Advance = Callable[[int, int], None]
 """Function that is called with the progress: work done, and work in all"""
+
+
+BAD_DATA = (zstandard.ZstdError, RuntimeError, EOFError, MemoryError)
+"""Errors of decompressors"""
 
 
 class DamagedError(Exception):
@@ -122,7 +138,8 @@ class Piece(NamedTuple):
     content: bytes
     """Content, without the head; only its beginning where it is large"""
     parsed: Any = None
-    """The content as the `mcap` library parses it, if `PARSERS` has its opcode"""
+    """The content as the `mcap` library parses it, if `PARSERS` has its opcode; or the index of a chunk whose head
+    is wrong"""
 
 
 class Segment(NamedTuple):
@@ -182,6 +199,9 @@ class Records:
 
     def __init__(self, file: IO[bytes], size: int) -> None:
         self.file, self.size = file, size
+        self._index: dict[int, ChunkIndex] = {}  # by the offsets of the chunks
+        self._index = {index.chunk_start_offset: index for index in self._read_index()}
+        self._starts = sorted(self._index)
 
     def read(self, offset: int, end: int) -> bytes:
         """Bytes between two offsets; fewer only at the end of the file."""
@@ -204,7 +224,8 @@ class Records:
         else:
             possible = opcode in PARSERS or opcode == Opcode.MESSAGE_INDEX or opcode >= PRIVATE
             possible |= opcode == Opcode.MESSAGE and length >= MESSAGE.size
-        return (opcode, end) if possible and length <= LARGEST_RECORD and end <= self.size else (0, offset)
+        possible &= length <= LARGEST_RECORD or opcode == Opcode.CHUNK
+        return (opcode, end) if possible and end <= self._next_chunk(offset) else (0, offset)
 
     def heads(self) -> Iterator[tuple[int, int, int]]:
         """Opcode, and offsets [B] of beginning and end, of each record up to the first that is none."""
@@ -218,6 +239,8 @@ class Records:
 
     def record_at(self, offset: int) -> Piece | None:
         """Record that begins at `offset`; None if there is no whole and valid one."""
+        if chunk := self._chunk_by_index(offset):
+            return chunk
         opcode, end = self.head_at(offset)
         if not opcode:
             return None
@@ -251,6 +274,45 @@ class Records:
         size = beginning[name_end : name_end + 8]
         return name_end + 8 + int.from_bytes(size, "little") if len(size) == 8 else -1
 
+    def _read_index(self) -> Iterator[ChunkIndex]:
+        """Entries of the index for the chunks, if the summary fits its checksum."""
+        footer = self.record_at(self.size - len(MAGIC) - FOOTER_SIZE) if self.size > FOOTER_SIZE + len(MAGIC) else None
+        if not footer or footer.opcode != Opcode.FOOTER or not self.magic_at(footer.end):
+            return
+        begin, checksum = footer.parsed.summary_start, footer.parsed.summary_crc
+        if checksum and footer.offset - LARGEST_SUMMARY < begin < footer.offset and self.fits_summary(footer):
+            data = self.read(begin, footer.offset)
+            for opcode, first, last in records_in(data, len(data)):
+                if opcode == Opcode.CHUNK_INDEX and (index := parsed(opcode, data[first:last])):
+                    yield index
+
+    def fits_summary(self, footer: Piece) -> bool:
+        """Whether the summary section fits the checksum in the footer, if that has one."""
+        begin, checksum = footer.parsed.summary_start, footer.parsed.summary_crc
+        return not (begin and checksum) or (begin <= footer.offset and self.checksum(begin, footer.end - 4) == checksum)
+
+    def _next_chunk(self, offset: int) -> int:
+        """Offset of the next chunk behind `offset` that the index knows, or the size of the file."""
+        number = bisect_right(self._starts, offset) if self._index else 0
+        return self._starts[number] if number < len(self._index) else self.size
+
+    def _chunk_by_index(self, offset: int) -> Piece | None:
+        """Chunk at `offset` whose head says something else than the index; None if there is none, or no checksum."""
+        index = self._index.get(offset)
+        if index is None:
+            return None
+        end, beginning = offset + index.chunk_length, self.read(offset, offset + MOST_OF_LARGE)
+        place = HEAD.size + CHECKSUM_PLACE
+        if not (offset + place + 4 <= end - index.compressed_size <= end <= self._next_chunk(offset)):
+            return None
+        said = HEAD.pack(Opcode.CHUNK, index.chunk_length - HEAD.size), index.uncompressed_size.to_bytes(8, "little")
+        name = struct.pack("<I", len(index.compression)) + index.compression.encode()
+        right = (beginning[: HEAD.size], beginning[place - 8 : place], beginning[place + 4 :][: len(name)])
+        if right == (*said, name) and self._chunk_length(offset) == index.chunk_length - HEAD.size:
+            return None
+        checksum = beginning[place : place + 4]
+        return Piece(Opcode.CHUNK, offset, end, checksum, index) if any(checksum) else None
+
     def _no_record(self, offset: int) -> Piece:
         """Bytes from `offset` on that are no record: a truncated chunk, or a hole.
 
@@ -258,20 +320,20 @@ class Records:
         """
         head = self.read(offset, offset + HEAD.size)
         opcode, length = HEAD.unpack(head) if len(head) == HEAD.size else (0, self.size)
-        end = offset + HEAD.size + length
-        cut = opcode == Opcode.CHUNK and 0 < end - self.size <= LARGEST_RECORD and length == self._chunk_length(offset)
+        end, limit = offset + HEAD.size + length, self._next_chunk(offset)
+        cut = opcode == Opcode.CHUNK and end > self.size and length == self._chunk_length(offset)
         if cut and not self.magic_at(max(self.size - len(MAGIC), 0)):
             return Piece(CUT_CHUNK, offset, self.size, self.read(offset + HEAD.size, offset + MOST_OF_LARGE))
-        if end < self.size and self.head_at(end)[0]:
+        if end < limit and self.head_at(end)[0]:
             return Piece(HOLE, offset, end, b"", True)
-        for begin in range(offset + 1, self.size, BLOCK):
+        for begin in range(offset + 1, limit, BLOCK):
             block = self.read(begin, begin + BLOCK + HEAD.size)
             for candidate in CHUNK_OR_DATA_END.finditer(block, 0, BLOCK + HEAD.size):
                 place = begin + candidate.start()
-                opcode, end = self.head_at(place)
+                opcode, end = self.head_at(place) if place < limit else (0, place)
                 if opcode and (end == self.size or self.head_at(end)[0]):
                     return Piece(HOLE, offset, place, b"", False)
-        return Piece(HOLE, offset, self.size, b"", False)
+        return Piece(HOLE, offset, limit, b"", False)
 
 
 class McapFile:
@@ -303,8 +365,7 @@ class McapFile:
         self._declared: dict[tuple[type, int], Any] = {}  # schemas and channels by type and number
         self._doubtful: dict[tuple[type, int], Any] = {}  # those of damaged chunks
         self._statistics: Statistics | None = None
-        self._lost: list[ChunkIndex] = []  # entries of the index for chunks that were not found
-        self._found: set[int] = set()  # offsets of the chunks that were
+        self._by_index: list[int] = []  # offsets of chunks that only the index tells
         self._unusable: list[tuple[int, int, str]] = []  # bytes from and to, and what to say if they are no hole
         self._header = self._ended = False
         # what chunks may still hold: bytes and records
@@ -330,8 +391,9 @@ class McapFile:
 
     @property
     def at_once(self) -> int:
-        """Largest number of bytes that are unpacked at one time when messages are read in the order of log time."""
-        ends = [end for s in self.segments for end in ((s.first, s.size), (s.last + 1, -s.size))]
+        """Largest number of bytes that are unpacked into memory at one time when messages are read by log time."""
+        in_memory = [segment for segment in self.segments if segment.size <= LARGEST_CHUNK]
+        ends = [end for s in in_memory for end in ((s.first, s.size), (s.last + 1, -s.size))]
         return max(accumulate(size for _, size in sorted(ends)), default=0)
 
     @property
@@ -401,9 +463,13 @@ class McapFile:
         Raises:
             DamagedError: They cannot be decompressed, do not fit their size or checksum, or end with half a record.
         """
-        raw = self._records.read(segment.begin, max(segment.indices_end, segment.end))
-        length = segment.end - segment.begin
-        data, rest = beginning_of(segment, raw) if segment.cut else unpack(segment, raw[:length]), raw[length:]
+        data: Any = None
+        if segment.size > LARGEST_CHUNK and not segment.cut:
+            data = self._unpacked_to_disk(segment)
+        else:
+            raw = self._records.read(segment.begin, segment.end)
+            data = beginning_of(segment, raw) if segment.cut else unpack(segment, raw)
+        rest = self._records.read(segment.end, segment.indices_end) if segment.indices_end else b""
         try:
             contents = contents_of(data, [rest[begin:end] for _, begin, end in records_in(rest, len(rest))], most)
         except ValueError as error:
@@ -411,6 +477,23 @@ class McapFile:
         if contents.number <= most and contents.end != len(data):
             raise DamagedError(f"ends in {len(data) - contents.end} bytes that are no records")
         return contents
+
+    def _unpacked_to_disk(self, segment: Segment) -> mmap.mmap:
+        """Uncompressed records of a segment in a temporary file; see `unpack`."""
+        size = checksum = 0
+        begins = range(segment.begin, segment.end, STEP)
+        pieces = (self._records.read(begin, min(begin + STEP, segment.end)) for begin in begins)
+        with tempfile.TemporaryFile(prefix="knee_contact_chunk_") as file:
+            try:
+                for data in decompressed(segment, pieces):
+                    size, checksum = size + len(data), zlib.crc32(data, checksum)
+                    file.write(data)
+            except BAD_DATA as error:
+                raise DamagedError(f"does not decompress ({' '.join(str(error).split())})") from None
+            if size != segment.size or (segment.checksum and checksum != segment.checksum):
+                raise DamagedError("does not fit its checksum or its size")
+            file.flush()
+            return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
 
     def _look_through(self, advance: Advance) -> None:
         """Take in all pieces of the file, and note its faults."""
@@ -434,13 +517,21 @@ class McapFile:
                 segment, last = self._begun(piece), piece.offset
         if segment:
             self._take(segment)
-        self._take_lost()
+        if self._by_index:
+            more = f", and {len(self._by_index) - 1} more," if len(self._by_index) > 1 else ""
+            self._note(
+                f"the head of the chunk at byte {self._by_index[0]}{more} is damaged; the index tells what it was"
+            )
         self._conclude()
 
     def _begun(self, piece: Piece) -> Segment | None:
         """Segment that begins with a piece; None, after the piece has been taken in, if none does."""
         if piece.opcode == Opcode.MESSAGE:
             return Segment(piece.offset, piece.offset, piece.end, piece.end - piece.offset, chunked=False)
+        if isinstance(index := piece.parsed, ChunkIndex) and piece.opcode == Opcode.CHUNK:
+            self._by_index.append(piece.offset)
+            checksum, begin = int.from_bytes(piece.content, "little"), piece.end - index.compressed_size
+            return Segment(piece.offset, begin, piece.end, index.uncompressed_size, checksum, index.compression)
         if piece.opcode in (Opcode.CHUNK, CUT_CHUNK):
             first, last, size, checksum, length = CHUNK_HEAD.unpack_from(piece.content)
             name = piece.content[CHUNK_HEAD.size : CHUNK_HEAD.size + length].decode("ascii", "replace")
@@ -484,9 +575,7 @@ class McapFile:
         contents = self._contents(segment, most)
         self._records_left -= contents.number
         if contents.number > most:
-            raise DamagedError(f"holds more than {most} records")
-        if segment.chunked:
-            self._found.add(segment.offset)
+            raise DamagedError(f"holds more than {most} records; another tool may write it again in smaller chunks")
         for opcode, content in contents.declarations:
             self._declare(parsed(opcode, content), self._declared)
         if not len(contents.heads):
@@ -499,42 +588,6 @@ class McapFile:
         counts = Counter[int](contents.heads["channel"].tolist())
         self.segments.append(segment._replace(first=times[0], last=times[1], counts=counts))
         return len(contents.heads)
-
-    def _take_lost(self) -> None:
-        """Take in the chunks that were not found, as the index describes them, and nothing else at their places."""
-        lost = sorted(self._lost, key=attrgetter("chunk_start_offset"))
-        taken = [span for span in map(self._take_by_index, lost) if span]
-        if not taken:
-            return
-        segments, self.segments = self.segments, []
-        for segment in segments:
-            span = segment.offset, segment.end
-            for begin, end in [span] if segment.chunked else _outside(*span, taken):
-                if (begin, end) == span:
-                    self.segments.append(segment)
-                    continue
-                with suppress(DamagedError):  # what was taken for messages beside the chunk
-                    self._add(segment._replace(offset=begin, begin=begin, end=end, size=end - begin))
-        self.segments.sort(key=attrgetter("offset"))
-        self._unusable = [
-            (begin, end, words) for first, last, words in self._unusable for begin, end in _outside(first, last, taken)
-        ]
-        more = f", and {len(taken) - 1} more," if len(taken) > 1 else ""
-        self._note(f"the head of the chunk at byte {taken[0][0]}{more} is damaged; the index tells what it was")
-
-    def _take_by_index(self, index: ChunkIndex) -> tuple[int, int] | None:
-        """Take in a chunk whose head is wrong if its checksum fits; return where it begins, and its indices end."""
-        begin, end = index.chunk_start_offset, index.chunk_start_offset + index.chunk_length
-        data, place = end - index.compressed_size, begin + HEAD.size + CHECKSUM_PLACE
-        if begin in self._found or not place + 4 <= data <= end <= self.size:
-            return None
-        checksum = int.from_bytes(self._records.read(place, place + 4), "little")
-        try:
-            if checksum:
-                self._add(Segment(begin, data, end, index.uncompressed_size, checksum, index.compression))
-        except DamagedError:
-            return None
-        return (begin, end + index.message_index_length) if checksum else None
 
     def _declare(self, record: Any, declared: dict[tuple[type, int], Any]) -> None:
         """Take in a schema or channel, which `mcap` has parsed as `record`, into `declared`."""
@@ -552,8 +605,6 @@ class McapFile:
                 self._declare(piece.parsed, self._declared)
             case Metadata() | Attachment():
                 self._take_kept(piece)
-            case ChunkIndex() if piece.parsed.chunk_start_offset not in self._found:
-                self._lost.append(piece.parsed)
             case Statistics():
                 self._statistics = piece.parsed
             case Header() if not self._header:
@@ -563,7 +614,8 @@ class McapFile:
                     self._note("the data do not fit their checksum")
             case Footer():
                 self._ended = bool(self._records.magic_at(piece.end))
-                self._check_summary(piece)
+                if not self._records.fits_summary(piece):
+                    self._note("the summary does not fit its checksum or its place")
 
     def _take_kept(self, piece: Piece) -> None:
         """Take in metadata, or an attachment if its checksum is right."""
@@ -573,14 +625,6 @@ class McapFile:
             self._unusable.append((piece.offset + HEAD.size, piece.end, words))
         else:
             self.others.append(piece.offset)
-
-    def _check_summary(self, footer: Piece) -> None:
-        """Check the summary section that the footer points to."""
-        begin, checksum = footer.parsed.summary_start, footer.parsed.summary_crc
-        if not (begin and checksum):
-            return
-        if begin > footer.offset or self._records.checksum(begin, footer.end - 4) != checksum:
-            self._note("the summary does not fit its checksum or its place")
 
     def _conclude(self) -> None:
         """Match channels with their schemas, count messages, and add the faults of the whole file."""
@@ -617,18 +661,6 @@ class McapFile:
             self.faults.append(fault)
 
 
-def _outside(begin: int, end: int, spans: list[tuple[int, int]]) -> Iterator[tuple[int, int]]:
-    """Parts of a range that lie outside the `spans`, which are sorted."""
-    for first, last in spans[max(bisect_right(spans, (begin, end)) - 1, 0) :]:
-        if first >= end:
-            break
-        if begin < first:
-            yield begin, first
-        begin = max(begin, last)
-    if begin < end:
-        yield begin, end
-
-
 def _until(following: Segment | None, waiting: list[tuple[int, int, Batch]]) -> Iterator[Batch]:
     """Remove and yield the waiting messages before the following segment, all if it is None, in at most one batch."""
     parts = []
@@ -648,11 +680,15 @@ def unpack(segment: Segment, data: bytes) -> bytes:
     Raises:
         DamagedError: They cannot be decompressed, or do not fit their size or checksum.
     """
-    if segment.size > LARGEST_CHUNK:
-        raise DamagedError(f"claims to hold {segment.size} bytes")
     try:
-        data = _decompressed(segment, data)
-    except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError) as error:
+        if segment.compression == "zstd":
+            if (size := zstandard.frame_content_size(data)) > segment.size:
+                raise DamagedError(f"holds {size} bytes and not {segment.size}")
+            decompressor = zstandard.ZstdDecompressor()
+            data = decompressor.decompress(data, max_output_size=segment.size + 1, allow_extra_data=False)
+        else:
+            data = b"".join(decompressed(segment, _pieces(data)))
+    except BAD_DATA as error:
         raise DamagedError(f"does not decompress ({' '.join(str(error).split())})") from None
     if len(data) != segment.size:
         raise DamagedError(f"holds {len(data)} bytes and not {segment.size}")
@@ -661,39 +697,37 @@ def unpack(segment: Segment, data: bytes) -> bytes:
     return data
 
 
-def _decompressed(segment: Segment, data: bytes) -> bytes:
-    """Decompressed data of a segment, limited to its size, because a compressed frame may claim any."""
-    most = segment.size + 1
-    match segment.compression:
-        case "":
-            return data
-        case "zstd":
-            if (size := zstandard.frame_content_size(data)) > segment.size:
-                raise DamagedError(f"holds {size} bytes and not {segment.size}")
-            return zstandard.ZstdDecompressor().decompress(data, max_output_size=most, allow_extra_data=False)
-        case "lz4":
-            decompressor = lz4.frame.LZ4FrameDecompressor()
-            content = bytes(decompressor.decompress(data, max_length=most))
-            if not decompressor.eof or decompressor.unused_data:
-                raise DamagedError("has another end than its data")
-            return content
-    raise DamagedError(f"has the unknown compression {segment.compression!r}")
+def decompressed(segment: Segment, pieces: Iterable[bytes]) -> Iterator[bytes]:
+    """Decompressed data of a segment from its pieces, one by one.
+
+    Raises:
+        DamagedError: The compression is unknown, or there are more data than the segment should have.
+        Exception: One of `BAD_DATA`; the data are damaged.
+    """
+    if segment.compression not in DECOMPRESSORS:
+        raise DamagedError(f"has the unknown compression {segment.compression!r}")
+    left, decompress = segment.size, DECOMPRESSORS[segment.compression]()
+    for piece in pieces:
+        data = decompress(piece)
+        left -= len(data)
+        if left < 0:
+            raise DamagedError(f"holds more than {segment.size} bytes")
+        yield data
+
+
+def _pieces(data: bytes) -> Iterator[bytes]:
+    return (data[begin : begin + STEP] for begin in range(0, len(data), STEP))
 
 
 def beginning_of(segment: Segment, raw: bytes) -> bytes:
     """Whole records at the beginning of a truncated chunk, without a check of their content."""
-    decompressors: dict[str, Any] = {
-        "zstd": lambda: zstandard.ZstdDecompressor().decompressobj().decompress,
-        "lz4": lambda: lz4.frame.LZ4FrameDecompressor().decompress,
-        "": lambda: bytes,
-    }
-    data, decompress = bytearray(), decompressors.get(segment.compression, lambda: lambda _: b"")()
+    data = bytearray()
     try:
-        for begin in range(0, len(raw), STEP):
-            data += decompress(raw[begin : begin + STEP])
-            if len(data) > min(segment.size, LARGEST_CHUNK):
+        for part in decompressed(segment, _pieces(raw)):
+            data += part
+            if len(data) > LARGEST_CHUNK:
                 return b""
-    except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError):
+    except BAD_DATA:
         pass
     end = 0
     for _, _, end in records_in(bytes(data), len(data)):  # noqa: B007  (the last one counts)

@@ -293,7 +293,7 @@ DAMAGES: dict[str, tuple[Damage, bool, str]] = {
     "size of a chunk": (put(25, U * 2, 2), True, HEAD_LIES),
     "name of the compression": (put(41, U, 2), True, HEAD_LIES),
     "length of that name": (put(37, U * 2, 2), True, HEAD_LIES),
-    "opcode and data": (lambda *file: (put(0, b"\0", 2)(*file), put(200, U * 4, 2)(*file)), False, NO_RECORDS),
+    "opcode and data": (lambda *file: (put(0, b"\0", 2)(*file), put(200, U * 4, 2)(*file)), False, "the chunk at byte"),
     "checksum": (put(33, U * 4, 2), False, "does not fit its checksum; its"),
     "data": (put(200, U * 4, 2), False, "the chunk at byte"),
     "data of the first chunk": (put(100, U * 4, 0), False, "the chunk at byte"),
