@@ -632,6 +632,8 @@ def end_on_boundary(
         following = 0.1 * h
         if shrinking == 0:
             following = low + (high - low) * inside / (inside - beyond)
+            if not low < following < high:  # it lies on the boundary at one end
+                following = 0.5 * (low + high)
             if not low < following < high:
                 break
         h = following
@@ -787,8 +789,9 @@ def carried(knee: Knee, tick: Interval, error: Error, begin: Stage, step: Step, 
     error = curved(error, max(begin.depth, step.end.depth), k, c, mass, h)
     if step.implicit:
         crept, swung = unresolved(tick, begin, step, load, mass, h)
-        if crept + swung > 0.0:
-            error = with_bound(error, crept, LOST_SWING * swung)
+        if crept + swung > 0.0:  # at an unknown phase, a swing is a height as well as a velocity
+            swung *= LOST_SWING * math.sqrt(0.5)
+            error = with_bound(error, crept + swung / holding(k, c, mass), swung)
     return error
 
 

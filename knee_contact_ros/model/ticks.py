@@ -242,8 +242,8 @@ def quasi_static(knee: Knee, tick: Interval, start: Femur, stiffness: float, dam
         error = left_behind(before, begin_rest, end_rest, stiffness, damping, k, c, in_layer, mass, h)
         left = min(NEWTON_SHARE * knee.tolerance, 1e-3 * end_depth)
         unknown = left * left / max(end_depth, TINY)
-        if begin_layer != layer:  # the other layer has another dashpot, in which the dynamic femur may stay behind
-            unknown += abs(end_depth - float(knee.law[max(begin_layer, layer), BEGIN]))
+        if begin_layer != layer:  # a layer begins softly, or with another dashpot: the dynamic femur may stay behind
+            unknown += max(depth, end_depth) - float(knee.law[max(begin_layer, layer), BEGIN])
         way, speed = pushed_by(UNKNOWN_INERTIA * abs(inertia), k, c, mass, h)
         if knee.surfaces.non_convex > 0.0 or not math.isnan(next_kink(knee.surfaces, tick.angle, end_angle)):
             # The contact leaps from bump to bump: the surface kicks the femur, maybe twice, maybe at the end.
