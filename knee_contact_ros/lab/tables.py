@@ -140,6 +140,11 @@ class Table(NamedTuple):
         kept = (self.stamps >= first) & (self.stamps <= last) | np.isfinite(self.columns(names)).all(axis=1)
         return self._replace(stamps=self.stamps[kept], values=self.values[kept])
 
+    def at(self, stamps: Stamps) -> Table:
+        """Select the rows at some of the stamps [ns]."""
+        rows = np.isin(self.stamps, stamps)
+        return self._replace(stamps=self.stamps[rows], values=self.values[rows])
+
     def time(self, row: int) -> str:
         """Return the time [s] of a row as text."""
         return f"{self.stamps[row] / NANOSECONDS:g}"

@@ -1,11 +1,12 @@
-"""What OpenSim does in a process of its own: `TOOL SETUP` runs a tool, `places REQUEST ANSWER` finds a leg's joints.
+"""What OpenSim does in a process of its own: `TOOL SETUP` runs a tool, `places REQUEST ANSWER` finds where frames are.
 
 It imports nothing of ours: OpenSim prints much, and can end its process. It runs in a folder that it may write to.
 
-REQUEST (JSON) has `model` (its path), `joints` (names of hip, knee and ankle), `degrees` (whether angles are in
-degrees) and `coordinates` (by name, a value for each row). ANSWER is a list with a list for each row: the centres of
-hip, knee and ankle [m] and the pelvis's x axis, each three numbers in ground, and the angle of the foot's x axis above
-the shank's [rad].
+REQUEST (JSON) has `model` (its path), `degrees` (whether angles are in degrees), `coordinates` (by name, a value for
+each row) and `frames`, pairs of a kind and a name: of a joint `child` (its frame on the child), `child_base` and
+`parent_base` (the bodies); or `frame` (a body, the ground or another frame of the model). ANSWER has `names` (those of
+the frames), `places` (by row and frame: the nine numbers of its rotation in ground, and its origin there [m]), and
+`unknown`: coordinates between the first two frames that the request does not have.
 """
 
 from __future__ import annotations
@@ -30,30 +31,61 @@ def main(what: str, *files: str) -> int:
     return 0
 
 
-def places(opensim: Any, request: dict[str, Any]) -> list[list[float]]:
+def places(opensim: Any, request: dict[str, Any]) -> dict[str, Any]:
     """Answer a request; `opensim` is the module."""
     model = opensim.Model(request["model"])
     state = model.initSystem()
-    hip, knee, ankle = joints = [model.getJointSet().get(name) for name in request["joints"]]
+    frames = [_frame(model, kind, name) for kind, name in request["frames"]]
     coordinates = [model.getCoordinateSet().get(name) for name in request["coordinates"]]
     turning = [request["degrees"] and each.getMotionType() == opensim.Coordinate.Rotational for each in coordinates]
+    between = _coordinates_between(model, state, frames[:2])
     for coordinate in coordinates:
         coordinate.setLocked(state, False)
-    pelvis = hip.getParentFrame().findBaseFrame()
-    shank, foot = knee.getChildFrame().findBaseFrame(), ankle.getChildFrame().findBaseFrame()
-    forward, answer = opensim.Vec3(1.0, 0.0, 0.0), []
+    rows = []
     for values in zip(*request["coordinates"].values(), strict=True):
         for coordinate, value, degrees in zip(coordinates, values, turning, strict=True):
             coordinate.setValue(state, math.radians(value) if degrees else value, False)
         if model.getConstraintSet().getSize():
             model.assemble(state)
         model.realizePosition(state)
-        vectors = [joint.getChildFrame().getPositionInGround(state) for joint in joints]
-        vectors.append(pelvis.expressVectorInGround(state, forward))
-        toes = foot.expressVectorInAnotherFrame(state, forward, shank)
-        numbers = [vector.get(axis) for vector in vectors for axis in range(3)]
-        answer.append([*numbers, math.atan2(toes.get(1), toes.get(0))])
-    return answer
+        rows.append([_numbers(frame.getTransformInGround(state)) for frame in frames])
+    unknown = [name for name in between if name not in request["coordinates"]]
+    return {"names": [frame.getName() for frame in frames], "places": rows, "unknown": unknown}
+
+
+def _frame(model: Any, kind: str, name: str) -> Any:
+    """Find a frame of a request."""
+    if kind == "frame":
+        found = [each for each in model.getFrameList() if each.getName() == name]
+        if len(found) != 1:
+            raise ValueError(f"error: the model has {len(found)} frames {name}")
+        return found[0]
+    joint = model.getJointSet().get(name)
+    frame = joint.getParentFrame() if kind == "parent_base" else joint.getChildFrame()
+    return frame if kind == "child" else frame.findBaseFrame()
+
+
+def _coordinates_between(model: Any, state: Any, frames: list[Any]) -> list[str]:
+    """Names of the free coordinates that move two frames against each other."""
+    joints = {joint.getChildFrame().findBaseFrame().getName(): joint for joint in model.getJointList()}
+    chains: list[dict[str, list[str]]] = []
+    for frame in frames:
+        body, chain = frame.findBaseFrame().getName(), {}
+        while joint := joints.get(body):
+            own = [joint.get_coordinates(place) for place in range(joint.numCoordinates())]
+            chain[joint.getName()] = [
+                each.getName() for each in own if not each.getLocked(state) and not each.isDependent(state)
+            ]
+            body = joint.getParentFrame().findBaseFrame().getName()
+        chains.append(chain)
+    one, other = chains
+    return [name for joint in one.keys() ^ other.keys() for name in (one.get(joint) or other.get(joint) or [])]
+
+
+def _numbers(transform: Any) -> list[float]:
+    """Rotation by rows, and origin, of a transform."""
+    rotation, origin = transform.R(), transform.p()
+    return [*(rotation.get(row, column) for row in range(3) for column in range(3)), *(origin.get(k) for k in range(3))]
 
 
 if __name__ == "__main__":

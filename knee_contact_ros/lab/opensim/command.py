@@ -6,6 +6,7 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,8 +20,9 @@ from knee_contact_ros.lab.gait_bag import Gait, digest
 from knee_contact_ros.lab.opensim import leg as legs
 from knee_contact_ros.lab.opensim import pipeline, results, setup_files
 from knee_contact_ros.lab.opensim.pipeline import Check, Run
-from knee_contact_ros.lab.opensim.results import LEFT, RIGHT, Settings, coordinate_of
+from knee_contact_ros.lab.opensim.results import LEFT, RIGHT, Pose, Reaction, Settings, coordinate_of
 from knee_contact_ros.lab.tables import Series, read_storage
+from knee_contact_ros.lab.tables import Table as StorageTable
 from knee_contact_ros.streams.gait_events import LOAD_PEAK, GaitEvents
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
@@ -180,16 +182,17 @@ def read_knee(side: str, files: Files, settings: Settings, work: Path) -> tuple[
     kinematics = kinematics.needed([column], settings.start, settings.end)
     facts = results.read_model(files.model, coordinate_of(column)) if files.model else None
     angle, notes = results.read_angles(kinematics, column, files.speeds, settings, facts.bounds if facts else None)
+    degrees = checks.unit_of(kinematics, column, settings.angle_unit) == "deg"
     chosen = results.find_reaction(reactions, side, settings.joint)
-    wanted = [chosen.column(axis) for axis in results.AXES]
-    reaction, of_reaction = results.read_reaction(reactions.needed(wanted, settings.start, settings.end), chosen, side)
+    reactions = reactions.needed([chosen.column(axis) for axis in results.AXES], settings.start, settings.end)
+    pose, reactions, assumed = _pose(chosen, reactions, kinematics, degrees, angle, files.model, work)
+    reaction, of_reaction = results.read_reaction(reactions, chosen, side, pose)
     columns = {"angle": column, "reaction": chosen.column(f"({' '.join(results.AXES)})")}
     notes += of_reaction
     leg = None
     if files.ground and files.ground_data and files.model:
         ground = legs.read_ground(files.ground, files.ground_data, side)
         joints = legs.leg_joints(files.model, side, coordinate_of(column))
-        degrees = checks.unit_of(kinematics, column, settings.angle_unit) == "deg"
         leg = legs.read_leg(ground, kinematics, degrees, files.model, joints, side, work)
         columns["ground force"] = leg.columns
         notes += leg.notes
@@ -222,8 +225,32 @@ def read_knee(side: str, files: Files, settings: Settings, work: Path) -> tuple[
         notes += gait_bag.gaps(name, inside, results.MAX_GAP)
     angles = {gait_bag.JOINT: angle.with_rate()}
     angles |= {name: getattr(leg, name).at(angle.stamps).with_rate() for name in ("hip", "ankle") if leg}
-    gait = Gait(side, angles, reaction, columns, notes, ground_force, (*doubtful, *unusual))
+    gait = Gait(side, angles, reaction, columns, notes, ground_force, (*assumed, *doubtful, *unusual))
     return gait, facts and facts.weight
+
+
+def _pose(
+    chosen: Reaction, reactions: StorageTable, kinematics: StorageTable, degrees: bool, angle: gait_bag.Signal,
+    model: Path | None, work: Path,
+) -> tuple[Pose | None, StorageTable, list[str]]:  # fmt: skip
+    """Pose of the tibia in the frame of a reaction, if that is another one; the rows that have one, and doubts.
+
+    Raises:
+        UsageError: it needs a model that is not given, or does not fit.
+    """
+    if chosen.on_tibia or chosen.on_femur:
+        return None, reactions, []
+    if model and (find_spec("opensim") or not chosen.in_femur):
+        pose, stamps = legs.tibia_in(chosen, kinematics, degrees, model, reactions.stamps, work)
+        return pose, reactions.at(stamps), []
+    if not chosen.in_femur:
+        raise results.needs_model(reactions, chosen)
+    inside = reactions.stamps[(reactions.stamps >= angle.stamps[0]) & (reactions.stamps <= angle.stamps[-1])]
+    doubt = (
+        f"{reactions.path}: the reaction was turned from {chosen.frame} by the flexion angle alone, as of a hinge, and "
+        "its torque is about the point that the file has: --model (with the extra opensim) turns it as the model does"
+    )
+    return results.hinge(angle, inside), reactions.at(inside), [doubt]
 
 
 def _doubts(

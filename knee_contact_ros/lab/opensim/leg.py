@@ -17,7 +17,17 @@ import numpy as np
 from knee_contact_ros.lab import checks
 from knee_contact_ros.lab.gait_bag import MIRROR, Signal
 from knee_contact_ros.lab.opensim import child, pipeline, setup_files
-from knee_contact_ros.lab.opensim.results import LEFT, RIGHT, SIDE_WORDS, coordinate_of, is_part, words
+from knee_contact_ros.lab.opensim.results import (
+    LEFT,
+    RIGHT,
+    SIDE_WORDS,
+    TIBIA,
+    Pose,
+    Reaction,
+    coordinate_of,
+    is_part,
+    words,
+)
 from knee_contact_ros.lab.opensim.setup_files import NOTHING, read_xml, text_in
 from knee_contact_ros.lab.tables import Floats, Stamps, Table, read_storage, some
 from knee_contact_ros.streams.topics import NANOSECONDS
@@ -76,6 +86,18 @@ class Places(NamedTuple):
     """Angle of the foot's x axis above the shank's [rad], shape (n, 1)"""
 
 
+class Frames(NamedTuple):
+    """Places of k frames in the ground frame, at n rows of the kinematics."""
+
+    names: tuple[str, ...]
+    rotations: Floats
+    """Shape (n, k, 3, 3); columns are the frame's axes"""
+    origins: Floats
+    """[m], shape (n, k, 3)"""
+    unknown: tuple[str, ...]
+    """Coordinates that move the first two frames against each other, and are not in the kinematics"""
+
+
 class Leg(NamedTuple):
     """Measurements of a leg's simulated sensors, with their origin."""
 
@@ -111,11 +133,19 @@ def read_ground(ground: Path, data: Path, side: str) -> GroundFile:
     table = read_storage(data)
     by_loads = ground.suffix.lower() == XML
     forces, notes = _by_loads(ground, side) if by_loads else ([_by_names(table, side)], [])
+    forces = [FootForce(*(_stem(name, table) for name in force)) for force in forces]
     for force in forces:
         missing = [name + axis for name in force if name for axis in "xyz" if name + axis not in table.names]
         if missing:
             raise UsageError(f"{table.path} has no column {', '.join(missing)}; it has {some(table.names)}")
     return GroundFile(table, tuple(forces), tuple(notes))
+
+
+def _stem(identifier: str, table: Table) -> str:
+    """Beginning of three columns that x, y and z follow; OpenSim takes an identifier that is shorter, if it is clear."""
+    fitting = [name for name in table.names if identifier and name.startswith(identifier)]
+    stem = fitting[0][:-1] if fitting else identifier
+    return stem if fitting == [f"{stem}{axis}" for axis in "xyz"] else identifier
 
 
 def _by_loads(path: Path, side: str) -> tuple[list[FootForce], list[str]]:
@@ -247,7 +277,9 @@ def read_leg(
     """
     setup_files.check_opensim()
     ground = during(ground, kinematics.stamps)
-    places = places_of(kinematics, degrees, model, joints, work)
+    kinds = ("child", "child", "child", "parent_base", "child_base", "child_base")
+    frames = list(zip(kinds, (*joints, *joints), strict=True))
+    places = places_of(frames_of(kinematics, degrees, model, frames, work))
     checks.check_heading(places.forward, kinematics.path)
     wrench = about_ankle(ground, Signal(kinematics.stamps, places.ankle).at(ground.data.stamps).values)
     notes = [
@@ -293,19 +325,59 @@ def leg_joints(model: Path, side: str, coordinate: str | None) -> list[str]:
     return found
 
 
-def places_of(kinematics: Table, degrees: bool, model: Path, joints: Sequence[str], work: Path) -> Places:
-    """Compute the positions of a leg at the rows of the kinematics, with OpenSim in a process of its own.
+def places_of(frames: Frames) -> Places:
+    """Positions of a leg, from the frames of hip, knee, ankle, pelvis, shank and foot."""
+    hip, knee, ankle, _, _, _ = (frames.origins[:, place] for place in range(6))
+    pelvis, shank, foot = (frames.rotations[:, place] for place in (3, 4, 5))
+    toes = np.einsum("nji,nj->ni", shank, foot[:, :, 0])
+    return Places(hip, knee, ankle, pelvis[:, :, 0], np.arctan2(toes[:, 1:2], toes[:, :1]))
+
+
+def frames_of(kinematics: Table, degrees: bool, model: Path, frames: Sequence[tuple[str, str]], work: Path) -> Frames:
+    """Compute where frames are at the rows of the kinematics, with OpenSim in a process of its own; see `child`.
 
     Raises:
         UsageError: a number is not finite, or OpenSim fails.
     """
+    setup_files.check_opensim()
     known = {e.get("name") for e in read_xml(model, "Model").iter("Coordinate")}
     columns = {coordinate_of(name): name for name in kinematics.names}
     coordinates = {name: kinematics.column(column).tolist() for name, column in columns.items() if name in known}
     request, answer, log = (work / name for name in ("leg_request.json", "leg_answer.json", "leg.log"))
-    content = {"model": str(model.absolute()), "joints": joints, "degrees": degrees, "coordinates": coordinates}
+    content = {"model": str(model.absolute()), "frames": frames, "degrees": degrees, "coordinates": coordinates}
     request.write_text(json.dumps(content), encoding="utf-8")
     if code := pipeline.run_python(child.__name__, (child.PLACES, request.name, answer.name), work, log):
         raise UsageError(f"OpenSim failed with {model}, code {code}: {pipeline.last_words(log)}")
-    numbers = np.array(json.loads(answer.read_text(encoding="utf-8")))
-    return Places(*np.split(numbers, (3, 6, 9, 12), axis=1))
+    found = json.loads(answer.read_text(encoding="utf-8"))
+    numbers = np.array(found["places"]).reshape(len(kinematics.stamps), len(frames), 12)
+    rotations = numbers[:, :, :9].reshape(*numbers.shape[:2], 3, 3)
+    return Frames(tuple(found["names"]), rotations, numbers[:, :, 9:], tuple(found["unknown"]))
+
+
+def tibia_in(
+    reaction: Reaction, kinematics: Table, degrees: bool, model: Path, stamps: Stamps, work: Path
+) -> tuple[Pose, Stamps]:
+    """Place of the tibia in the frame that a reaction is expressed in, at those of its stamps that have kinematics.
+
+    Raises:
+        UsageError: OpenSim is not installed or fails, the model has no such joint or frame, or a coordinate between
+            both is not in the kinematics.
+    """
+    joints = [e.get("name") for e in read_xml(model, "Model").iter() if e.tag.endswith("Joint")]
+    if reaction.joint not in joints:
+        raise UsageError(f"{model} (--model) has no joint {reaction.joint}; is it the model of these results?")
+    stamps = stamps[(stamps >= kinematics.stamps[0]) & (stamps <= kinematics.stamps[-1])]
+    table = kinematics._replace(stamps=stamps, values=Signal(kinematics.stamps, kinematics.values).at(stamps).values)
+    frames = [("child_base", reaction.joint), ("frame", reaction.frame), ("child", reaction.joint)]
+    found = frames_of(table, degrees, model, frames, work)
+    if not is_part(found.names[0], TIBIA):
+        raise UsageError(f"{model}: {reaction.joint} joins {found.names[0]} to its parent, and must join the tibia")
+    if found.unknown:
+        raise UsageError(
+            f"{kinematics.path} has no coordinate {some(found.unknown)} of {model.name}, by which {found.names[0]} "
+            f"moves in {found.names[1]}, in which the reaction is expressed"
+        )
+    (ours, theirs, _), (origin, other, centre) = (np.moveaxis(each, 1, 0) for each in found[1:3])
+    rotation = np.einsum("nji,njk->nik", ours, theirs)  # from their frame to the tibia's
+    place, point = (np.einsum("nji,nj->ni", theirs, each - other) for each in (origin, centre))
+    return Pose(rotation, place, point if reaction.moco else None), stamps

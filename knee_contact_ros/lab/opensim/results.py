@@ -17,7 +17,7 @@ from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.lab import checks
 from knee_contact_ros.lab.gait_bag import MIRROR, Signal
 from knee_contact_ros.lab.opensim.setup_files import read_xml
-from knee_contact_ros.lab.tables import Table, read_storage, some
+from knee_contact_ros.lab.tables import Floats, Stamps, Table, read_storage, some
 from knee_contact_ros.system.errors import UsageError
 
 RIGHT, LEFT = "right", "left"
@@ -27,8 +27,10 @@ ANGLE_WORDS = {"angle", "flexion", "flex", "extension", "ext", "fe"}
 TIBIA, FEMUR = ("tibia", "shank"), ("femur", "femor", "thigh")
 """Beginnings of words in the names of bodies"""
 REACTION = re.compile(r"(?P<joint>.+)_on_(?P<body>.+)_in_(?P<frame>.+)_(?:[fmp][xyz])")
-MOCO = "reaction_on_"
-"""Part of the names of the columns that Moco's study writes: /jointset/knee_r|reaction_on_child_1 and so on"""
+MOCO = re.compile(r"(?P<path>.*?(?P<joint>[^/|]+)\|reaction_on_child)_[1-6]")
+"""Columns of a reaction on a joint's child that Moco's study writes: torque and force in ground, at the joint"""
+MOCO_PLACES = {"mx": 1, "my": 2, "mz": 3, "fx": 4, "fy": 5, "fz": 6}
+GROUND = "ground"
 AXES = ("fx", "fy", "fz", "mx", "my", "mz")
 POINT = ("px", "py", "pz")
 HOW = "in the JointReaction set-up: apply_on_bodies child, express_in_frame child"
@@ -74,9 +76,13 @@ class Reaction(NamedTuple):
     """Body on which it acts"""
     frame: str
     """Frame in which it is expressed"""
+    moco: str = ""
+    """Beginning of the names of its columns, if Moco has written them"""
 
     def column(self, axis: str) -> str:
         """Name of a column."""
+        if self.moco:
+            return f"{self.moco}_{MOCO_PLACES.get(axis)}"
         return f"{self.joint}_on_{self.body}_in_{self.frame}_{axis}"
 
     @property
@@ -88,6 +94,22 @@ class Reaction(NamedTuple):
     def on_femur(self) -> bool:
         """Whether it acts on a femur and is expressed in a tibia's frame."""
         return is_part(self.body, FEMUR) and is_part(self.frame, TIBIA) and "offset" not in self.frame
+
+    @property
+    def in_femur(self) -> bool:
+        """Whether it is expressed in a femur's frame."""
+        return is_part(self.frame, FEMUR) and "offset" not in self.frame
+
+
+class Pose(NamedTuple):
+    """Place of the tibia in the frame that a reaction is expressed in, at its n rows."""
+
+    rotation: Floats
+    """Turns vectors from that frame into the tibia's; shape (n, 3, 3)"""
+    origin: Floats
+    """Origin of the tibia's frame there [m], shape (n, 3)"""
+    point: Floats | None = None
+    """Where the reaction acts there [m], if the file does not say it; shape (n, 3)"""
 
 
 def read_model(path: Path, coordinate: str | None) -> ModelFacts:
@@ -153,15 +175,12 @@ def find_reaction(table: Table, side: str, joint: str | None) -> Reaction:
     """Find the knee's reaction on the tibia in the tibia's frame, or else one from which it can be computed.
 
     Raises:
-        UsageError: there is no such joint or more than one, or its reaction is on another body or in another frame.
+        UsageError: there is no such joint or more than one, or its reaction is on another body.
     """
     matches = [REACTION.fullmatch(name) for name in table.names]
     there = list(dict.fromkeys(Reaction(*match.groups()) for match in matches if match))
-    if not there and (moco := next((name for name in table.names if MOCO in name), None)):
-        raise UsageError(
-            f"{table.path}: {moco} is Moco's reaction, torque before force, in ground, and must be in the tibia's "
-            f"frame: run JointReaction (AnalyzeTool) on Moco's solution; {HOW}"
-        )
+    there += dict.fromkeys(Reaction(match["joint"], TIBIA[0], GROUND, match["path"])
+                           for match in map(MOCO.fullmatch, table.names) if match)  # fmt: skip
     if not there:
         raise UsageError(f"{table.path} has no reaction <joint>_on_<body>_in_<frame>_fx ..., but {some(table.names)}")
     joints = list(dict.fromkeys(reaction.joint for reaction in there))
@@ -172,12 +191,11 @@ def find_reaction(table: Table, side: str, joint: str | None) -> Reaction:
         having = f"{len(knees)} joints of the {side} knee" if knees else f"no joint of the {side} knee"
         raise UsageError(f"{table.path} has {having} among {some(joints)}; choose one with --joint NAME")
     ours = [reaction for reaction in there if reaction.joint == knees[0]]
-    usable = [*(each for each in ours if each.on_tibia), *(each for each in ours if each.on_femur)]
+    of_knee = [each for each in ours if is_part(each.body, (*TIBIA, *FEMUR))]
+    usable = sorted(of_knee, key=lambda each: (not each.on_tibia, not each.on_femur, not each.in_femur))
     if not usable:
-        joint, body, frame = ours[0]
-        fault = f"{joint} on {body} is expressed in {frame}, and must be in the tibia's frame"
-        if not is_part(body, (*TIBIA, *FEMUR)):
-            fault = f"{joint} acts on {body}, and must on the tibia"
+        joint, body = ours[0][:2]
+        fault = f"{joint} acts on {body}, and must on the tibia"
         others = [each.joint for each in there if (each.on_tibia or each.on_femur) and _of_side(each, side)]
         cure = f"in this file {some(others)} does: --joint {others[0]}" if others else HOW
         raise UsageError(f"{table.path}: {fault}; {cure}")
@@ -232,23 +250,50 @@ def read_angles(
     return Signal(table.stamps, np.hstack([signal.values, given])), notes
 
 
-def read_reaction(table: Table, reaction: Reaction, side: str) -> tuple[Signal, list[str]]:
+def needs_model(table: Table, reaction: Reaction) -> UsageError:
+    """Refusal of a reaction that is expressed in another frame, of which nothing is known without a model."""
+    said = "Moco's reaction, torque before force, " if reaction.moco else ""
+    return UsageError(
+        f"{table.path}: {reaction.column('fx')} is {said}in {reaction.frame}, and must be in the tibia's frame: give "
+        f"--model M.osim (needs the extra opensim, and all coordinates in --kinematics); or run JointReaction, {HOW}"
+    )
+
+
+def hinge(angle: Signal, stamps: Stamps) -> Pose:
+    """Pose of a tibia in a femur's frame with the same origin, turned by the flexion angle about z alone."""
+    flexion = np.interp(stamps, angle.stamps, angle.values[:, 0])
+    rotation = np.zeros((len(stamps), 3, 3))
+    rotation[:, 0, 0] = rotation[:, 1, 1] = np.cos(flexion)
+    rotation[:, 0, 1], rotation[:, 1, 0] = -np.sin(flexion), np.sin(flexion)
+    rotation[:, 2, 2] = 1.0
+    return Pose(rotation, np.zeros((len(stamps), 3)))
+
+
+def read_reaction(table: Table, reaction: Reaction, side: str, pose: Pose | None = None) -> tuple[Signal, list[str]]:
     """Read force and torque on the tibia at its frame's origin, mirrored for a left knee, and notes.
+
+    `pose` is that of the tibia in the reaction's frame, at the rows of the table, if that is another one.
 
     Raises:
         UsageError: the force pulls the joint apart, or is not in N.
     """
     wrench = np.column_stack([table.column(reaction.column(axis)) for axis in AXES])
     notes = []
-    if reaction.on_femur:
+    if is_part(reaction.body, FEMUR):
         wrench = -wrench
         notes.append(f"reaction: on {reaction.body} turned into that on the tibia (Newton's third law)")
     points = [reaction.column(axis) for axis in POINT]
+    point = np.zeros((len(wrench), 3)) if pose is None or pose.point is None else pose.point
     if set(points) <= set(table.names):
         point = np.column_stack([table.column(name) for name in points])
-        if point.any():
-            wrench[:, 3:] += np.cross(point, wrench[:, :3])
-            notes.append("torque: moved to the tibia frame's origin")
+    arm = point if pose is None else point - pose.origin
+    if arm.any():
+        wrench[:, 3:] += np.cross(arm, wrench[:, :3])
+        notes.append("torque: moved to the tibia frame's origin")
+    if pose:
+        turned = [np.einsum("nij,nj->ni", pose.rotation, part) for part in (wrench[:, :3], wrench[:, 3:])]
+        wrench = np.hstack(turned)
+        notes.append(f"reaction: turned from {reaction.frame} into the tibia's frame")
     checks.check_axial(-wrench[:, 1], f"{table.path}: {reaction.column('fy')}")
     if side == LEFT:
         wrench = wrench * MIRROR

@@ -27,6 +27,7 @@ from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.topics import NANOSECONDS
 from tests.helpers.needs import needs_opensim
+from tests.lab.opensim.storages import write_storage
 from tests.lab.opensim.test_command import origin
 from tests.lab.opensim.test_leg import TOPICS
 from tests.offline.test_solve import silent
@@ -73,6 +74,70 @@ def scaled(example: Path) -> Path:
     """The example with the subject's model, subject01_simbody.osim."""
     assert run_python(child.__name__, ("ScaleTool", "subject01_Setup_Scale.xml"), example, example / "log") == 0
     return example
+
+
+EXPRESSED = """<OpenSimDocument Version="40000"><AnalyzeTool name="x"><model_file>model.osim</model_file>
+<coordinates_file>q.sto</coordinates_file><initial_time>0.8</initial_time><final_time>1.0</final_time>
+<results_directory>.</results_directory><AnalysisSet><objects>{}</objects></AnalysisSet></AnalyzeTool></OpenSimDocument>
+"""
+REACTION = """<JointReaction name="{0}_{1}"><joint_names>knee_{2}</joint_names><apply_on_bodies>{0}</apply_on_bodies>
+<express_in_frame>{1}</express_in_frame><start_time>0.8</start_time><end_time>1.0</end_time></JointReaction>"""
+
+
+@pytest.mark.parametrize("side", ["right", "left"])
+def test_reactions_in_other_frames_are_turned_as_opensim_does(reference_data: Path, tmp_path: Path, side: str) -> None:
+    """Against what JointReaction itself says of the tibia in its frame, in the same run."""
+    example, frames = reference_data / "opensim_gait2354", ("child", "parent", "ground")
+    kinds = [(body, frame) for body in ("child", "parent") for frame in frames]
+    shutil.copyfile(example / "gait2354_simbody.osim", tmp_path / "model.osim")
+    shutil.copyfile(example / KINEMATICS, tmp_path / "q.sto")
+    analyses = "".join(REACTION.format(*kind, side[0]) for kind in kinds)
+    (tmp_path / "setup.xml").write_text(EXPRESSED.format(analyses))
+    assert run_python(child.__name__, ("AnalyzeTool", "setup.xml"), tmp_path, tmp_path / "log") == 0
+    found = {}
+    for kind in kinds:
+        reactions = tmp_path / f"x_{'_'.join(kind)}_ReactionLoads.sto"
+        files = Files(tmp_path / "q.sto", reactions, model=tmp_path / "model.osim")
+        found[kind] = read_knee(side, files, Settings(anyway=True), tmp_path)[0].reaction.values
+    ours = found["child", "child"]
+    assert np.abs(ours[:, 1]).max() > 5e4  # nothing but gravity and inertia; the muscles pull as their tone does
+    for kind, wrench in found.items():
+        np.testing.assert_allclose(wrench, ours, rtol=0.0, atol=0.01, err_msg=f"{kind} [N, N m]")
+
+
+def test_a_model_whose_coordinates_are_not_all_known_turns_nothing(
+    reference_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Ground needs the whole leg and the pelvis; Moco's reactions are in ground."""
+    example = reference_data / "opensim_gait2354"
+    kinematics = read_storage(example / KINEMATICS)
+    known = {name: kinematics.column(name) for name in kinematics.names if name != "hip_rotation_r"}
+    short = write_storage(tmp_path / "q.sto", kinematics.stamps / NANOSECONDS, known, "yes")
+    moco = {
+        f"/jointset/knee_r|reaction_on_child_{place}": -700.0 + 0.0 * known["knee_angle_r"] for place in range(1, 7)
+    }
+    reactions = write_storage(tmp_path / "jr.sto", kinematics.stamps / NANOSECONDS, moco, None)
+    model = [
+        "--model",
+        str(example / "gait2354_simbody.osim"),
+        "--side",
+        "right",
+        "--rate",
+        "0",
+        "--output",
+        str(tmp_path / "bag"),
+    ]
+    for angles, words in (
+        (short, "has no coordinate hip_rotation_r of gait2354_simbody.osim, by which tibia_r moves in ground"),
+        (example / KINEMATICS, ""),
+    ):
+        code = main(["import-opensim", "--kinematics", str(angles), "--reactions", str(reactions), *model])
+        assert code == (2 if words else 0)
+        assert words in capsys.readouterr().err
+    forces = [message for message in read_bag(tmp_path / "bag", INPUT_TYPES) if message.topic.endswith("force")]
+    size = [np.linalg.norm([m.message.wrench.force.x, m.message.wrench.force.y, m.message.wrench.force.z])
+            for m in forces]  # fmt: skip
+    np.testing.assert_allclose(size, 700.0 * np.sqrt(3.0), atol=1e-6)
 
 
 def command(folder: Path, output: Path, *more: str) -> list[str]:

@@ -116,6 +116,14 @@ def test_names_of_columns_tell_the_foot_or_it_is_asked_for(
         assert read_ground(data, data, side).forces == (force,)
 
 
+def test_an_identifier_may_be_the_beginning_of_three_names(data: Path) -> None:
+    """Of a moment it is `1_ground_t` here; of a force and its point together it would not be clear, as for OpenSim."""
+    force = external("calcn_r", **LEFT).replace("1_ground_torque_<", "1_ground_t<")
+    assert "1_ground_t<" in force
+    loads = write_loads(data.parent / "grf.xml", "grf.mot", [force])
+    assert read_ground(loads, data, "right").forces[0].torque == "1_ground_torque_"
+
+
 @pytest.mark.parametrize(("force", "says"), REFUSED_LOADS)
 def test_loads_that_cannot_be_are_refused(data: Path, force: str, says: str) -> None:
     loads = write_loads(data.parent / "grf.xml", "grf.mot", [force])
@@ -178,14 +186,17 @@ def test_what_cannot_act_on_this_foot_is_refused(tmp_path: Path, axis: str, valu
     assert "\n" not in str(refused.value)
 
 
-def stands_still(table: Table, degrees: bool, model: Path, joints: list[str], work: Path) -> Places:
+def stands_still(table: Table, degrees: bool, model: Path, frames: list[tuple[str, str]], work: Path) -> leg.Frames:
     """A leg whose knee is ahead of its hip, above the plate of `storages.plate`."""
     assert degrees
     assert work.is_dir()
     knee = np.array([0.4, 0.5, 0.1])
     hip = knee + 0.4 * np.array([-np.sin(HIP_ANGLE), np.cos(HIP_ANGLE), 0.0])
-    rows = np.ones((len(table.stamps), 1))
-    return Places(rows * hip, rows * knee, rows * ANKLE[0], rows * np.array([1.0, 0.0, 0.0]), TOES_UP * rows)
+    origins = np.array([hip, knee, ANKLE[0], hip, knee, ANKLE[0]])
+    rotations = np.array([np.eye(3)] * len(frames))
+    rotations[5, :2, :2] = [[np.cos(TOES_UP), -np.sin(TOES_UP)], [np.sin(TOES_UP), np.cos(TOES_UP)]]
+    rows = len(table.stamps)
+    return leg.Frames((), np.array([rotations] * rows), np.array([origins] * rows), ())
 
 
 @pytest.fixture
@@ -206,7 +217,7 @@ def loads(tmp_path: Path) -> list[str]:
 def by_tests(monkeypatch: pytest.MonkeyPatch) -> None:
     """As if OpenSim were installed."""
     monkeypatch.setattr("knee_contact_ros.system.files.find_spec", lambda name: name)
-    monkeypatch.setattr(leg, "places_of", stands_still)
+    monkeypatch.setattr(leg, "frames_of", stands_still)
 
 
 def numbers(wrench: object) -> list[float]:

@@ -13,7 +13,7 @@ from knee_contact_ros.lab.checks import sign_of, unit_of
 from knee_contact_ros.lab.gait_bag import Gait
 from knee_contact_ros.lab.opensim.command import Files, read_knee
 from knee_contact_ros.lab.opensim.results import Reaction, Settings, angle_column, find_reaction, speed_column
-from knee_contact_ros.lab.tables import Table
+from knee_contact_ros.lab.tables import Table, read_storage
 from knee_contact_ros.system.errors import UsageError
 from tests.lab.opensim import storages
 from tests.lab.opensim.storages import AXES, DURATION, TIBIA, flexion, kinematics, outcome, reaction_columns, reactions
@@ -85,10 +85,11 @@ REACTIONS = [
     (["k1_on_tibia_r_in_tibia_r", ON_TIBIA], "k1", "^k1_on_tibia_r_in_tibia_r_$"),
     (["k1_on_tibia_r_in_tibia_r"], "k2", r"no joint k2 \(--joint\); it has .*k1"),
     ([ON_TIBIA, f"old_{ON_TIBIA}"], None, r"2 joints of the right knee .*--joint"),
-    (["knee_r_on_tibia_r_in_ground"], None, "on tibia_r is expressed in ground, .*express_in_frame child"),
-    (["knee_r_on_tibia_r_in_femur_r"], None, "expressed in femur_r"),
-    (["knee_r_on_femur_r_in_femur_r"], None, "on femur_r is expressed in femur_r, .*apply_on_bodies child"),
-    (["knee_r_on_femur_r_in_tibia_r_offset"], None, "expressed in tibia_r_offset"),
+    (["knee_r_on_tibia_r_in_ground"], None, "^knee_r_on_tibia_r_in_ground_$"),
+    (["knee_r_on_tibia_r_in_femur_r"], None, "^knee_r_on_tibia_r_in_femur_r_$"),
+    (["knee_r_on_femur_r_in_femur_r"], None, "^knee_r_on_femur_r_in_femur_r_$"),
+    (["knee_r_on_femur_r_in_femur_r", "knee_r_on_tibia_r_in_ground", ON_TIBIA], None, f"^{ON_TIBIA}_$"),
+    (["knee_r_on_femur_r_in_tibia_r_offset"], None, "^knee_r_on_femur_r_in_tibia_r_offset_$"),
     (
         ["knee_r_on_articulation_r_in_articulation_r", "weld_r_on_tibial_plat_r_in_tibial_plat_r"],
         None,
@@ -139,7 +140,7 @@ def test_a_reaction_with_columns_missing_and_a_file_without_one() -> None:
     assert "no reaction <joint>_on_<body>_in_<frame>_fx" in str(found)
     moco = table([f"/jointset/knee_r|reaction_on_child_{number}" for number in range(1, 7)])
     assert re.search(
-        "_1 is Moco's reaction, torque .* in ground, .*child", str(outcome(find_reaction, moco, "right", None))
+        "knee_r', body='tibia', frame='ground', moco='/jointset", str(outcome(find_reaction, moco, "right", None))
     )
 
 
@@ -241,7 +242,7 @@ def test_resampled_at_a_rate(tmp_path: Path) -> None:
         ({"sign": -1.0}, {}, "fy pulls the knee apart, by up to 1800 N, and presses with -900 N"),
         ({"sign": 1.0 / 750.0}, {}, r"fy presses with 2\.4 at most; it must be in N"),
         ({"rows": 11, "start": 3.0, "end": 4.0}, {}, r"no time in common: 0 to 1\.2 s and 3 to 4 s"),
-        ({"prefix": TIBIA.replace("in_tibia_{0}", "in_ground")}, {}, r"expressed in ground, .* express_in_frame child"),
+        ({"prefix": TIBIA.replace("in_tibia_{0}", "in_ground")}, {}, r"is in ground, .*: give --model M\.osim"),
     ],
 )
 def test_what_cannot_be_is_refused_in_a_line(
@@ -251,6 +252,26 @@ def test_what_cannot_be_is_refused_in_a_line(
     with pytest.raises(UsageError, match=says) as refused:
         knee(Files(kinematics(tmp_path / "q.sto"), jr), **settings)
     assert "\n" not in str(refused.value)
+
+
+def test_a_reaction_in_the_femurs_frame_is_turned_by_the_angle(tmp_path: Path) -> None:
+    """On the femur it is the other way round; without a model its torque has another point, and that is told."""
+    jr = reactions(tmp_path / "jr.sto")
+    tibia = read_storage(jr)
+    time = tibia.stamps * 1e-9
+    angle = np.interp(time, TIME, flexion(TIME))
+    ours = knee(Files(kinematics(tmp_path / "q.sto"), jr), rate=None)
+    columns = {name: tibia.column(name) for name in tibia.names if "_on_tibia_r" in name}
+    for kind in "fm":
+        x, y = (next(v for name, v in columns.items() if name.endswith(kind + axis)) for axis in "xy")
+        z = next(v for name, v in columns.items() if name.endswith(f"{kind}z"))
+        turned = np.cos(angle) * x + np.sin(angle) * y, np.cos(angle) * y - np.sin(angle) * x, z
+        columns |= {f"knee_r_on_femur_r_in_femur_r_{kind}{axis}": -v for axis, v in zip("xyz", turned, strict=True)}
+    columns = {name: values for name, values in columns.items() if "femur" in name}
+    path = storages.write_storage(tmp_path / "femur.sto", time, columns, "no")
+    found = knee(Files(tmp_path / "q.sto", path), rate=None)
+    np.testing.assert_allclose(found.reaction.values, ours.reaction.values, atol=1e-6)
+    assert "turned from femur_r by the flexion angle alone, as of a hinge, and its torque" in found.doubts[0]
 
 
 def test_a_gap_is_told_and_not_interpolated_across(tmp_path: Path) -> None:
