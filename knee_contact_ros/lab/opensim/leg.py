@@ -142,7 +142,7 @@ def read_ground(ground: Path, data: Path, side: str) -> GroundFile:
 
 
 def _stem(identifier: str, table: Table) -> str:
-    """Beginning of three columns that x, y and z follow; OpenSim takes an identifier that is shorter, if it is clear."""
+    """Beginning of three columns that x, y and z follow; as for OpenSim, a shorter identifier does if it is clear."""
     fitting = [name for name in table.names if identifier and name.startswith(identifier)]
     stem = fitting[0][:-1] if fitting else identifier
     return stem if fitting == [f"{stem}{axis}" for axis in "xyz"] else identifier
