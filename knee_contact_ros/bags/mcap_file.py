@@ -16,10 +16,9 @@ import zlib
 from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
-from heapq import heappop, heappush
 from io import BytesIO
-from itertools import accumulate, zip_longest
-from operator import attrgetter, itemgetter
+from itertools import accumulate
+from operator import itemgetter
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
@@ -31,6 +30,7 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, ChunkIndex, DataEnd, Footer, Header, Metadata, Schema, Statistics
+from numpy.typing import NDArray
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 
 from knee_contact_ros.bags.columns import DECLARATIONS, Batch, Contents, contents_of, records_in
@@ -360,6 +360,10 @@ class McapFile:
         """Channels by their numbers, each with its schema, if it has one"""
         self.segments: list[Segment] = []
         """Pieces of the file with messages, in its order"""
+        self.spans: dict[int, tuple[int, int]] = {}
+        """Smallest and largest log time [ns] of each channel"""
+        self.goes_back = False
+        """Whether the log times of a channel go back in the order of the file"""
         self.others: list[int] = []
         """Offsets [B] of metadata and attachments"""
         self._declared: dict[tuple[type, int], Any] = {}  # schemas and channels by type and number
@@ -408,27 +412,19 @@ class McapFile:
             connections[number] = topic
         return connections
 
-    def by_time(self, numbers: Mapping[int, int]) -> Iterator[Batch]:
-        """Messages in the order of log time, at equal times in that of the file.
+    def read(self, segment: int, numbers: Mapping[int, int]) -> Batch:
+        """Messages of a segment in its order.
 
         Args:
-            numbers: Number in the batches of each channel that is read.
+            segment: Index of the segment.
+            numbers: Number in the batch of each channel that is read.
         """
         number_of = np.full(CHANNELS, -1, np.intp)
         for channel, number in numbers.items():
             number_of[channel] = number
-        segments = [segment for segment in self.segments if not numbers.keys().isdisjoint(segment.counts)]
-        segments.sort(key=attrgetter("first", "offset"))
-        waiting = list[tuple[int, int, Batch]]()  # rests of segments by time and offset
-        for segment, following in zip_longest(segments, segments[1:]):
-            contents = self._contents(segment)
-            batch = Batch(number_of[contents.heads["channel"]], contents.heads["log"], contents.messages)
-            batch = batch.part(np.flatnonzero(batch.numbers >= 0)).by_time()
-            if waiting or (following and following.first <= segment.last):
-                heappush(waiting, (int(batch.times[0]), segment.offset, batch))
-                yield from _until(following, waiting)
-            else:
-                yield batch
+        contents = self._contents(self.segments[segment])
+        batch = Batch(number_of[contents.heads["channel"]], contents.heads["log"], contents.messages)
+        return batch.part(np.flatnonzero(batch.numbers >= 0))
 
     def in_file_order(self) -> Iterator[tuple[int, Message | Metadata | Attachment]]:
         """Messages, metadata and attachments in the order of the file, with the offset [B] of the segment or record."""
@@ -586,8 +582,21 @@ class McapFile:
                 f"the chunk at byte {segment.offset}, which has no checksum, tells other times than its messages"
             )
         counts = Counter[int](contents.heads["channel"].tolist())
+        self._look_at_times(contents.heads["channel"], contents.heads["log"])
         self.segments.append(segment._replace(first=times[0], last=times[1], counts=counts))
         return len(contents.heads)
+
+    def _look_at_times(self, channels: NDArray[Any], times: NDArray[Any]) -> None:
+        """Note the spans of log times of the channels, and whether they go back."""
+        order = np.argsort(channels, kind="stable")
+        own, logs = channels[order], times[order]
+        begins = np.flatnonzero(np.diff(own, prepend=-1))
+        self.goes_back |= bool(((logs[1:] < logs[:-1]) & (own[1:] == own[:-1])).any())
+        extremes = np.minimum.reduceat(logs, begins).tolist(), np.maximum.reduceat(logs, begins).tolist()
+        for channel, begin, first, last in zip(own[begins].tolist(), begins.tolist(), *extremes, strict=True):
+            before = self.spans.get(channel, (first, 0))
+            self.goes_back |= int(logs[begin]) < before[1]
+            self.spans[channel] = min(first, before[0]), max(last, before[1])
 
     def _declare(self, record: Any, declared: dict[tuple[type, int], Any]) -> None:
         """Take in a schema or channel, which `mcap` has parsed as `record`, into `declared`."""
@@ -659,19 +668,6 @@ class McapFile:
         """Add a fault unless it is known already."""
         if fault not in self.faults:
             self.faults.append(fault)
-
-
-def _until(following: Segment | None, waiting: list[tuple[int, int, Batch]]) -> Iterator[Batch]:
-    """Remove and yield the waiting messages before the following segment, all if it is None, in at most one batch."""
-    parts = []
-    while waiting and (following is None or waiting[0][0] < following.first):
-        _, offset, batch = heappop(waiting)
-        count = int(np.searchsorted(batch.times, np.uint64(following.first))) if following else len(batch)
-        parts.append((offset, batch.part(slice(count))))
-        if count < len(batch):
-            heappush(waiting, (int(batch.times[count]), offset, batch.part(slice(count, None))))
-    if parts:
-        yield Batch.together([batch for _, batch in sorted(parts, key=itemgetter(0))]).by_time()
 
 
 def unpack(segment: Segment, data: bytes) -> bytes:

@@ -37,8 +37,10 @@ from knee_contact_ros.bags.mcap_file import (
     Connection,
     McapFile,
     Records,
+    Segment,
     definition_of,
 )  # fmt: skip
+from knee_contact_ros.bags.order import by_arrival
 from knee_contact_ros.bags.recorder import CONTINUED, MAGIC, METADATA
 from knee_contact_ros.model.types import Rows
 from knee_contact_ros.streams.columns import Column, decode_answers
@@ -87,8 +89,9 @@ TABLES = ("topics", "messages", "message_definitions")
 ROWS = "FROM messages WHERE typeof(topic_id) = 'integer' AND typeof(timestamp) = 'integer' AND typeof(data) = 'blob'"
 """Rows that are messages"""
 DEFINITIONS = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
-ROWS_AT_ONCE = 256
-"""Number of rows that are fetched at once"""
+STEP_BACK = f"SELECT min(step) FROM (SELECT timestamp - lag(timestamp) OVER (ORDER BY id) AS step {ROWS})"  # noqa: S608
+ROWS_AT_ONCE = 1024
+"""Number of rows that are read at once"""
 SQLITE_FIELDS = ((16, 2), (24, 4), (28, 4), (92, 4))
 """Offset and length [B] in the header of page size, change counter, number of pages, and the counter valid for that"""
 
@@ -144,7 +147,6 @@ class BagReader:
                         f"bag {file.path}: its chunks lie over each other in time, so that {file.at_once} bytes would "
                         f"be unpacked at once; at most {MOST_AT_ONCE} are"
                     )
-            self._files.sort(key=lambda file: file.times or (0, 0))
             self._in_file = [file.connections for file in self._files]
             merged: dict[tuple[object, ...], Connection] = {}
             for connection in (each for topics in self._in_file for each in topics.values()):
@@ -182,7 +184,7 @@ class BagReader:
     def raw_messages(
         self, topics: Collection[str] = (), start: int | None = None, stop: int | None = None
     ) -> Iterator[RawMessage]:
-        """Messages in the order of log time, not decoded.
+        """Messages in the order of arrival (`order.py`), not decoded.
 
         Args:
             topics: Topics to read, out of the requested ones; all of them if empty.
@@ -199,15 +201,15 @@ class BagReader:
         self, topics: Collection[str] = (), start: int | None = None, stop: int | None = None
     ) -> Iterator[tuple[RawMessage, MessageDefinition]]:
         """Messages as `raw_messages` gives them, each with the definition of its type in the bag."""
-        for connections, batches in self._by_file(topics):
-            described = [(self._topic_of(connection), connection.definition) for connection in connections]
-            for batch in batches:
-                for number, log_time, data in batch.between(start, stop):
-                    topic, definition = described[number]
-                    yield RawMessage(topic, log_time, data), definition
+        connections, batches = self._by_arrival(topics)
+        described = [(self._topic_of(connection), connection.definition) for connection in connections]
+        for batch in batches:
+            for number, log_time, data in batch.between(start, stop):
+                topic, definition = described[number]
+                yield RawMessage(topic, log_time, data), definition
 
     def blocks(self, topics: Collection[str] = (), *, most: int) -> Iterator[Batch]:
-        """Messages in the order of log time, in blocks of at most `most` messages.
+        """Messages in the order of arrival, in blocks of at most `most` messages.
 
         The number of a message in a block is the index of its topic among all requested ones.
 
@@ -219,12 +221,12 @@ class BagReader:
             UsageError: The bag is damaged.
         """
         indices = {topic: index for index, topic in enumerate(self._requested)}
-        for connections, batches in self._by_file(topics):
-            index_of = np.array([indices[self._topic_of(connection)] for connection in connections], np.intp)
-            yield from blocks((replace(batch, numbers=index_of[batch.numbers]) for batch in batches), most)
+        connections, batches = self._by_arrival(topics)
+        index_of = np.array([indices[self._topic_of(connection)] for connection in connections], np.intp)
+        yield from blocks((replace(batch, numbers=index_of[batch.numbers]) for batch in batches), most)
 
     def messages(self) -> Iterator[BagMessage]:
-        """Messages in the order of log time, decoded by the definitions in this package.
+        """Messages in the order of arrival, decoded by the definitions in this package.
 
         Raises:
             UsageError: The bag is damaged, or a message cannot be decoded.
@@ -236,16 +238,26 @@ class BagReader:
                 raise self._damaged(error) from None
             yield BagMessage(topic, log_time, message)
 
-    def _by_file(self, topics: Collection[str]) -> Iterator[tuple[list[Connection], Iterator[Batch]]]:
-        """For each file its requested connections, and its messages, whose numbers are indices of these."""
+    def _by_arrival(self, topics: Collection[str]) -> tuple[list[Connection], Iterator[Batch]]:
+        """Requested connections, and the messages, whose numbers are indices of these."""
         wanted = {connection[:3] for topic in topics or self._requested for connection in self._requested[topic]}
-        for file, declared in zip(self._files, self._in_file, strict=True):
-            chosen = {channel: connection for channel, connection in declared.items() if connection[:3] in wanted}
-            yield list(chosen.values()), self._batches(file, {channel: n for n, channel in enumerate(chosen)})
+        connections = list[Connection]()
+        numbers: list[dict[int, int]] = []
+        known: dict[tuple[object, ...], int] = {}  # a publisher has the same number in all files
+        for declared in self._in_file:
+            before, own = Counter[tuple[str, ...]](), dict[int, int]()
+            for channel, connection in declared.items():
+                key = connection[:3]
+                if key in wanted:
+                    own[channel] = known.setdefault((*key, before[key], connection.definition), len(connections))
+                    before[key] += 1
+                    connections += [connection] if own[channel] == len(connections) else []
+            numbers.append(own)
+        return connections, self._batches(numbers)
 
-    def _batches(self, file: File, numbers: Mapping[int, int]) -> Iterator[Batch]:
+    def _batches(self, numbers: Sequence[Mapping[int, int]]) -> Iterator[Batch]:
         try:
-            for batch in file.by_time(numbers):
+            for batch in by_arrival(self._files, numbers):
                 yield batch.changed(_unpacked, np.ones(len(batch), dtype=bool)) if self._packed else batch
         except Exception as error:  # whatever a broken file provokes in the reader
             raise self._damaged(error) from None
@@ -688,6 +700,12 @@ class SqliteFile:
         """Faults of the file, as sentences"""
         self.connections: dict[int, Connection] = {}
         """Topics by their numbers"""
+        self.segments: list[Segment] = []
+        """Blocks of rows, in the order of the file"""
+        self.spans: dict[int, tuple[int, int]] = {}
+        """Smallest and largest log time [ns] of each topic"""
+        self.goes_back = False
+        """Whether the log times go back in the order of the file"""
         log = path.with_name(f"{path.name}-wal")
         if log.exists() and log.stat().st_size:
             self.faults.append(f"{log.name} holds messages that were never merged: open the bag once with sqlite3")
@@ -706,21 +724,19 @@ class SqliteFile:
     @property
     def times(self) -> tuple[int, int] | None:
         """Smallest and largest log time [ns]; None without messages."""
-        first, last = self._database.execute(f"SELECT min(timestamp), max(timestamp) {ROWS}").fetchone()
-        return None if first is None else (first, last)
+        spans = self.spans.values()
+        return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else None
 
-    def by_time(self, numbers: Mapping[int, int]) -> Iterator[Batch]:
-        """Messages in the order of log time, at equal times in that of the rows.
-
-        Args:
-            numbers: Number in the batches of each topic that is read, by its number in the file.
-        """
-        cursor = self._database.execute(f"SELECT topic_id, timestamp, data {ROWS} ORDER BY timestamp, id")
-        while rows := cursor.fetchmany(ROWS_AT_ONCE):
-            selected = [(numbers[topic], time, data) for topic, time, data in rows if topic in numbers]
-            if selected:
-                topics, times, messages = zip(*selected, strict=True)
-                yield Batch(np.array(topics, np.intp), np.array(times, np.int64), Column.of(messages))
+    def read(self, segment: int, numbers: Mapping[int, int]) -> Batch:
+        """Messages of a segment in its order; see `McapFile.read`."""
+        rows = self.segments[segment]
+        cursor = self._database.execute(
+            f"SELECT topic_id, timestamp, data {ROWS} AND id BETWEEN ? AND ? ORDER BY id", (rows.begin, rows.end)
+        )
+        selected = [(numbers[topic], time, data) for topic, time, data in cursor if topic in numbers]
+        topics, times, messages = zip(*selected, strict=True) if selected else ((), (), ())
+        log_times = np.array(times, np.int64 if min(times, default=0) < 0 else np.uint64)
+        return Batch(np.array(topics, np.intp), log_times, Column.of(messages))
 
     def _read(self, path: Path) -> None:
         """Check the file, and read its topics, definitions and numbers of messages."""
@@ -745,11 +761,26 @@ class SqliteFile:
             topic, type_name, encoding = map(str, texts)
             definition = definitions.get(type_name, NO_DEFINITION)
             self.connections[int(number)] = Connection(topic, type_name, encoding, definition, counts.pop(number, 0))
+        self._look_at_times()
         every = database.execute("SELECT count(*) FROM messages").fetchone()[0]
         if others := every - database.execute(f"SELECT count(*) {ROWS}").fetchone()[0]:
             self.faults.append(f"{others} rows are no messages")
         for number, count in counts.items():
             self.faults.append(f"{count} messages are of topic {number}, which nothing declares")
+
+    def _look_at_times(self) -> None:
+        """Divide the rows into segments, and note the spans of the topics and whether log times go back."""
+        for topic, first, last in self._database.execute(
+            f"SELECT topic_id, min(timestamp), max(timestamp) {ROWS} GROUP BY topic_id"
+        ):
+            self.spans[topic] = first, last
+        blocks = (
+            f"SELECT min(id), max(id), min(timestamp), max(timestamp) {ROWS} GROUP BY id / {ROWS_AT_ONCE} ORDER BY id"
+        )
+        topics = Counter(dict.fromkeys(self.spans, 1))
+        for begin, end, first, last in self._database.execute(blocks):
+            self.segments.append(Segment(begin, begin, end, 0, first=first, last=last, counts=topics))
+        self.goes_back = (self._database.execute(STEP_BACK).fetchone()[0] or 0) < 0
 
 
 File = McapFile | SqliteFile

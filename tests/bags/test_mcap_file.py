@@ -24,6 +24,7 @@ from knee_contact_ros.bags.mcap_file import (
     parsed,
     unpack,
 )  # fmt: skip
+from knee_contact_ros.bags.order import by_arrival
 from knee_contact_ros.bags.reader import MOST_AT_ONCE, BagReader
 from knee_contact_ros.bags.recorder import HEAD, MAGIC
 from knee_contact_ros.streams.topics import typestore
@@ -50,7 +51,8 @@ def made(tmp_path: Path, form: str) -> Path:
 def read(path: Path) -> tuple[list[Message], list[str]]:
     """Messages by time, and faults."""
     with closing(McapFile(path)) as file:
-        found = [row for batch in file.by_time({number: number for number in file.streams}) for row in batch]
+        numbers = {number: number for number in file.streams}
+        found = [row for batch in by_arrival([file], [numbers]) for row in batch]
         topics = {number: channel.topic for number, (channel, _) in file.streams.items()}
         assert file.counts.total() == len(found)
         return [(topics[number], time, data) for number, time, data in found], file.faults
@@ -219,10 +221,11 @@ def test_chunks_that_lie_over_each_other_come_by_time(tmp_path: Path, seed: int)
     dice, path, chunks = np.random.default_rng(seed), tmp_path / "bag.mcap", []
     times = [sorted(dice.integers(0, 200, dice.integers(1, 9)).tolist()) for _ in range(100)]
     times[seed] = list(range(300))
-    for part in times:
-        data = b"".join(message(1, b"", time) for time in part)
+    for number, part in enumerate(times, start=1):  # each of another publisher: time goes back for none of them
+        data = b"".join(message(number, b"", time) for time in part)
         chunks.append(chunk(data, len(data), "", part[0], part[-1]))
-    path.write_bytes(whole(schema(1, "a/msg/B", b""), channel(1, "/a"), *chunks))
+    channels = (channel(number, "/a") for number in range(1, len(times) + 1))
+    path.write_bytes(whole(schema(1, "a/msg/B", b""), *channels, *chunks))
     assert [time for _, time, _ in read(path)[0]] == sorted(time for part in times for time in part)
 
 

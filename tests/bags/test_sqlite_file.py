@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from knee_contact_ros.bags.order import by_arrival
 from knee_contact_ros.bags.reader import SqliteFile
 from knee_contact_ros.system.errors import UsageError
 from studies.fuzz_bags.bags import Message, messages, sqlite
@@ -24,7 +25,8 @@ def database(tmp_path: Path) -> Path:
 
 
 def rows(file: SqliteFile) -> list[tuple[int, int, bytes]]:
-    return [row for batch in file.by_time({number: number for number in file.connections}) for row in batch]
+    numbers = {number: number for number in file.connections}
+    return [row for batch in by_arrival([file], [numbers]) for row in batch]
 
 
 def read(path: Path) -> tuple[list[Message], list[str]]:
