@@ -5,6 +5,7 @@ from __future__ import annotations
 from html import escape
 from importlib import import_module
 from io import StringIO
+from itertools import pairwise
 from os import PathLike, fspath
 from typing import Any
 
@@ -21,6 +22,8 @@ DATES_FROM = 10 * 365 * 86_400 * 1_000_000_000
 """The least stamp [ns] that is a date; those of simulations and of trials begin near 0"""
 TIME = "time"
 """Name of the column with the time"""
+RUN = "run"
+"""Name of the column with the number of the run"""
 PARQUET = ".parquet"
 ENDS = 4
 """Number of rows that the table shows of the beginning, and of the end"""
@@ -51,6 +54,14 @@ class Results(np.recarray[Any, Any]):
     def time(self) -> NDArray[np.float64]:
         """Time of the answers [s], shape (n,); `stamp` has it in integer nanoseconds."""
         return _time_of(self)
+
+    @property
+    def run(self) -> NDArray[np.int64]:
+        """Number of the run of each answer, shape (n,), from 0 on: a new one begins at rest, as after stamps went back.
+
+        Times of several runs may be the same.
+        """
+        return _run_of(self)
 
     @property
     def readouts(self) -> Readings:
@@ -136,7 +147,7 @@ class Results(np.recarray[Any, Any]):
 
 
 def columns(rows: Rows) -> dict[str, NDArray[Any]]:
-    """Give all numbers of answers as columns by name, shape (n,) each: first the time [s], then those of all fields.
+    """Give all numbers of answers as columns by name, shape (n,) each: time [s], run, then those of all fields.
 
     Vectors are columns of their components, as `contact_point_x`. Rows that have only some of the fields give the
     numbers of these.
@@ -151,12 +162,13 @@ def columns(rows: Rows) -> dict[str, NDArray[Any]]:
     there = [
         name for name, (_, at, *_) in (FLAT.fields or {}).items() if any(begin <= at < end for begin, end in parts)
     ]
-    return {TIME: _time_of(rows)} | {name: np.ascontiguousarray(flat[name]) for name in there}
+    runs = {RUN: _run_of(rows)} if "status" in (rows.dtype.names or ()) else {}
+    return {TIME: _time_of(rows)} | runs | {name: np.ascontiguousarray(flat[name]) for name in there}
 
 
 def unit_of(name: str) -> str:
     """Give the SI unit of a column; empty if it has none."""
-    return "s" if name == TIME else FIELDS[name].unit
+    return "s" if name == TIME else "" if name == RUN else FIELDS[name].unit
 
 
 def begin_of(first: int) -> int:
@@ -172,6 +184,13 @@ def stamp_text(stamp: int, begin: int) -> str:
 def _time_of(rows: Rows) -> NDArray[np.float64]:
     """Give the stamps in seconds, shape (n,)."""
     return np.asarray(np.asarray(rows["stamp"]) * NANOSECOND)
+
+
+def _run_of(rows: Rows) -> NDArray[np.int64]:
+    """Give the number of the run of each answer, shape (n,); see `Results.run`."""
+    resets = (np.asarray(rows["status"]) & Status.TIME_RESET) != 0
+    resets[:1] = False
+    return np.cumsum(resets)
 
 
 def _begin_in(rows: Rows) -> int:
@@ -198,7 +217,10 @@ def _in_a_line(rows: Rows) -> str:
     time = _time_of(rows)
     force, depth = float(np.max(rows["contact_force"])), 1e3 * float(np.max(rows["penetration_depth"]))
     ticks = f"{len(rows)} tick{'s' * (len(rows) != 1)}"
-    return f"{ticks} over {time[-1] - time[0]:.3f} s, at most {force:.1f} N and {depth:.3f} mm"
+    steps, runs = np.diff(time), _run_of(rows)
+    lasts = float(steps[np.diff(runs) == 0].sum()) if runs[-1] else time[-1] - time[0]
+    of = f" in {runs[-1] + 1} runs" * bool(runs[-1])
+    return f"{ticks} over {lasts:.3f} s{of}, at most {force:.1f} N and {depth:.3f} mm"
 
 
 def _as_text(rows: Rows) -> str:
@@ -251,26 +273,38 @@ def _figure_of(rows: Rows) -> Any:
     figure, axes = pyplot.subplots(4, 1, sharex=True, figsize=SIZE, layout="constrained")
     flexion, force, depth, point = axes
     begin = _begin_in(rows)
-    time = NANOSECOND * (np.asarray(rows["stamp"]) - begin)
-    flexion.plot(time, np.degrees(rows["flexion_angle"]), color="black")
+    time, runs = NANOSECOND * (np.asarray(rows["stamp"]) - begin), _run_of(rows)
+    starts = np.flatnonzero(np.diff(runs)) + 1
+    if len(starts):  # one behind the other: their times may be the same
+        time = np.cumsum(np.where(np.diff(runs, prepend=0), 0.0, np.diff(time, prepend=time[0])))
+    pieces = [slice(first, last) for first, last in pairwise([0, *starts.tolist(), len(rows)])]
+    along = 1e3 * np.asarray(rows["contact_point"]["x"])
+
+    def draw(axis: Any, values: Any, color: str, label: str = "", **style: Any) -> None:
+        for number, piece in enumerate(pieces):
+            axis.plot(time[piece], values[piece], color=color, label="" if number else label, **style)
+
+    draw(flexion, np.degrees(rows["flexion_angle"]), "black")
     flexion.set_ylabel("flexion [°]")
-    force.plot(time, rows["load"], color=LOAD, linewidth=5.0, label="load")
-    force.plot(time, rows["contact_force"], color=CONTACT, label="contact force")
+    draw(force, rows["load"], LOAD, "load", linewidth=5.0)
+    draw(force, rows["contact_force"], CONTACT, "contact force")
     force.set_ylabel("force [N]")
     force.set_ylim(bottom=min(0.0, force.get_ylim()[0]))
     force.legend(loc="best", frameon=False)
-    depth.plot(time, 1e3 * np.asarray(rows["penetration_depth"]), color=DEPTH)
+    draw(depth, 1e3 * np.asarray(rows["penetration_depth"]), DEPTH)
     depth.set_ylim(bottom=0.0)
     depth.set_ylabel("depth [mm]")
-    along = 1e3 * np.asarray(rows["contact_point"]["x"])
-    point.plot(time, along, color=POINT)
+    draw(point, along, POINT)
     if len(along) and np.ptp(along) < LEAST:
         point.set_ylim(along.mean() - LEAST, along.mean() + LEAST)
     point.set_ylabel("contact point,\nanterior [mm]")
-    point.set_xlabel(f"time [s] from {NANOSECOND * begin:.3f} s on" if begin else "time [s]")
+    origin = f"time [s] from {NANOSECOND * begin:.3f} s on" if begin else "time [s]"
+    point.set_xlabel(f"time [s] of {len(pieces)} runs, one behind the other" if len(starts) else origin)
     for one in axes:
         if len(time) == 1:  # a single point makes no line
             pyplot.setp(one.lines, marker="o")
+        for start in starts.tolist():
+            one.axvline(time[start], color="black", linewidth=0.8, linestyle=":")
         one.grid(visible=True, alpha=0.3)
         one.margins(x=0.0)
     figure.align_ylabels(axes)

@@ -59,33 +59,38 @@ class Part(NamedTuple):
     """Index of the first message in the segment, among those of the topics that are read"""
     end: int | None = None
     """Index behind the last message; None: all are read"""
+    ascends: bool = False
+    """Whether the log times of each topic are known to ascend in it"""
 
 
 def by_arrival(files: Sequence[File], numbers: Sequence[Numbers]) -> Iterator[Batch]:
-    """Messages of files, in their order, with the numbers of the topics that are read of each file."""
-    for parts in lives(files, numbers):
-        yield from _by_time(files, numbers, parts)
+    """Messages of files, which come in the order of recording.
+
+    Args:
+        files: Files.
+        numbers: For each file the numbers of the topics that are read, as in `McapFile.read`.
+    """
+    lives = _lives(files, numbers)
+    for parts in lives:
+        if len(lives) == 1 or not all(part.ascends for part in parts):
+            yield from _by_time(files, numbers, parts)
+            continue
+        for part in parts:  # where a clock was set back, the file is in the order of arrival
+            yield _read(files, numbers, part)
 
 
-def lives(files: Sequence[File], numbers: Sequence[Numbers]) -> list[list[Part]]:
-    """Parts of the files between two cuts, each sorted by log time on its own."""
+def _lives(files: Sequence[File], numbers: Sequence[Numbers]) -> list[list[Part]]:
+    """Parts of the files between two cuts."""
     parts = [
         Part(index, number, segment.first, segment.last)
         for index, file in enumerate(files)
         for number, segment in enumerate(file.segments)
         if not numbers[index].keys().isdisjoint(segment.counts)
     ]
-    if not any(file.goes_back for file in files) and not _overlap(files, numbers):
+    if not any(file.goes_back for file in files) and not _back(files, numbers):
         return [parts]
     pieces = [_piece(files, numbers, part) for part in parts]
-    by_start = sorted(
-        range(len(files)), key=lambda index: min((part.first for part in parts if part.file == index), default=0)
-    )
-    orders = [
-        [piece for index in order for piece in pieces if piece[0].file == index]
-        for order in (range(len(files)), by_start)
-    ]
-    return min((_cut(order) for order in orders), key=len)
+    return _cut(pieces)
 
 
 Piece = tuple[Part, NDArray[np.intp], NDArray[np.int64]]
@@ -101,26 +106,29 @@ def _cut(pieces: Sequence[Piece]) -> list[list[Part]]:
     """Parts between two cuts, of pieces that arrived in this order."""
     times = np.concatenate([piece[2] for piece in pieces])
     starts = np.cumsum([0, *(len(piece[2]) for piece in pieces)]).tolist()
-    found: list[list[Part]] = []
-    for begin, end in pairwise([0, *_cuts(np.concatenate([piece[1] for piece in pieces]), times), len(times)]):
+    topics = np.concatenate([piece[1] for piece in pieces])
+    found, every = list[list[Part]](), np.unique(topics).tolist()
+    for begin, end in pairwise([0, *_cuts(topics, times), len(times)]):
         life = []
         for (part, *_), start, behind in zip(pieces, starts, starts[1:], strict=False):
             first, last = max(begin, start), min(end, behind)
             if first < last:
                 own = times[first:last]
-                life.append(Part(part.file, part.segment, int(own.min()), int(own.max()), first - start, last - start))
+                ascends = all((np.diff(own[topics[first:last] == topic]) >= 0).all() for topic in every)
+                span = int(own.min()), int(own.max())
+                life.append(Part(part.file, part.segment, *span, first - start, last - start, ascends))
         found.append(life)
     return found
 
 
-def _overlap(files: Sequence[File], numbers: Sequence[Numbers]) -> bool:
-    """Whether messages of one topic in several files overlap in time."""
+def _back(files: Sequence[File], numbers: Sequence[Numbers]) -> bool:
+    """Whether the log times of a topic go back from one file to the next."""
     spans: dict[int, list[tuple[int, int]]] = {}
     for file, wanted in zip(files, numbers, strict=True):
         for channel, number in wanted.items():
             if channel in file.spans:
                 spans.setdefault(number, []).append(file.spans[channel])
-    return any(before[1] > after[0] for each in spans.values() for before, after in pairwise(sorted(each)))
+    return any(before[1] > after[0] for each in spans.values() for before, after in pairwise(each))
 
 
 def _cuts(topics: NDArray[np.intp], times: NDArray[np.int64]) -> list[int]:
@@ -152,13 +160,17 @@ def _fills_a_hole(before: NDArray[np.int64], after: NDArray[np.int64], usual: fl
     return FEW * int(among) <= len(group) and (bool(group[0] > before.min()) or len(group) < ENOUGH)
 
 
+def _read(files: Sequence[File], numbers: Sequence[Numbers], part: Part) -> Batch:
+    batch = files[part.file].read(part.segment, numbers[part.file])
+    return batch if part.end is None else batch.part(slice(part.begin, part.end))
+
+
 def _by_time(files: Sequence[File], numbers: Sequence[Numbers], parts: Iterable[Part]) -> Iterator[Batch]:
     """Messages of parts in the order of log time, at equal times in that of the files."""
     waiting = list[tuple[int, Part, Batch]]()  # rests of parts by time
     ordered = sorted(parts, key=itemgetter(2, 0, 1, 4))
     for part, following in zip_longest(ordered, ordered[1:]):
-        batch = files[part.file].read(part.segment, numbers[part.file])
-        batch = (batch if part.end is None else batch.part(slice(part.begin, part.end))).by_time()
+        batch = _read(files, numbers, part).by_time()
         if not len(batch):
             continue
         if waiting or (following and following.first <= part.last):

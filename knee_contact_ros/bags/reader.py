@@ -555,6 +555,11 @@ def _opened_files(path: Path, opened: ExitStack) -> tuple[list[File], list[str],
             faults.append(f"{name}: {error}")
             continue
         faults += [f"{name}: {fault}" for fault in files[-1].faults]
+    numbers = [NUMBERED.fullmatch(file.path.name) for file in files]
+    if all(numbers):  # in the order of recording, whatever the clock was
+        files.sort(key=lambda file: int(file.path.stem.rpartition("_")[2]))
+    else:
+        files.sort(key=lambda file: file.times or (0, 0))
     return files, faults, compressed == "message", counts
 
 
@@ -696,6 +701,7 @@ class SqliteFile:
         Raises:
             UsageError: The file is damaged, or no bag.
         """
+        self.path = path
         self.faults: list[str] = []
         """Faults of the file, as sentences"""
         self.connections: dict[int, Connection] = {}

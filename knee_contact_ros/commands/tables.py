@@ -14,7 +14,7 @@ from rich.table import Column, Table
 from knee_contact_ros.bags.recover import Recovery
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.estimate_load import LoadSummary
-from knee_contact_ros.offline.summary import Summary
+from knee_contact_ros.offline.summary import LoadPeak, Peak, Summary
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.results import begin_of, stamp_text
 from knee_contact_ros.streams.topics import LATERAL, MEDIAL, NANOSECONDS
@@ -40,7 +40,8 @@ def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, 
     figures = figure_table()
     begin = begin_of(summary.first_stamp)
     since = f" from {begin / NANOSECONDS:.3f} s on" if begin else ""
-    figures.add_row("ticks", f"{summary.ticks} over {summary.duration:.2f} s{since}")
+    runs = f" in {summary.runs} runs" if summary.runs > 1 else ""
+    figures.add_row("ticks", f"{summary.ticks} over {summary.duration:.2f} s{since}{runs}")
     if len(summary.load_peaks) > MOST_PEAKS:
         figures.add_row("peaks", f"{len(summary.load_peaks)} of the load")
     for name, value in live.items():
@@ -87,8 +88,19 @@ def peak_table(summary: Summary) -> Table:
     begin = begin_of(summary.first_stamp)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("", no_wrap=True)
-    for heading in ("load [N]", "[BW]", "contact force [N]", "[BW]", "depth [mm]", "at [s]"):
+    for heading in (
+        "load [N]",
+        "[BW]",
+        "contact force [N]",
+        "[BW]",
+        "depth [mm]",
+        "at [s]",
+        *(["run"] if summary.runs > 1 else []),
+    ):
         table.add_column(escape(heading), justify="right", no_wrap=True)
+
+    def moment(peak: Peak | LoadPeak) -> tuple[str, ...]:
+        return stamp_text(peak.stamp, begin), *([str(peak.run)] if summary.runs > 1 else [])
 
     def forces(load: float, force: float, depth: float) -> tuple[str, ...]:
         weight = summary.body_weight
@@ -96,19 +108,19 @@ def peak_table(summary: Summary) -> Table:
 
     peaks = summary.load_peaks
     if len(peaks) > MOST_PEAKS:
-        _, *means, _ = np.mean(peaks, axis=0)
+        _, *means, _, _ = np.mean(peaks, axis=0)
         doubtful = any(peak.status & Status.IMPLAUSIBLE for peak in peaks)
         table.add_row("mean peak" + DOUBTFUL * doubtful, *forces(*means), "")
         peaks = []
     for number, peak in enumerate(peaks, start=1):
         values = forces(peak.load, peak.contact_force, peak.penetration_depth)
         name = f"peak {number}" + DOUBTFUL * bool(peak.status & Status.IMPLAUSIBLE)
-        table.add_row(name, *values, stamp_text(peak.stamp, begin))
+        table.add_row(name, *values, *moment(peak))
     load, force, depth = (summary.peaks[name] for name in ("load", "contact_force", "penetration_depth"))
-    stamps = load.stamp, force.stamp, depth.stamp
-    when = stamp_text(depth.stamp, begin) if max(stamps) - min(stamps) <= ONE_MOMENT else "various"
+    stamps, one_run = (load.stamp, force.stamp, depth.stamp), load.run == force.run == depth.run
+    when = moment(depth) if one_run and max(stamps) - min(stamps) <= ONE_MOMENT else ("various",)
     doubtful = load.implausible or force.implausible or depth.implausible
-    table.add_row("largest" + DOUBTFUL * doubtful, *forces(load.value, force.value, depth.value), when)
+    table.add_row("largest" + DOUBTFUL * doubtful, *forces(load.value, force.value, depth.value), *when)
     if summary.flagged["IMPLAUSIBLE"]:
         table.caption, table.caption_justify = "! from an answer that is IMPLAUSIBLE", "left"
     if Console(width=UNBOUNDED).measure(table).maximum > WIDTH:  # large forces, hours

@@ -123,7 +123,7 @@ def solve(
         damage = reader.damage
         if recording:
             late = ["what changed in the node meanwhile may come too late, as ticks before it are missing"]
-            damage = [*recording.damage, *damage, *(late if damage and recording.changes else []), *_order(pipeline)]
+            damage = [*recording.damage, *damage, *(late if damage and recording.changes else [])]
         if recorder:
             mark_damage(recorder, bag, damage)
         summary.refused, summary.damage = pipeline.synchroniser.refused, damage
@@ -153,14 +153,6 @@ def texts_of(basis: Parameters | Provenance) -> Mapping[str, str]:
         UsageError: a file cannot be read, or a recording does not hold its contents.
     """
     return basis.texts() if isinstance(basis, Provenance) else curve_texts(basis, {})
-
-
-def _order(pipeline: ContactStream) -> list[str]:
-    """Report samples of a recording that are refused for their order: the node had accepted all that it recorded."""
-    refused = pipeline.synchroniser.refused
-    out_of_order = sum(count for reason, count in refused.items() if reason.endswith(("_not_in_order", "_off_time")))
-    words = "samples that were answered then are refused now: stamps go back, and a recording is read in their order"
-    return [f"{out_of_order} {words}"] if out_of_order else []
 
 
 @dataclass

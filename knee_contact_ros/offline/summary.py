@@ -20,6 +20,8 @@ from knee_contact_ros.streams.watch import Doubts, Split
 
 PEAKS = ("load", "contact_force", "penetration_depth")
 """Fields of an answer whose largest values are kept"""
+RESET = "each begins at rest (TIME_RESET), where stamps went back or the node was reset"
+"""What the runs of a summary are"""
 LOOK_BACK = 3_000_000_000
 """Time [ns] for which answers are kept: whether the load had a peak is certain within two seconds"""
 
@@ -33,6 +35,8 @@ class Peak(NamedTuple):
     """Stamp [ns] of its answer"""
     implausible: bool = False
     """Whether the answer is `IMPLAUSIBLE`"""
+    run: int = 1
+    """Number of its run, see `Summary.runs`"""
 
 
 class LoadPeak(NamedTuple):
@@ -48,6 +52,8 @@ class LoadPeak(NamedTuple):
     """Penetration depth [m]"""
     status: int
     """Bits of `Status`"""
+    run: int = 1
+    """Number of its run, see `Summary.runs`"""
 
 
 @dataclass
@@ -60,6 +66,10 @@ class Summary:
     """Doubts about parameters and answers"""
     ticks: int = 0
     """Number of ticks"""
+    runs: int = 1
+    """Number of runs: each begins at rest (`TIME_RESET`), and stamps may go back from one to the next"""
+    duration: float = 0.0
+    """Time [s] from the first to the last tick of all runs"""
     flagged: Counter[str] = field(default_factory=Counter)
     """Number of ticks by the name of a status bit that they have"""
     refused: Counter[str] = field(default_factory=Counter)
@@ -90,14 +100,28 @@ class Summary:
     def __post_init__(self) -> None:
         self._events = GaitEvents(self.body_weight)
         self._recent = np.empty(
-            0, [(name, np.int64 if name in ("stamp", "status") else np.float64) for name in LoadPeak._fields]
+            0, [(name, np.int64 if name in ("stamp", "status") else np.float64) for name in LoadPeak._fields[:-1]]
         )
 
     def add(self, answers: Rows) -> None:
         """Add a block of answers, at least one, to all figures."""
+        first = 0
+        for reset in [*np.flatnonzero(answers["status"] & Status.TIME_RESET).tolist(), len(answers)]:
+            if first < reset:
+                self._add(answers[first:reset])
+            if self.ticks and reset < len(answers):
+                self._finish_run()
+                self.runs += 1
+            first = reset
+
+    def _add(self, answers: Rows) -> None:
+        """Add answers of the present run."""
         stamps, status = answers["stamp"], answers["status"]
         if not self.ticks:
             self.first_stamp = int(stamps[0])
+        if len(self._recent):
+            self.duration += int(stamps[0] - self.last_stamp) / NANOSECONDS
+        self.duration += int(stamps[-1] - stamps[0]) / NANOSECONDS
         self.last_stamp = int(stamps[-1])
         self.ticks += len(answers)
         self.evaluations += int(answers["evaluations"].sum())
@@ -109,7 +133,8 @@ class Summary:
             index = int(answers[name].argmax())
             value = float(answers[name][index])
             if name not in self.peaks or value > self.peaks[name].value:
-                self.peaks[name] = Peak(value, int(stamps[index]), bool(status[index] & Status.IMPLAUSIBLE))
+                implausible = bool(status[index] & Status.IMPLAUSIBLE)
+                self.peaks[name] = Peak(value, int(stamps[index]), implausible, self.runs)
         self.doubts.add_all(answers)
         self._find_peaks(answers)
         for bit in Status:
@@ -124,13 +149,17 @@ class Summary:
 
     def finish(self) -> None:
         """Complete the figures after the last answers."""
-        self._keep(self._events.finish())
+        self._finish_run()
         if self.lateral:
             self.lateral.finish()
 
+    def _finish_run(self) -> None:
+        self._keep(self._events.finish())
+        self._events, self._recent = GaitEvents(self.body_weight), self._recent[:0]
+
     def _find_peaks(self, answers: Rows) -> None:
         added = np.empty(len(answers), self._recent.dtype)
-        for name in LoadPeak._fields:
+        for name in LoadPeak._fields[:-1]:
             added[name] = answers[name]
         self._recent = np.concatenate((self._recent, added))
         self._keep(self._events.add(added["stamp"], np.zeros(len(added)), added["load"]))
@@ -140,7 +169,7 @@ class Summary:
         for event in events:
             if event.kind == LOAD_PEAK:
                 at = np.flatnonzero(self._recent["stamp"] == event.stamp)[-1]
-                self.load_peaks.append(LoadPeak(*self._recent[at].item()))
+                self.load_peaks.append(LoadPeak(*self._recent[at].item())._replace(run=self.runs))
 
     @property
     def sentences(self) -> list[str]:
@@ -151,12 +180,8 @@ class Summary:
     @property
     def warnings(self) -> list[str]:
         """Sentences for the user: what is implausible, and whether the share left the range that it was measured in."""
-        return [*self.sentences, *([self.split.problem] if self.split and self.split.problem else [])]
-
-    @property
-    def duration(self) -> float:
-        """Time [s] from the first to the last tick."""
-        return (self.last_stamp - self.first_stamp) / NANOSECONDS
+        resets = [f"the answers are of {self.runs} runs: {RESET}"] if self.runs > 1 else []
+        return [*resets, *self.sentences, *([self.split.problem] if self.split and self.split.problem else [])]
 
 
 def bound(errors: float | NDArray[np.float64]) -> float:

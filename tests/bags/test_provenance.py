@@ -22,7 +22,7 @@ from knee_contact_ros.bags.provenance import (
     read_provenance,
 )
 from knee_contact_ros.bags.reader import others_beside
-from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter, Limits
+from knee_contact_ros.bags.recorder import BagWriter, Limits
 from knee_contact_ros.commands.main import knee_contact, main
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
@@ -151,27 +151,6 @@ def test_a_reset_between_two_answers_that_one_message_brings_about_is_in_its_pla
     pipeline.reset()
     answers += coming
     assert rows_of(answers).status.tolist() == [0, 0, 0, Status.TIME_RESET, 0]
-
-
-def test_a_recording_of_stamps_that_go_back_is_not_computed_again_without_a_word(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    pipeline, parameters = ContactStream(load_parameters({}), compiled=False), load_parameters({})
-    recording, ms = tmp_path / "looped.mcap", 1_000_000
-    with BagWriter(recording) as bag:
-        writer = AnswerWriter(bag, provenance_record(parameters, {}))
-        for stamp in (*range(0, 1000, 5), *range(0, 1000, 5)):
-            angle = encode_joint_state(JointState(stamp * ms, "", ("knee",), (0.1,), (), ()))
-            force = encode_wrench_stamped(WrenchStamped(stamp * ms, "", (0.0, -900.0, 0.0), (0.0,) * 3))
-            for answer in (*pipeline.joint_state(angle), *pipeline.force(force)):
-                writer.write(answer.records)
-        for answer in pipeline.finish():
-            writer.write(answer.records)
-        writer.finish(pipeline.ending())
-    assert (pipeline.ticks, pipeline.refused) == (400, 0)
-    assert main(["solve", str(recording), "--output", str(tmp_path / "out.mcap")]) == 1
-    (line,) = capsys.readouterr().err.splitlines()
-    assert "samples that were answered then are refused now: stamps go back" in line
 
 
 BROKEN = {

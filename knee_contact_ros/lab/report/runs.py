@@ -159,8 +159,9 @@ class Gathered:
         steps = np.diff(stamps, prepend=stamps[0])
         self.elapsed: Stamps = stamps - stamps[0] - np.cumsum(np.minimum(steps, 0))
         """Time [ns] since the first tick, see `Moment.elapsed`"""
-        starts = [0, *(np.flatnonzero((steps[1:] <= 0) | (steps[1:] > GAP)) + 1).tolist()]
-        """Beginnings of the parts without a gap"""
+        anew = (steps <= 0) | (steps > GAP) | ((status & Status.TIME_RESET) != 0)
+        starts = [0, *(np.flatnonzero(anew[1:]) + 1).tolist()]
+        """Beginnings of the parts without a gap and without a reset"""
         seconds = steps / NANOSECONDS
         seconds[starts] = 0.0
         self.ticks = len(stamps)
@@ -179,13 +180,13 @@ class Gathered:
         """Longest uninterrupted duration without contact [s]"""
         self.moments: list[Moment] = []
         self.cycles: list[Cycle] = []
+        self.peaks: list[Moment] = []
+        """Peaks of the load in stance, in the order of time"""
         self.strikes = 0
         """Number of heel strikes that another one followed, which is that of cycles if all of them were plausible"""
         for begin, end in zip(starts, [*starts[1:], len(stamps)], strict=True):
             self._walk(begin, end)
         self.moments.sort(key=lambda moment: moment.elapsed)
-        self.peaks = _peaks(self.moments, self.cycles)
-        """Peaks of the load in stance, in the order of time"""
         wanted = np.nan_to_num(columns[of_largest], nan=-np.inf)
         at = int(wanted.argmax())
         self.largest = self._moment(GaitEvent(int(stamps[at]), LARGEST[of_largest], ""), at)
@@ -216,9 +217,12 @@ class Gathered:
         part = slice(begin, end)
         stamps, finder = self.columns["stamp"][part], GaitEvents(self.body_weight)
         events = finder.add(stamps, self.columns["flexion_angle"][part], self.columns["load"][part]) + finder.finish()
-        for event in events:
-            at = begin + max(int(np.searchsorted(stamps, event.stamp, "right")) - 1, 0)
-            self.moments.append(self._moment(event, at))
+        known = len(self.cycles)
+        moments = [
+            self._moment(event, begin + max(int(np.searchsorted(stamps, event.stamp, "right")) - 1, 0))
+            for event in sorted(events, key=lambda event: event.stamp)
+        ]
+        self.moments += moments
         strikes, toe_offs = (
             sorted(event.stamp for event in events if event.kind == kind) for kind in (HEEL_STRIKE, TOE_OFF)
         )
@@ -228,6 +232,8 @@ class Gathered:
                 first = begin + int(np.searchsorted(stamps, span.start, "right")) - 1
                 last = begin + int(np.searchsorted(stamps, span.end))
                 self.cycles.append(_cycle(self.columns, slice(first, min(last + 1, end)), span))
+        for peak in _peaks(moments, self.cycles[known:]):
+            self.peaks.append(peak if peak.cycle is None else peak._replace(cycle=known + peak.cycle))
 
     def _moment(self, event: GaitEvent, at: int) -> Moment:
         """Return an event with the contact at the tick with index `at`."""
@@ -281,9 +287,8 @@ def _peaks(moments: Sequence[Moment], cycles: Sequence[Cycle]) -> list[Moment]:
         peak, stamp = moment, moment.event.stamp
         if moment.event.kind != LOAD_PEAK:
             continue
-        before = np.flatnonzero(starts <= stamp)  # in any order: stamps may have gone back
-        number = int(before[starts[before].argmax()]) if len(before) else None
-        if number is not None and stamp < (span := cycles[number].span).end:
+        number = int(np.searchsorted(starts, stamp, "right")) - 1
+        if number >= 0 and stamp < (span := cycles[number].span).end:
             peak = peak._replace(cycle=number, percent=span.percent(stamp))
             if stamp < span.toe_off:
                 half = number, FIRST if 2 * stamp < span.start + span.toe_off else SECOND
