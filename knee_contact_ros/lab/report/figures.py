@@ -7,13 +7,14 @@ from __future__ import annotations
 
 import io
 import math
+import textwrap
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.lab.report.runs import CURVES, FIRST, MEGA, MM, PERCENT, SECOND, Floats, Moment, Run, between
+from knee_contact_ros.lab.report.runs import CURVES, FIRST, MEGA, MM, PERCENT, SECOND, Floats, Moment, Run
 from knee_contact_ros.lab.uncertainty import LEVEL, Propagated
 from knee_contact_ros.model.readouts import OWN_PRESSURE
 from knee_contact_ros.parameters.schema import Parameters, has_both
@@ -23,26 +24,19 @@ from knee_contact_ros.view import picture
 from knee_contact_ros.view.anatomy import cartilage_of
 
 MICRO = 1e6
-COLOURS = (("#0072B2", "#56B4E9"), ("#D55E00", "#E69F00"), ("#009E73", "#66C2A5"), ("#7B3294", "#CC79A7"))
-"""Pairs of line colours: the dark one for a run, or for a comparison; the light one for a run over which a comparison
-is drawn. After Okabe and Ito, whose colours colour-blind readers can tell apart"""
 HUES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7B3294", "#66C2A5")
-"""Colours of the inputs in a figure of uncertainty"""
+"""Colours of runs and of uncertain inputs; after Okabe and Ito: colour-blind readers can tell them apart"""
 DPI = 200
 STYLE: Any = {"font.size": 10, "axes.titlesize": 10, "axes.spines.top": False, "axes.spines.right": False,
          "axes.grid": True, "grid.color": "0.92", "axes.axisbelow": True, "legend.frameon": False,
          "legend.fontsize": 8.5, "figure.dpi": DPI}  # fmt: skip
-LINE, WIDE = 0.19, 34
-"""Height of a line of the legend [in]; largest number of letters of an entry where the legend has two columns"""
-WIDTH, CYCLE, TIME, UNCERTAIN = 5.2, 3.1, 5.6, 6.4
+LINE, LETTERS = 0.19, 50
+"""Height of a line of the legend [in], and number of its letters"""
+WIDTH, CYCLE, TIME, UNCERTAIN = 4.4, 2.9, 5.2, 6.0
 """Width of a figure, and heights of those over a cycle (without its legend), over time and of uncertainty [in]: small,
 so that their letters can be read on a telephone"""
 KNEE, CONTACT = 3.1, 1.45
 """Height of a knee and of a magnified contact [in]"""
-ALIKE = 0.005
-"""Largest difference of curves that are drawn once, as a share of the range of all curves"""
-THINNEST, STEP = 1.8, 1.6
-"""Line widths of contact-point paths over flexion: paths of the same femur coincide, and each must be seen"""
 TOGETHER = 1.5
 """Percent of the cycle within which toe-offs of several runs are marked once"""
 LEAST_WAY = 0.01
@@ -167,18 +161,6 @@ def with_comparisons(runs: Sequence[Run]) -> list[list[Run]]:
     ]
 
 
-def differences_in(runs: Sequence[Run]) -> str:
-    """Say in which parameters the runs of a figure differ: comparisons from their runs, and recordings among them."""
-    texts = {run.name: "; ".join(map(str, run.differences)) for run in runs if run.beside is not None}
-    if len(set(texts.values())) == 1:
-        texts = {"What differs": next(iter(texts.values()))}
-    lines = [f"{name}: {text or 'nothing differs'}." for name, text in texts.items()]
-    differ = between([run.parameters for run in runs if run.beside is None and run.known])
-    if differ:
-        lines.append(f"The recordings' own parameters differ: {'; '.join(differ)}.")
-    return " ".join(lines)
-
-
 def has_bone(run: Run) -> bool:
     """Whether the contact law of a run has a second layer, the bone."""
     return run.parameters.contact.law.startswith("two_layer")
@@ -232,14 +214,16 @@ def over_cycle(runs: Sequence[Run], cyclic: Sequence[Run]) -> list[Figure]:
     figures = []
     for quantity, caption in captions.items():
         drawn = [run for run in cyclic if run.beside is None] if quantity is FLEXION else cyclic  # the same inputs
-        text = _sentences(lines, caption, _distances(drawn, quantity), differences_in(cyclic))
+        drawn = [run for run in drawn if np.isfinite(quantity.of(run)).any()]  # earlier recordings lack some fields
+        if not drawn:
+            continue
+        text = _sentences(lines, caption)
         png = draw((WIDTH, CYCLE), partial(_panel, runs=runs, cyclic=drawn, what=quantity))
         figures.append(Figure(quantity.name, f"{quantity.title} over the gait cycle", text, png))
     if moves(cyclic):
         png = draw((WIDTH, CYCLE), partial(_path_panel, runs=runs, cyclic=cyclic))
         way = "Its way over the gait cycle: dot at heel strike, triangle at toe-off."
-        caption = _sentences(way, differences_in(runs))
-        figures.append(Figure("contact_point_flexion", "Contact point over flexion", caption, png))
+        figures.append(Figure("contact_point_flexion", "Contact point over flexion", way, png))
     return figures
 
 
@@ -252,14 +236,14 @@ def over_time(runs: Sequence[Run]) -> list[Figure]:
     """Draw flexion, contact force and depth over time, in a figure for every run and its comparisons."""
     figures = []
     for number, group in enumerate(with_comparisons(runs), start=1):
-        run, hues = group[0], [_colour(runs, each) for each in group]
+        run, looks = group[0], [_look(runs, each) for each in group]
         marks = [moment for moment in run.gathered.moments if moment.event.kind in MARKS]
         marks = marks if len(marks) <= FEW_EVENTS else []
-        png = draw((WIDTH, TIME), partial(_rows, runs=group, hues=hues, marks=marks))
+        png = draw((WIDTH, TIME), partial(_rows, runs=group, looks=looks, marks=marks))
         lines = "Vertical lines: heel strikes (full) and toe-offs (dotted), as found." if marks else ""
         width = run.gathered.course()[0]
         course = f"From the smallest to the largest value in each {width / 1e9:g} s." if width > FINE else ""
-        caption = _sentences(lines, course, differences_in(group))
+        caption = _sentences(lines, course)
         figures.append(Figure(f"over_time_{number}", f"{run.name} over time", caption, png))
     return figures
 
@@ -290,7 +274,7 @@ def knees(runs: Sequence[Run]) -> list[Figure]:
             f"{', and so is cartilage whose thickness the contact law does not know' if assumed else ''}."
         )
         title = f"The knee at the peaks: {group[0].name}"
-        figures.append(Figure(f"knee_{number}", title, f"{caption} {differences_in(group)}", png))
+        figures.append(Figure(f"knee_{number}", title, caption, png))
     return figures
 
 
@@ -335,84 +319,28 @@ def _ranges_of(cyclic: Sequence[Run]) -> tuple[Range, ...]:
     return TOTAL if kinds.pop() else MEDIAL
 
 
-def _alike(cyclic: Sequence[Run], *quantities: Quantity) -> list[list[Run]]:
-    """Group runs whose curves of all quantities are the same within `_tolerance`; the first of each group is drawn."""
-    groups: list[list[Run]] = []
-    for run in cyclic:
-        for group in groups:
-            if all(_difference(group[0], run, what)[0] <= _tolerance(cyclic, what) for what in quantities):
-                group.append(run)
-                break
-        else:
-            groups.append([run])
-    return groups
-
-
-def _tolerance(cyclic: Sequence[Run], what: Quantity) -> float:
-    """Largest difference of curves that are drawn once, in the unit of the quantity's axis."""
-    values = [what.of(run) for run in cyclic]
-    return ALIKE * float(np.nanmax(values) - np.nanmin(values))
-
-
-def _difference(one: Run, other: Run, what: Quantity) -> tuple[float, int]:
-    """Largest difference of two mean curves, in the unit of the quantity's axis, and the percent at which it is."""
-    distances = np.abs(what.of(one) - what.of(other))
-    return float(distances.max()), int(distances.argmax())
-
-
-def _distances(cyclic: Sequence[Run], what: Quantity) -> str:
-    """Say how far the curves of comparisons are from those of their runs, and which curves are drawn once."""
-    unit = what.axis[what.axis.index("[") + 1 : what.axis.index("]")]
-    same = [run.label for group in _alike(cyclic, what) if len(group) > 1 for run in group]
-    once = f"Curves with “=” are the same within {_tolerance(cyclic, what):.2g} {unit}, and drawn once." if same else ""
-    bases = {run.name: run for run in cyclic if run.beside is None}
-    largest = []
-    for run in cyclic:
-        if run.beside is not None and run.label not in same:
-            size, at = _difference(bases[run.name], run, what)
-            largest.append(f"{run.name} {size:.2g} {unit} (at {at} %)")
-    return _sentences(once, f"Largest difference of dashed to full: {', '.join(largest)}." if largest else "")
-
-
-def _colour(runs: Sequence[Run], run: Run) -> str:
-    """Line colour of a run; lighter for a run with a comparison, which is drawn over it."""
-    place = runs.index(run) if run.beside is None else run.beside
-    bases = [index for index, each in enumerate(runs) if each.beside is None]
-    compared = any(each.beside == place for each in runs)
-    return COLOURS[bases.index(place) % len(COLOURS)][compared and run.beside is None]
-
-
-def _look(run: Run, hue: str) -> tuple[str, float]:
-    """Style and width of a run's line; lines drawn later are thinner, so that those below can be seen."""
-    if run.beside is not None:
-        return "--", 1.3
-    number = next((place for place, (dark, _) in enumerate(COLOURS) if hue == dark), None)
-    return "-", 3.2 if number is None else max(3.2 - 0.8 * number, 1.2)
+def _look(runs: Sequence[Run], run: Run) -> dict[str, Any]:
+    """Colour, style and width of a run's line; later ones are thinner, so that those below can be seen."""
+    place = runs.index(run)
+    style = ("-", max(3.4 - 0.6 * place, 1.2)) if run.beside is None else ("--", 1.4)
+    return {"color": HUES[place % len(HUES)], "linestyle": style[0], "linewidth": style[1]}
 
 
 def _legend(canvas: Any, axis: Any) -> None:
     """Add a legend below the axes, with each text once, and make the figure higher by the legend's height."""
     handles, labels = axis.get_legend_handles_labels()
-    once = dict(zip(reversed(labels), reversed(handles), strict=True))
-    order = list(dict.fromkeys(labels))
-    columns = 2 if len(order) > 3 and max(map(len, order)) <= WIDE else 1
-    canvas.legend([once[label] for label in order], order, loc="outside lower center", ncols=columns)
+    once = {textwrap.fill(label, LETTERS): handle for label, handle in zip(labels, handles, strict=True)}
+    columns = 2 if len(once) > 3 and max(map(len, once)) <= LETTERS // 2 else 1
+    canvas.legend(once.values(), once.keys(), loc="outside lower center", ncols=columns)
     width, height = canvas.get_size_inches()
-    canvas.set_size_inches(width, height + LINE * -(-len(order) // columns))
+    lines = -(-sum(1 + label.count("\n") for label in once) // columns)
+    canvas.set_size_inches(width, height + LINE * lines)
 
 
 def _plain(label: str) -> str:
     """Escape a label for matplotlib, where dollars begin formulas and a leading underscore hides the entry."""
     escaped = label.replace("$", r"\$")
     return f" {escaped}" if escaped.startswith("_") else escaped
-
-
-def _joined(group: Sequence[Run]) -> str:
-    """Name in the legend for a group of runs whose curves are the same."""
-    if len({run.name for run in group}) == 1 and len(group) > 1:  # what a comparison does not change
-        tails = [run.label.removeprefix(run.name).lstrip(", ") for run in group]
-        return ", ".join(filter(None, (group[0].name, " = ".join(filter(None, tails)))))
-    return " = ".join(run.label for run in group)
 
 
 def _panel(canvas: Any, runs: Sequence[Run], cyclic: Sequence[Run], what: Quantity) -> None:
@@ -430,9 +358,8 @@ def _panel(canvas: Any, runs: Sequence[Run], cyclic: Sequence[Run], what: Quanti
         for layer in sorted({run.parameters.contact.layer_depth for run in cyclic if has_bone(run)}):
             axis.axhline(MM * layer, color="0.35", linestyle=":", linewidth=1.2)
             axis.annotate(f"bone from {MM * layer:g} mm", (99.0, MM * layer), ha="right", va="bottom", fontsize=8.5)
-    for group in _alike(cyclic, what):
-        name = " = ".join(run.name for run in group) if what is FLEXION else _joined(group)
-        _curve(axis, group[0], _colour(runs, group[0]), what, name)
+    for run in cyclic:
+        _curve(axis, run, _look(runs, run), what)
     _toe_offs(axis, runs, [run for run in cyclic if run.beside is None])
     axis.set(xlabel="gait cycle [%]", ylabel=what.axis, xlim=(0.0, 100.0))
     if what in {FORCE, DEPTHS, PRESSURE, PATCH}:
@@ -441,16 +368,15 @@ def _panel(canvas: Any, runs: Sequence[Run], cyclic: Sequence[Run], what: Quanti
     _legend(canvas, axis)
 
 
-def _curve(axis: Any, run: Run, hue: str, what: Quantity, name: str) -> None:
-    """Draw mean, standard deviation and single cycles of a run, with a name for the legend."""
+def _curve(axis: Any, run: Run, look: dict[str, Any], what: Quantity) -> None:
+    """Draw mean, standard deviation and single cycles of a run."""
     values, deviation, cycles = what.of(run), run.gathered.deviation, run.gathered.cycles
-    style, width = _look(run, hue)
     if deviation is not None:
         spread = what.of(run, deviation)
-        axis.fill_between(PERCENT, values - spread, values + spread, color=hue, alpha=0.15, linewidth=0)
+        axis.fill_between(PERCENT, values - spread, values + spread, color=look["color"], alpha=0.15, linewidth=0)
         for cycle in cycles if len(cycles) <= FEW else ():
-            axis.plot(PERCENT, what.of(run, cycle.curves), style, color=hue, linewidth=0.5, alpha=0.5)
-    axis.plot(PERCENT, values, style, color=hue, linewidth=width, label=_plain(name))
+            axis.plot(PERCENT, what.of(run, cycle.curves), **look | {"linewidth": 0.5, "alpha": 0.5})
+    axis.plot(PERCENT, values, **look, label=_plain(run.label))
 
 
 def _stance(run: Run) -> float:
@@ -465,7 +391,7 @@ def _toe_offs(axis: Any, runs: Sequence[Run], bases: Sequence[Run]) -> None:
     if max(stances) - min(stances) <= TOGETHER:
         marks = [(middle, "0.45")]
     else:
-        marks = [(stance, _colour(runs, run)) for stance, run in zip(stances, bases, strict=True)]
+        marks = [(stance, _look(runs, run)["color"]) for stance, run in zip(stances, bases, strict=True)]
     for place, hue in marks:
         axis.axvline(place, color=hue, linewidth=1.0, linestyle=(0, (1, 2)), zorder=0.5)
     axis.annotate("toe-off", (middle, 1.0), (0, 2), ha="center", va="bottom", xycoords=("data", "axes fraction"),
@@ -475,33 +401,29 @@ def _toe_offs(axis: Any, runs: Sequence[Run], bases: Sequence[Run]) -> None:
 def _path_panel(canvas: Any, runs: Sequence[Run], cyclic: Sequence[Run]) -> None:
     """Draw the contact point over the flexion angle."""
     axis = canvas.subplots()
-    groups = _alike(cyclic, POINT, FLEXION)
-    for number, group in enumerate(groups):
-        run, hue = group[0], _colour(runs, group[0])
-        angle, point, toe_off = FLEXION.of(run), POINT.of(run), round(_stance(run))
-        width = THINNEST + STEP * (len(groups) - 1 - number)
-        axis.plot(angle, point, color=hue, linewidth=width, label=_plain(_joined(group)))
+    for run in cyclic:
+        angle, point, toe_off, look = FLEXION.of(run), POINT.of(run), round(_stance(run)), _look(runs, run)
+        axis.plot(angle, point, **look, label=_plain(run.label))
         for at, marker, size in ((0, "o", 6), (toe_off, "^", 7)):
-            axis.plot(angle[at], point[at], marker, color=hue, markersize=size, markeredgecolor="black", zorder=3)
+            axis.plot(angle[at], point[at], marker, color=look["color"], ms=size, markeredgecolor="black", zorder=3)
     axis.set(xlabel=FLEXION.axis, ylabel=POINT.axis)
     _legend(canvas, axis)
 
 
-def _rows(canvas: Any, runs: Sequence[Run], hues: Sequence[str], marks: Sequence[Moment]) -> None:
+def _rows(canvas: Any, runs: Sequence[Run], looks: Sequence[dict[str, Any]], marks: Sequence[Moment]) -> None:
     """Draw flexion, contact force and depth over time, one above the other, for a run and its comparisons."""
     axes = canvas.subplots(len(ROWS), 1, sharex=True)
     for axis, (what, text) in zip(axes, ROWS, strict=True):
-        for run, hue in zip(runs[:1] if what is FLEXION else runs, hues, strict=False):  # flexion: the same inputs
+        for run, look in zip(runs[:1] if what is FLEXION else runs, looks, strict=False):  # flexion: the same inputs
             factor = what.factor or 1.0 / run.parameters.body_weight
             course_width, time, ranges = run.gathered.course()
             low, high = (factor * values for values in ranges[what.field])
             label = _plain(run.label) if what is FORCE else None
             if course_width <= FINE:
                 marker = "." if len(time) < FEW_POINTS else None
-                style, width = _look(run, hue)
-                axis.plot(time, high, style, color=hue, linewidth=0.7 * width, marker=marker, label=label)
+                axis.plot(time, high, **look | {"linewidth": 0.7 * look["linewidth"]}, marker=marker, label=label)
             else:
-                axis.fill_between(time, low, high, color=hue, alpha=0.5, linewidth=0.3, label=label)
+                axis.fill_between(time, low, high, color=look["color"], alpha=0.5, linewidth=0.3, label=label)
             if what is DEPTHS and has_bone(run):
                 axis.axhline(MM * run.parameters.contact.layer_depth, color="0.35", linestyle=":", linewidth=1.2)
         for moment in marks:

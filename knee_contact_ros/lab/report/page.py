@@ -15,12 +15,11 @@ import numpy as np
 from knee_contact_ros import __version__
 from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT
 from knee_contact_ros.lab.report import figures, runs
-from knee_contact_ros.lab.report.runs import CURVES, FIRST, LARGEST, MEGA, MM, NONE, PERCENT, SECOND, Moment, Run
+from knee_contact_ros.lab.report.runs import CURVES, LARGEST, MEGA, MM, NONE, PERCENT, Moment, Run
 from knee_contact_ros.lab.uncertainty import LEVEL, Propagated, factor
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.parameters.files import flat_parameters, known_parameters
 from knee_contact_ros.parameters.schema import constants_of
-from knee_contact_ros.streams.gait_events import HEEL_STRIKE, LOAD_PEAK, TOE_OFF
 from knee_contact_ros.streams.topics import NANOSECONDS, is_lateral
 from knee_contact_ros.system.errors import IncompleteError, UsageError, in_a_line
 from knee_contact_ros.system.files import how_to_get, require
@@ -40,7 +39,7 @@ EARLIER = (*(f"{name}.png" for name in PICTURES), UNCERTAINTY)
 DOUBTFUL = " (implausible)"
 """Mark of what comes from a tick that is `IMPLAUSIBLE`"""
 SHOWN = 12
-"""Number of peaks of a run that the page lists, and half the number of its events; the CSV files have all"""
+"""Number of peaks of a run whose intervals the page lists"""
 MICRO = 1e6
 CURVE_COLUMNS = {
     "flexion_angle_deg": ("flexion_angle", math.degrees(1.0)), "load_N": ("load", 1.0), "load_BW": ("load", None),
@@ -59,6 +58,9 @@ STRIDE_COLUMNS = ("run", "cycle", "heel_strike_s", *runs.NUMBERS)
 # "at_largest_load": where the femoral height drives, at the largest contact force
 UNCERTAINTY_COLUMNS = ("run", "input", "standard_deviation", "depth_at_largest_load_um", "force_at_largest_load_N",
                        "depth_rms_um", "force_rms_N")  # fmt: skip
+QUANTITIES = (("load", "load [BW]", ".2f"), ("contact_force", "contact force [BW]", ".2f"),
+              ("penetration_depth", "depth [mm]", ".3f"))  # fmt: skip
+"""Fields of a moment that the first table shows, with their names there and the digits"""
 CYCLE_ROWS = (
     ("cycle [s]", "duration_s", ".3f"), ("stance [% of the cycle]", "stance_percent", ".1f"),
     ("largest contact force [BW]", "largest_contact_force_N", ".2f"),
@@ -154,17 +156,15 @@ def page(found: Sequence[Run], drawn: Mapping[str, Sequence[figures.Figure]]) ->
         found=found,
         first=first_table(found),
         differences=what_differs(found),
-        knee_figures=drawn["knees"],
+        drawn=drawn,
         overview=_side_by_side([list(summary(run).items()) for run in found], found),
         cycles=_side_by_side([cycle_summary(run) for run in cyclic], cyclic),
-        cycle_figures=drawn["cycle"],
         still=bool(cyclic) and not figures.moves(cyclic),
-        time_figures=[(figure, run, event_table(run)) for figure, run in zip(drawn["time"], bases, strict=True)],
         uncertain=[
             (run, figure, interval_table(run, of), contribution_table(run, of))
             for figure, (run, of) in zip(drawn["uncertain"], uncertain, strict=True)
         ],
-        runs=[(run, peak_table(run), parameter_table(run)) for run in found],
+        runs=[(run, parameter_table(run)) for run in found],
     )
 
 
@@ -183,65 +183,40 @@ def lead(found: Sequence[Run]) -> str:
 
 def what_differs(found: Sequence[Run]) -> list[str]:
     """List the parameters that differ, a line for each: of comparisons, and of the recordings among themselves."""
-    changes = {run.name: [f"contact.{each}" for each in run.differences] for run in found if run.beside is not None}
+    changes = {run.name: run.differences for run in found if run.beside is not None}
     if len(set(map(tuple, changes.values()))) == 1:
-        lines = next(iter(changes.values()))
+        lines = list(next(iter(changes.values()))) or ["the comparison changes nothing"]
     else:
-        lines = [f"{name}: {line}" for name, several in changes.items() for line in several]
-    if changes and not lines:
-        lines = ["the comparison changes nothing"]
+        lines = [f"{name}: {line}" for name, several in changes.items() for line in several or ["nothing"]]
     return lines + runs.between([run.parameters for run in found if run.beside is None and run.known])
 
 
 def first_table(found: Sequence[Run]) -> Table:
-    """Compare the peaks of stance of all runs; without any, the ticks with the largest load or contact force."""
-    all_peaks = [peak for run in found for peak in run.gathered.peaks]
-    kinds = [which for which in (FIRST, SECOND) if any(peak.which == which for peak in all_peaks)]
-    head = [f"{which} peak: " for which in kinds]
-    if not kinds:
-        head = [" or ".join(dict.fromkeys(LARGEST[run.gathered.of_largest] for run in found)) + ": "]
-    columns = [f"{name}{quantity}" for name in head for quantity in ("load [BW]", "contact force [BW]", "depth [mm]")]
-    rows, count = [], 0
+    """Compare the largest values of each run, which `solve` prints too, and the means of its peaks of stance."""
+    kinds = sorted({peak.which for run in found for peak in run.gathered.peaks} - {""})
+    columns, notes, count = [], ["Largest: anywhere in the recording."], 0
     for run in found:
-        groups = [[peak for peak in run.gathered.peaks if peak.which == which] for which in kinds]
-        count = max([count, *map(len, groups)])
-        cells = []
-        for group in groups if kinds else [[run.gathered.largest]]:
-            values = np.array([_in_weights(moment, run.parameters.body_weight) for moment in group]).reshape(-1, 3)
-            cells += [_spread(column, digits) for column, digits in zip(values.T, (".2f", ".2f", ".3f"), strict=True)]
-        rows.append((run.label, *cells))
-    note = f"Mean ± standard deviation of up to {count} stances." if count > 1 else ""
-    shown = all_peaks if kinds else [run.gathered.largest for run in found]
-    if doubtful := sum(moment.implausible for moment in shown):
-        note += f" {doubtful} of {len(shown)} are of ticks that are implausible."
-    return Table(("", *columns), rows, note)
-
-
-def peak_table(run: Run) -> Table:
-    """List the first peaks of stance of a run, then mean and spread of all its first and all its second peaks."""
-    peaks, weight = run.gathered.peaks, run.parameters.body_weight
-    head = ("peak", "load [N]", "load [BW]", "contact force [N]", "contact force [BW]", "depth [mm]", "gait cycle [%]",
-            "stamp [s]")  # fmt: skip
-    rows = []
-    for which, moment, percent in ((peak.which, peak, peak.percent) for peak in peaks[:SHOWN]):
-        load, force, depth = _in_weights(moment, weight)
-        name = (which or NONE) + DOUBTFUL * moment.implausible
-        rows.append((
-            name, f"{moment.load:.1f}", f"{load:.2f}", f"{moment.contact_force:.1f}", f"{force:.2f}",
-            f"{depth:.3f}", NONE if percent is None else f"{percent:.1f}", f"{moment.event.stamp / NANOSECONDS:.3f}",
-        ))  # fmt: skip
-    for which in (FIRST, SECOND):
-        same = [peak for peak in peaks if peak.which == which]
-        if len(same) > 1:
-            loads, forces = ([getattr(peak, name) for peak in same] for name in ("load", "contact_force"))
-            rows.append((
-                f"{which}, mean ± SD of {len(same)}", _spread(loads, ".0f"), _spread(np.divide(loads, weight), ".2f"),
-                _spread(forces, ".0f"), _spread(np.divide(forces, weight), ".2f"),
-                _spread([MM * peak.penetration_depth for peak in same], ".3f"),
-                _spread([peak.percent for peak in same if peak.percent is not None], ".1f"), NONE,
-            ))  # fmt: skip
-    note = f"The first {SHOWN} of {len(peaks)}; all are in peaks.csv." if len(peaks) > SHOWN else ""
-    return Table(head, rows, note)
+        of, weight, cells = run.gathered, run.parameters.body_weight, []
+        units = {"load": 1.0 / weight, "contact_force": 1.0 / weight, "penetration_depth": MM}
+        for field, name, digits in QUANTITIES:
+            at = int(np.argmax(of.columns[field]))
+            mark = DOUBTFUL * bool(int(of.columns["status"][at]) & Status.IMPLAUSIBLE)
+            value = f"{units[field] * of.columns[field][at]:{digits}}{mark}"
+            driven = field != "load" or not runs.prescribed(run.parameters)
+            cells.append((f"largest {name}", value if driven else NONE))
+        for which in kinds:
+            group = [peak for peak in of.peaks if peak.which == which]
+            count, mark = max(count, len(group)), DOUBTFUL * any(peak.implausible for peak in group)
+            for field, name, digits in QUANTITIES:
+                values = [units[field] * getattr(peak, field) for peak in group]
+                cells.append((f"{which} peak: {name}", _spread(values, digits) + mark))
+        columns.append(cells)
+        if not any(cycle.span.start <= of.largest.event.stamp < cycle.span.end for cycle in of.cycles) and kinds:
+            where = f"{of.largest.event.kind} of {run.label}, at {of.largest.event.stamp / NANOSECONDS:.3f} s,"
+            notes += [] if run.beside is not None else [f"The {where} lies in no whole gait cycle."]
+    several = f", mean ± standard deviation of up to {count}" if count > 1 else ""
+    notes[1:1] = [f"First and second peak: of the stances in whole gait cycles{several}."] if kinds else []
+    return _side_by_side(columns, found, " ".join(notes))
 
 
 def cycle_summary(run: Run) -> list[tuple[str, str]]:
@@ -256,27 +231,18 @@ def cycle_summary(run: Run) -> list[tuple[str, str]]:
 
 def summary(run: Run) -> dict[str, str]:
     """Whole run and its accuracy, by the names of the table's rows."""
-    of, weight = run.gathered, run.parameters.body_weight
-    stamps, largest = of.columns["stamp"], {name: float(of.columns[name].max()) for name in runs.MOMENT[:3]}
+    of = run.gathered
+    stamps = of.columns["stamp"]
     rate = f"{(of.ticks - 1) / of.time:.0f} Hz" if of.time else "one tick"
     missing = of.strikes - len(of.cycles)
     left_out = f" ({missing} more between heel strikes left out: too long, too short, or not one toe-off)"
     longest = f", at most {of.longest_apart:.3f} s at one go" if of.apart_time else ""
-    flags = of.columns["status"]
-    marks = {name: DOUBTFUL * bool(int(flags[of.columns[name].argmax()]) & Status.IMPLAUSIBLE) for name in largest}
-    forces = {
-        name: f"{largest[name] / weight:.2f} BW ({largest[name]:.1f} N){marks[name]}"
-        for name in ("load", "contact_force")
-    }
     return {
         "file": run.source.name + ("" if run.topic == "/knee_contact" else f" {run.topic}"),
         "load": figures.which_load(run.parameters),
         "from … to [s]": f"{stamps[0] / NANOSECONDS:.3f} … {stamps[-1] / NANOSECONDS:.3f}",
         "ticks": f"{of.ticks} in {of.time:.2f} s ({rate})",
         "gait cycles": f"{len(of.cycles)}{left_out if missing > 0 else ''}",
-        "largest load": forces["load"],
-        "largest contact force": forces["contact_force"],
-        "largest depth": f"{MM * largest['penetration_depth']:.3f} mm{marks['penetration_depth']}",
         "pressure": figures.pressure_of(run),
         "in bone contact": _time(of.bone_time, of.time) if figures.has_bone(run) else "the contact law has one layer",
         "lifted off": _time(of.apart_time, of.time) + longest,
@@ -288,19 +254,6 @@ def summary(run: Run) -> dict[str, str]:
         "levels of the model": ", ".join(f"{k} {100.0 * n / of.ticks:.1f} %" for k, n in sorted(of.levels.items())),
         "contact law evaluations": f"{of.columns['evaluations'].mean():.1f} a tick",
     }
-
-
-def event_table(run: Run) -> Table:
-    """List the first gait events of a run, with the number of all."""
-    moments = run.gathered.moments
-    rows = [
-        (moment.event.kind, f"{moment.event.stamp / NANOSECONDS:.3f}", f"{moment.elapsed:.3f}", moment.event.text)
-        for moment in moments[: 2 * SHOWN]
-    ]
-    counts = {kind: sum(moment.event.kind == kind for moment in moments) for kind in (HEEL_STRIKE, TOE_OFF, LOAD_PEAK)}
-    numbers = ", ".join(f"{count} {kind}{'s' * (count != 1)}" for kind, count in counts.items())
-    more = f" The first {2 * SHOWN} are shown; all are in events.csv." if len(moments) > 2 * SHOWN else ""
-    return Table(("event", "stamp [s]", "since the first tick [s]", ""), rows, f"{numbers}.{more}")
 
 
 def parameter_table(run: Run) -> Table:
@@ -439,10 +392,10 @@ def _seconds(stamp: int) -> str:
     return f"{stamp // NANOSECONDS}.{stamp % NANOSECONDS:09d}"
 
 
-def _side_by_side(columns: Sequence[Sequence[tuple[str, str]]], found: Sequence[Run]) -> Table:
-    """Make a table with a row for each quantity (name and text), and a column for each run."""
+def _side_by_side(columns: Sequence[Sequence[tuple[str, str]]], found: Sequence[Run], note: str = "") -> Table:
+    """Make a table with a row for each quantity (name and text) that some run has, and a column for each run."""
     rows = [(several[0][0], *(text for _, text in several)) for several in zip(*columns, strict=True)]
-    return Table(("", *(run.label for run in found)), rows)
+    return Table(("", *(run.label for run in found)), [row for row in rows if {*row[1:]} != {NONE}], note)
 
 
 def _spread(values: Any, digits: str) -> str:

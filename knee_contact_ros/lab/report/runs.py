@@ -25,7 +25,7 @@ from knee_contact_ros.offline.summary import read_refused
 from knee_contact_ros.parameters import files
 from knee_contact_ros.parameters.build import build_model, material_stiffness
 from knee_contact_ros.parameters.files import curve_texts
-from knee_contact_ros.parameters.schema import ContactParameters, Parameters, constants_of, has_both
+from knee_contact_ros.parameters.schema import Parameters, constants_of, has_both
 from knee_contact_ros.streams.contact_stream import answering
 from knee_contact_ros.streams.gait_events import GAP, HEEL_STRIKE, LOAD_PEAK, TOE_OFF, GaitEvent, GaitEvents
 from knee_contact_ros.streams.strides import Span, at_stamps, cut, integral, sliding_distance, spans
@@ -69,13 +69,9 @@ RISE_TIME = 0.02
 """Duration [s] over which the loading rate is taken"""
 BUCKETS, FIRST_WIDTH = 2000, 5_000_000
 """Most buckets of time in a course, more than a picture has pixels, and their least width [ns]"""
-SECTION, LAW = "contact.", "law"
+SECTION = "contact."
 NONE, UNKNOWN = "–", "not told"
 """Texts for a constant that a law does not have, and for a value that is unknown as a recording has no parameters"""
-NAMED = 2
-"""Number of constants in the name of a curve; all of them are listed below the figure"""
-SAME = "again"
-"""Label of a comparison that changes nothing"""
 
 
 class ReportOptions(NamedTuple):
@@ -300,33 +296,8 @@ def _peaks(moments: Sequence[Moment], cycles: Sequence[Cycle]) -> list[Moment]:
     return peaks
 
 
-class Difference(NamedTuple):
-    """Parameter of the contact law that differs between a run and its comparison."""
-
-    name: str
-    """Name of the parameter, without its section"""
-    before: Any
-    """Value in the run; None: its law has no such constant"""
-    after: Any
-    """Value in the comparison; None: its law has no such constant"""
-
-    def __str__(self) -> str:
-        """Text of the difference, as it stands below a figure: `damping: 5000 → 0 N s/m`."""
-        texts = (NONE if value is None else short(value) for value in (self.before, self.after))
-        return f"{self.name}: {' → '.join(texts)}{unit(SECTION + self.name)}"
-
-
-class Overlay(NamedTuple):
-    """Parameter values in the files of a comparison, by dotted names."""
-
-    taken: dict[str, Any]
-    """Parameters of the contact law, which the comparison uses"""
-    left: dict[str, Any]
-    """Parameters of the person, the surfaces and the solver, which it does not use: each run keeps its own"""
-
-
-def overlay(paths: Sequence[Path]) -> Overlay:
-    """Read the parameter files of a comparison; of values that several set, the last one is taken.
+def overlay(paths: Sequence[Path]) -> dict[str, Any]:
+    """Read the parameter files of a comparison: their values by dotted name, of which the last one wins.
 
     Raises:
         UsageError: a file cannot be used, is given twice, or sets nothing of the contact law.
@@ -341,74 +312,50 @@ def overlay(paths: Sequence[Path]) -> Overlay:
                 "something else, solve with each and report both recordings"
             )
         everything |= values
-    known = {name: value for name, value in everything.items() if name in files.known_parameters()}
-    taken = {name: value for name, value in known.items() if name.startswith(SECTION)}
-    left = {name: value for name, value in known.items() if not name.startswith((SECTION, *NOT_OF_THE_RESULT))}
-    return Overlay(taken, left)
+    return {name: value for name, value in everything.items() if name in files.known_parameters()}
 
 
-def kept(parameters: Parameters, over: Overlay) -> list[str]:
+def kept(parameters: Parameters, over: Mapping[str, Any]) -> list[str]:
     """List the values that a run keeps although the comparison's files have others: `body_weight 931.6 (not 737)`."""
     own = files.all_values(parameters)
     return [
-        f"{name} {short(own[name])} (not {short(value)})" for name, value in over.left.items() if own[name] != value
+        f"{name} {short(own[name])} (not {short(value)})"
+        for name, value in over.items()
+        if not name.startswith((SECTION, *NOT_OF_THE_RESULT)) and own[name] != value
     ]
-
-
-def differences(before: Parameters | None, after: Parameters) -> list[Difference]:
-    """Differences of two contact laws in the law itself and the constants that each uses; `before` may be unknown."""
-    other = _used(after.contact)
-    one = _used(before.contact) if before else dict.fromkeys(other, UNKNOWN)
-    names = [name for name in {**one, **other} if one.get(name) != other.get(name)]
-    return [Difference(name, one.get(name), other.get(name)) for name in names]
-
-
-def _used(contact: ContactParameters) -> dict[str, Any]:
-    """Parameters that a contact law uses, by name, with the stiffness that results where the material determines it."""
-    computed: Mapping[str, Any] = material_stiffness(contact) if contact.stiffness_from == "material" else {}
-    constants = {name: computed.get(name, getattr(contact, name)) for name in constants_of(contact.law)}
-    return {LAW: contact.law, **constants, "allow_tension": contact.allow_tension}
-
-
-def named(differing: Sequence[Difference], *, after: bool) -> str:
-    """Name of a curve by what differs: its law, or the constants of a law that both have; empty if nothing differs."""
-    values = {each.name: each.after if after else each.before for each in differing}
-    if LAW in values:
-        return str(values[LAW])
-    first = [f"{name} {short(value)}{unit(SECTION + name)}" for name, value in list(values.items())[:NAMED]]
-    return ", ".join([*first, "…"] if len(values) > NAMED else first)
 
 
 def short(value: Any) -> str:
     """Text of a parameter's value, with six significant digits."""
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
+    return f"{value:.6g}" if isinstance(value, float) else NONE if value in {None, ""} else str(value)
 
 
-def unit(name: str) -> str:
-    """Unit of a parameter after a space, taken from its description; empty if it has none."""
-    meaning = files.known_parameters()[name].description
-    return f" {meaning[1 : meaning.index(']')].replace('exponent', 'n')}" if meaning.startswith("[") else ""
+def between(several: Sequence[Parameters | None], join: str = ", ") -> list[str]:
+    """Differences of the parameters of several runs, a line for each name: `body_weight: 737.068, 931.6 N`.
 
-
-def between(several: Sequence[Parameters]) -> list[str]:
-    """Differences of the parameters of several runs, a line for each name: `body_weight: 737.068, 931.6`.
-
-    A lateral compartment is a run of its own, with its parameters under the names of the medial one's.
+    Of a contact law these are the constants that it uses. None: parameters that nobody knows. A lateral compartment is
+    a run of its own, with its parameters under the names of the medial one's.
     """
-    left_out = (SECTION, f"{LATERAL}.", *NOT_OF_THE_RESULT)
-    rows = [
-        {name: value for name, value in files.flat_parameters(each).items() if not name.startswith(left_out)}
-        | {SECTION + name: value for name, value in _used(each.contact).items()}
-        for each in several
-    ]
-    names = dict.fromkeys(name for place, row in enumerate(rows) for name in row if not place or SECTION in name)
-    return [
-        f"{name}: {', '.join(NONE if row.get(name) in (None, '') else short(row[name]) for row in rows)}{unit(name)}"
-        for name in names
-        if any(row.get(name) != rows[0].get(name) for row in rows)
-    ]
+    rows = []
+    for each in several:
+        row: dict[str, Any] = {}
+        if each:
+            law, left_out = each.contact, (SECTION, f"{LATERAL}.", *NOT_OF_THE_RESULT)
+            row = {name: own for name, own in files.flat_parameters(each).items() if not name.startswith(left_out)}
+            computed: Mapping[str, Any] = material_stiffness(law) if law.stiffness_from == "material" else {}
+            used = {name: computed.get(name, getattr(law, name)) for name in constants_of(law.law)}
+            used = {"law": law.law, **used, "allow_tension": law.allow_tension}
+            row |= {SECTION + name: value for name, value in used.items()}
+        rows.append(row)
+    lines = []
+    for name in dict.fromkeys(name for place, row in enumerate(rows) for name in row if not place or SECTION in name):
+        if any(row.get(name) != rows[0].get(name) for row in rows):
+            meaning = files.known_parameters()[name].description
+            unit = f" {meaning[1 : meaning.index(']')].replace('exponent', 'n')}" if meaning.startswith("[") else ""
+            lines.append(f"{name}: {join.join(short(row.get(name)) if row else UNKNOWN for row in rows)}{unit}")
+    return lines
 
 
 class Run(NamedTuple):
@@ -417,7 +364,7 @@ class Run(NamedTuple):
     name: str
     """Name of the recording"""
     label: str
-    """Label of the run: the recording's name, and how its contact law differs from that of the run beside it"""
+    """Label of the run: the recording's name, and of a comparison the names of its parameter files"""
     source: Path
     """Recording or bag"""
     topic: str
@@ -436,8 +383,8 @@ class Run(NamedTuple):
     """Index of the run with whose inputs this comparison was computed; None: this run is no comparison"""
     known: bool = True
     """Whether the parameters are the recording's own, and not assumed"""
-    differences: Sequence[Difference] = ()
-    """Differences of a comparison's contact law from that of its run"""
+    differences: Sequence[str] = ()
+    """Differences of a comparison's contact law from that of its run, as texts"""
     kept: Sequence[str] = ()
     """Parameters that a comparison keeps of its run although its files have other values, as texts"""
     uncertain: Propagated | None = None
@@ -463,15 +410,12 @@ def collect(options: ReportOptions, work: Path, bar: Bar) -> list[Run]:
                 _recorded(path, topic, f"{label} {_which(topic, recorded[path])}" if several else label, options, bar)
             )
         own += [] if recorded[path] else _solved(path, label, options, work, bar)
-    own = _numbered(own)  # before they are compared: two of a name differ by their laws' names at most
+    own = _numbered(own)
     if over is None:
         return own
     runs: list[Run] = []
     for run in own:
-        other = _compared(run, len(runs), over, options, work, bar)
-        names = [named(other.differences, after=after) for after in (False, True)]
-        runs.append(run._replace(label=", ".join(filter(None, (run.label, names[0])))))
-        runs.append(other._replace(label=f"{run.label}, {names[1] or SAME}"))
+        runs += [run, _compared(run, len(runs), over, options, work, bar)]
     return runs
 
 
@@ -522,13 +466,16 @@ def _solved(path: Path, label: str, options: ReportOptions, work: Path, bar: Bar
     return [run._replace(name=name, label=name, origin=origin) for run, name in zip(runs, labels, strict=True)]
 
 
-def _compared(run: Run, beside: int, over: Overlay, options: ReportOptions, work: Path, bar: Bar) -> Run:
+def _compared(run: Run, beside: int, over: Mapping[str, Any], options: ReportOptions, work: Path, bar: Bar) -> Run:
     """Compute a run's inputs with another contact law; person, surfaces and solver stay the same."""
-    recorded = _stored(run.source, options)
+    recorded, law = (
+        _stored(run.source, options),
+        {name: value for name, value in over.items() if name.startswith(SECTION)},
+    )
     if recorded:  # it may hold the files that parameters name
-        source: Parameters | Provenance = with_values(recorded._replace(changes=()), over.taken)
+        source: Parameters | Provenance = with_values(recorded._replace(changes=()), law)
     else:
-        source = files.load_parameters([*options.parameters, over.taken])
+        source = files.load_parameters([*options.parameters, law])
     origin = (
         f"Computed for this report by knee_contact_ros {__version__}: the inputs of “{run.name}” with its parameters, "
         f"but for the contact law of {_spelled(options.compare)}."
@@ -536,8 +483,9 @@ def _compared(run: Run, beside: int, over: Overlay, options: ReportOptions, work
     both = _computed(run.source, source, _names(run, options), work, bar)
     again = next(one for one in both if is_lateral(one.topic) == is_lateral(run.topic))
     return again._replace(
-        name=run.name, topic=run.topic, origin=origin, beside=beside, kept=kept(run.parameters, over),
-        differences=differences(run.parameters if run.known else None, again.parameters),
+        name=run.name, label=f"{run.label}, {' + '.join(path.stem for path in options.compare)}", topic=run.topic,
+        origin=origin, beside=beside, kept=kept(run.parameters, over),
+        differences=between([run.parameters if run.known else None, again.parameters], " → "),
     )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.lab.report.runs import between, differences, kept, named, overlay
+from knee_contact_ros.lab.report.runs import between, kept, overlay
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.errors import UsageError
 from tests.lab.report.pages import numbers, runs_of, text_of
@@ -51,56 +51,45 @@ def test_a_heavy_subject_stays_itself(bags: tuple[Path, Path], tmp_path: Path, w
 def test_only_the_contact_law_is_taken(whole: Path, config: Path) -> None:
     before = load_parameters(HEAVY)
     over = overlay([whole])
-    assert over.taken == {"contact.law": "hertz", "contact.stiffness": 5.0e7}
+    assert {name: over[name] for name in over if "contact" in name} == {
+        "contact.law": "hertz", "contact.stiffness": 5.0e7
+    }  # fmt: skip
     assert kept(before, over) == [
         "body_weight 931.6 (not 700)", "load.share 0.6 (not 0.5)", "femur.radius 0.036 (not 0.03)",
         "fidelity.tolerance 1e-06 (not 1e-07)",
     ]  # fmt: skip
     same = {"body_weight": 700, "load.share": 0.5, "femur.radius": 0.03, "fidelity.tolerance": 1e-7}
     assert kept(load_parameters(same), over) == []
-    told = [str(each) for each in differences(before, load_parameters([before, over.taken]))]
-    assert told == ["law: kelvin_voigt → hertz", "stiffness: 7.90569e+07 → 5e+07 N/m^n", "damping: 4000 → – N s/m"]
     with pytest.raises(UsageError, match=r"^--compare .*healthy.yaml is given twice$"):  # under any of its names
         overlay([Path("healthy"), config / "healthy.yaml"])
 
 
 @pytest.mark.parametrize(
-    ("values", "names"),
+    ("values", "lines"),
     [
-        ({}, ("", "")),
-        ({"contact.layer_depth": 1e-3}, ("", "")),  # which the law does not use
-        ({"contact.damping": 0.0}, ("damping 5000 N s/m", "damping 0 N s/m")),
-        ({"contact.damping": 0.0, "contact.stiffness": 1e8, "contact.exponent": 1.6},
-         ("stiffness 7.90569e+07 N/m^n, exponent 1.5, …", "stiffness 1e+08 N/m^n, exponent 1.6, …")),
-        ({"contact.stiffness_from": "material"}, ("stiffness 7.90569e+07 N/m^n", "stiffness 4.30314e+06 N/m^n")),
-        ({"contact.allow_tension": True}, ("allow_tension no", "allow_tension yes")),
-        ({"contact.law": "hertz"}, ("kelvin_voigt", "hertz")),
+        ({"contact.layer_depth": 1e-3, "deadline": 0.2}, []),  # which the law does not use, and no answer depends on
+        ({"contact.damping": 0.0}, ["contact.damping: 5000 → 0 N s/m"]),
+        ({"contact.stiffness_from": "material"}, ["contact.stiffness: 7.90569e+07 → 4.30314e+06 N/m^n"]),
+        ({"contact.allow_tension": True}, ["contact.allow_tension: no → yes"]),
+        ({"body_weight": 800.0, "contact.law": "hertz"},
+         ["body_weight: 737.068 → 800 N", "contact.law: kelvin_voigt → hertz", "contact.damping: 5000 → – N s/m"]),
     ],
 )  # fmt: skip
-def test_curves_are_named_by_what_differs(values: dict[str, object], names: tuple[str, str]) -> None:
-    found = differences(load_parameters({}), load_parameters(values))
-    assert (named(found, after=False), named(found, after=True)) == names
+def test_what_differs_is_told_as_far_as_it_is_used(values: dict[str, object], lines: list[str]) -> None:
+    assert between([load_parameters({}), load_parameters(values)], " → ") == lines
 
 
-def test_what_is_not_known_differs_and_recordings_say_in_what_they_do() -> None:
-    found = differences(None, load_parameters({}))
-    assert (str(found[0]), named(found, after=False)) == ("law: not told → kelvin_voigt", "not told")
-    one, other = load_parameters({}), load_parameters({"body_weight": 800.0, "contact.law": "hertz", "deadline": 0.2})
-    assert between([one, one]) == []
-    assert between([one, other]) == [
-        "body_weight: 737.068, 800 N", "contact.law: kelvin_voigt, hertz", "contact.damping: 5000, – N s/m"
-    ]  # fmt: skip
+def test_what_is_not_known_differs() -> None:
+    assert between([None, load_parameters({})], " → ")[0] == "contact.law: not told → kelvin_voigt"
 
 
-def test_curves_that_are_the_same_are_said_to_be(bags: tuple[Path, Path], tmp_path: Path) -> None:
-    path, texts = tmp_path / "stiffer.yaml", []
-    for stiffness in ("7.9057e+7", "3.0e+7"):
-        path.write_text(f"/**/knee_contact: {{ros__parameters: {{contact: {{stiffness: {stiffness}}}}}}}\n")
-        assert main(["report", str(bags[0]), "--compare", str(path), "--output", str(tmp_path / "out")]) == 0
-        texts.append(text_of(tmp_path / "out"))
-    assert texts[0].count("Curves with “=” are the same within") == 4  # force, depth, pressure and patch
-    assert "Largest difference" not in texts[0]
-    assert "Largest difference of dashed to full: gait2354_right" in texts[1]
+def test_a_person_gave_the_names_and_what_differs_stands_once(bags: tuple[Path, Path], tmp_path: Path) -> None:
+    path = tmp_path / "stiffer.yaml"
+    path.write_text("/**/knee_contact: {ros__parameters: {contact: {stiffness: 9.0e+7}}}\n")
+    asked = ["report", str(bags[0]), "--label", "Ann", "--compare", str(path), "--output", str(tmp_path / "out")]
+    assert main(asked) == 0
+    assert list(runs_of(tmp_path / "out" / "peaks.csv")) == ["Ann", "Ann, stiffer"]
+    assert text_of(tmp_path / "out").count("contact.stiffness: 7.90569e+07 → 9e+07 N/m^n") == 1
 
 
 def test_files_of_one_name_are_told_apart_also_when_their_laws_differ(

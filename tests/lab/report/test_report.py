@@ -36,7 +36,7 @@ BODY_WEIGHT = 737.068
 CYCLE_FIGURES = ["contact_force.png", "depth.png", "flexion.png", "peak_pressure.png", "patch_half_width.png"]
 MOVING_FIGURES = ["contact_point.png", "contact_point_flexion.png"]
 TABLES = {"cycles.csv", "events.csv", "peaks.csv", "strides.csv"}
-RUNS = [f"{side}, {law}" for side in ("right", "left") for law in ("kelvin_voigt", "two_layer_viscoelastic")]
+RUNS = ["right", "right, osteoarthritis", "left", "left, osteoarthritis"]
 LABEL = '_<b onload="x">&$\\no$'
 PNG = b"\x89PNG\r\n\x1a\n"
 
@@ -129,7 +129,7 @@ def test_peaks_and_events_are_those_of_the_demo(both: Path) -> None:
     assert numbers(right, "contact_force_N") == pytest.approx([1265.6, 1557.1, 1338.0, 1614.1], abs=0.05)
     assert numbers(right, "penetration_depth_mm") == pytest.approx([0.635, 0.729, 0.658, 0.747], abs=0.0005)
     assert numbers(right[:2], "gait_cycle_percent") == pytest.approx([13.2, 47.3], abs=0.05)
-    left = runs_of(both / "events.csv")["left, kelvin_voigt"]
+    left = runs_of(both / "events.csv")["left"]
     assert tuple(left[0]) == EVENT_COLUMNS
     kinds = ["load peak", "toe-off", "heel strike", "load peak", "load peak", "toe-off", "heel strike"]
     assert [row["event"] for row in left] == kinds
@@ -145,7 +145,6 @@ def test_a_recording_from_before_sliding_and_force_error(old_recording: Path, tm
     out = tmp_path / "out"
     assert main(["report", str(old_recording), "--compare", "osteoarthritis.yaml", "--output", str(out)]) == 0
     assert "error bound of the contact force not in this recording" in text_of(out)
-    assert "sliding distance [mm] –" in text_of(out)
     old, compared = rows_of(out / "strides.csv")
     assert old["sliding_distance_mm"] == old["largest_sliding_velocity_mm_per_s"] == ""
     assert float(compared["sliding_distance_mm"]) > 30.0  # computed now
@@ -162,22 +161,21 @@ def test_the_page_says_what_it_should(both: Path, moving: Path) -> None:
     text = text_of(both)
     for words in (
         "Knee contact: right, left", "not of a medical device", "medial compartment: 0.5 of the axial joint reaction",
-        "doi:10.1186/ar4138", "387 in 1.93 s (200 Hz)", "0.747 mm", "0.538 mm", "0.915 s (47.4 %)",
-        "the contact law has one layer", "ticks not converged", "impulse of stance [BW s]", "1.084", "1265.2", "47.3",
-        "heel strike at 2° of flexion", "2 heel strikes, 1 toe-off, 4 load peaks.", "contact.layer_depth",
-        "two_layer_viscoelastic", "but for the contact law of osteoarthritis.yaml", "The contact point does not move",
+        "doi:10.1186/ar4138", "387 in 1.93 s (200 Hz)", "0.915 s (47.4 %)", "the contact law has one layer",
+        "ticks not converged", "impulse of stance [BW s]", "1.084", "47.3", "contact.layer_depth",
+        "but for the contact law of osteoarthritis.yaml", "The contact point does not move",
         "The load of these runs is the medial one.",
+        "The largest load of right, at 2.430 s, lies in no whole gait cycle.",
     ):  # fmt: skip
         assert words in text
     assert "What makes no sense" not in text
-    captions = re.findall(r"<figcaption>(.*?)</figcaption>", page_of(both), flags=re.DOTALL)
-    assert len(captions) == 9
-    for caption in captions:
-        assert "law: kelvin_voigt → two_layer_viscoelastic" in caption
-        assert "layer_depth: – → 0.0005 m" in caption
-    peaks, _, rest = page_of(both).partition("<figure>")
-    assert "second peak: depth [mm]" in peaks  # on top
-    assert "What these numbers are" in rest
+    for words in ("contact.law: kelvin_voigt → two_layer_viscoelastic", "contact.layer_depth: – → 0.0005 m"):
+        assert text.count(words) == 1
+    peaks = text.partition("Peaks")[2].partition("What differs")[0]
+    # As `solve` prints them for the right and the left leg, and with the other law; in whole cycles they are smaller.
+    for row in ("largest contact force [BW] 2.19 2.19 3.03", "largest depth [mm] 0.747 0.538 0.929",
+                "second peak: contact force [BW] 2.11 2.11 3.03"):  # fmt: skip
+        assert row in peaks
     # Another load has other published ranges, and a femur from MRI a contact point that moves.
     check_html(page_of(moving))
     text = text_of(moving)
@@ -206,7 +204,7 @@ def test_a_recording_says_its_parameters_itself(recording: Path, tmp_path: Path)
     assert "Recorded with knee_contact_ros" in text
     assert "700 default 737.068" in text  # stored, and not that of healthy.yaml
     runs = runs_of(out / "peaks.csv")
-    assert float(runs["knee, kelvin_voigt"][1]["penetration_depth_mm"]) == pytest.approx(0.729, abs=0.0005)
+    assert float(runs["knee, healthy"][1]["penetration_depth_mm"]) == pytest.approx(0.729, abs=0.0005)
     for rows in runs.values():  # healthy.yaml says 737.068 N, and a comparison is no other person
         assert float(rows[1]["load_BW"]) == pytest.approx(float(rows[1]["load_N"]) / 700.0, rel=1e-8)
     assert "body_weight 700 (not 737.068)" in text
@@ -225,9 +223,7 @@ def test_recordings_of_others_and_of_two_knees_in_one(recording: Path, tmp_path:
                 bag.write(f"/{side}{message.topic}", message.log_time, message.data)
     assert main(["report", str(path), "--compare", "healthy.yaml", "--output", str(out)]) == 0
     runs = runs_of(out / "peaks.csv")
-    assert list(runs) == [
-        f"both {side}/knee_contact, {law}" for side in ("left", "right") for law in ("not told", "kelvin_voigt")
-    ]
+    assert list(runs) == [f"both {side}/knee_contact{name}" for side in ("left", "right") for name in ("", ", healthy")]
     depths = [numbers(rows, "penetration_depth_mm").max() for rows in runs.values()]
     assert depths == pytest.approx([0.538, 0.747] * 2, abs=0.0005)
     assert "contact.law: not told → kelvin_voigt" in text_of(out)
@@ -251,7 +247,6 @@ def test_without_gait_everything_is_over_time_and_an_earlier_report_gives_way(tm
     assert (out / "mine.txt").read_text() == "earlier"
     assert (out / "over_time_1.png").read_bytes().startswith(PNG)
     assert "No two heel strikes that follow each other" in text_of(out)
-    assert "0 heel strikes, 0 toe-offs, 0 load peaks." in text_of(out)
     assert rows_of(out / "cycles.csv") == rows_of(out / "peaks.csv") == []
 
 
@@ -262,7 +257,7 @@ def test_what_makes_no_sense_stands_first(bags: tuple[Path, Path], tmp_path: Pat
     pulled = make_bag(tmp_path / "pulled.mcap", [(i * 10_000_000, 0.1, -800.0) for i in range(121)])
     assert main(["report", str(recording), str(pulled), "--output", str(out)]) == 0
     check_html(page_of(out))
-    told = text_of(out).partition("What makes no sense.")[2].partition("Overview")[0]
+    told = text_of(out).partition("What makes no sense.")[2].partition("Peaks")[0]
     for words in (
         "knee: contact.stiffness 2500 N/m^1.5 gives 279 mm of depth under 368.5 N",
         "knee: 387 of 387 ticks are up to 359 mm deep, beyond 6.8 mm, a fifth of the femoral radius",
@@ -284,10 +279,9 @@ def test_where_the_height_drives_a_report_is_of_the_contact_force(tmp_path: Path
     solve(bag, load_parameters({"drive": "displacement"}), tmp_path / "height.mcap", silent)
     assert main(["report", str(tmp_path / "height.mcap"), "--output", str(out)]) == 0
     force = read_answers(tmp_path / "height.mcap")["contact_force"].max()
-    assert "largest contact force: contact force [BW]" in text_of(out)
-    assert f"{force / BODY_WEIGHT:.2f}" in text_of(out).partition("Peaks")[2].partition("The knee at the peaks")[0]
+    assert f"largest contact force [BW] {force / BODY_WEIGHT:.2f}" in text_of(out)
     assert "The femoral height is prescribed (height)" in text_of(out)
-    assert "largest load:" not in text_of(out)
+    assert "largest load [" not in text_of(out)
     assert "contact force answers the load" not in text_of(out)
 
 
@@ -297,7 +291,7 @@ def test_both_compartments_are_of_one_recording(bags: tuple[Path, Path], config:
     text = text_of(tmp_path / "out")
     assert "in 1 recording: 387 ticks, 1 whole gait cycle." in text
     differs = text.partition("What differs")[2].partition("What these numbers are")[0]
-    assert differs.split() == ["femur.profile:", "femur_medial.csv,", "femur_lateral.csv"]
+    assert differs.split()[:3] == ["femur.profile:", "femur_medial.csv,", "femur_lateral.csv"]
 
 
 def test_a_knee_that_lifts_off_is_told(tmp_path: Path) -> None:
