@@ -5,6 +5,8 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
+from itertools import groupby
+from operator import attrgetter
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -28,7 +30,7 @@ from knee_contact_ros.system.output_files import refuse_existing
 from knee_contact_ros.system.processes import LOCALHOST, interrupted_by_sigterm, refuse_taken
 from knee_contact_ros.system.terminal import progress, say
 from knee_contact_ros.view import viewer
-from knee_contact_ros.view.anatomy import KneeOutlines, drawing_of
+from knee_contact_ros.view.anatomy import KneeOutlines, alike, drawing_of
 from knee_contact_ros.view.output import RerunFile
 from knee_contact_ros.view.scene import Pictures, Scene
 
@@ -123,7 +125,13 @@ def recorded_knees(recordings: Mapping[Path, str], parameters: Parameters) -> li
     alone = len({(path, knee_name(topic)) for path, topic, _ in answered}) == 1
     all_topics = {(path, topic) for path, topic, _ in answered}
     names = _distinct([_name(path, topic, name, alone, all_topics) for path, topic, name in answered])
-    return [_knee(path, topic, name, parameters) for (path, topic, _), name in zip(answered, names, strict=True)]
+    knees = [_knee(path, topic, name, parameters) for (path, topic, _), name in zip(answered, names, strict=True)]
+    shown = []
+    for _, group in groupby(knees, key=attrgetter("recording")):
+        together = list(group)
+        drawings = alike([knee.model for knee in together], [knee.drawing for knee in together])
+        shown += [knee._replace(drawing=drawing) for knee, drawing in zip(together, drawings, strict=True)]
+    return shown
 
 
 def _name(path: Path, topic: str, recording: str, alone: bool, all_topics: Set[tuple[Path, str]]) -> str:

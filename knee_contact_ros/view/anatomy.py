@@ -109,6 +109,12 @@ class KneeOutlines(NamedTuple):
         return math.isfinite(self.second_layer)
 
     @property
+    def rings(self) -> bool:
+        """Whether nothing damps the first layer of the contact law, so that force and depth ripple."""
+        first = self.law.layers[0]
+        return first.damping == first.loss == 0.0
+
+    @property
     def point_moves(self) -> bool:
         """Whether the contact of a walking knee moves along the plateau; that of a circle on a hinge does not."""
         low, high = self.contact_range
@@ -145,10 +151,17 @@ class Overlaps(NamedTuple):
     """y [m] on the tibia, shape (n, POINTS)"""
 
 
-def drawings_of(models: Sequence[KneeModel], knee: str, body_weight: float) -> tuple[KneeOutlines, ...]:
-    """Make the outlines of a knee's compartments, the only one or medial and lateral; see `drawing_of`."""
+def drawings_of(models: Sequence[KneeModel], knee: str, body_weight: float) -> list[KneeOutlines]:
+    """Make the outlines of a knee's compartments, the only one or medial and lateral; see `drawing_of` and `alike`."""
     names = [compartment_name(knee, of) for of in (MEDIAL, LATERAL)] if len(models) > 1 else [knee]
-    return tuple(drawing_of(model, name, body_weight) for model, name in zip(models, names, strict=True))
+    drawings = [drawing_of(model, name, body_weight) for model, name in zip(models, names, strict=True)]
+    return alike(models, drawings)
+
+
+def alike(models: Sequence[KneeModel], drawings: Sequence[KneeOutlines]) -> list[KneeOutlines]:
+    """Return the outlines of compartments as those of one knee: with shafts and plateaus of the same size."""
+    size = _size_of(models, [drawing.contact_range for drawing in drawings])
+    return [drawing._replace(anatomy=anatomy_of(model, size)) for model, drawing in zip(models, drawings, strict=True)]
 
 
 def drawing_of(model: KneeModel, knee: str, body_weight: float) -> KneeOutlines:
@@ -161,18 +174,38 @@ def drawing_of(model: KneeModel, knee: str, body_weight: float) -> KneeOutlines:
     reach = min(touched), max(touched)
     return KneeOutlines(
         knee, model.pair.femur.outline(), model.pair.outline(PLATEAU_REACH), model.cartilage_thickness, reach,
-        body_weight, anatomy_of(model, reach), model.law, model.patch, model.height_prescribed,
+        body_weight, anatomy_of(model, _size_of([model], [reach])), model.law, model.patch, model.height_prescribed,
     )  # fmt: skip
 
 
-def anatomy_of(model: KneeModel, contact_range: tuple[float, float] = (0.0, 0.0)) -> Anatomy:
-    """Make the polygons of a model; `contact_range` are the lowest and highest x [m] of the contact on the plateau."""
-    femur = _even(_open(model.pair.femur.outline()))
-    extent = float(np.ptp(femur[:, 0]))
-    reach = max(PLATEAU * extent, PLATEAU_MARGIN + max(map(abs, contact_range)))
-    tibia = _even(model.pair.outline(reach))
+class Size(NamedTuple):
+    """Dimensions that the compartments of a knee have in common."""
+
+    rear: float
+    """x [m] of the posterior end of the femoral surfaces, femur frame"""
+    ends: float
+    """Greatest height y [m] of the ends of the femoral surfaces, femur frame"""
+    extent: float
+    """Extent [m] of the femoral surfaces from posterior to anterior"""
+    plateau: float
+    """Half the length [m] of the drawn plateaus"""
+
+
+def _size_of(models: Sequence[KneeModel], ranges: Sequence[tuple[float, float]] = ((0.0, 0.0),)) -> Size:
+    """Return the dimensions of a drawing of compartments, from the ranges of their contact points."""
+    femora = [_even(_open(model.pair.femur.outline())) for model in models]
+    extent = float(np.ptp(np.concatenate(femora)[:, 0]))
+    reach = max(PLATEAU * extent, PLATEAU_MARGIN + max(abs(end) for both in ranges for end in both))
+    rear, ends = min(femur[0, 0] for femur in femora), max(femur[end, 1] for femur in femora for end in (0, -1))
+    return Size(float(rear), float(ends), extent, reach)
+
+
+def anatomy_of(model: KneeModel, size: Size | None = None) -> Anatomy:
+    """Make the polygons of a model, of its own size if none is given."""
+    size = size or _size_of([model])
+    femur, tibia = _even(_open(model.pair.femur.outline())), _even(model.pair.outline(size.plateau))
     thickness, is_drawn = cartilage_of(model)
-    return Anatomy(*_femur(femur, thickness, extent), *_tibia(tibia, thickness), thickness, is_drawn)
+    return Anatomy(*_femur(femur, thickness, size), *_tibia(tibia, thickness), thickness, is_drawn)
 
 
 def cartilage_of(model: KneeModel) -> tuple[float, bool]:
@@ -263,12 +296,12 @@ def _crossing(x: Floats, deep: Floats) -> Floats:
     return np.asarray(np.where(inside.any(axis=1), crossing, x.mean(axis=1)))
 
 
-def _femur(surface: Floats, thickness: float, extent: float) -> tuple[Floats, Floats]:
-    """Make bone and cartilage of the femur; `surface` goes from posterior to anterior over `extent` [m]."""
+def _femur(surface: Floats, thickness: float, size: Size) -> tuple[Floats, Floats]:
+    """Make bone and cartilage of the femur; `surface` goes from posterior to anterior."""
     inner = surface + _covered(surface, thickness) * _left(surface)
-    rear, front = surface[0], surface[-1]
-    begin = max(rear[1], front[1]) + SHAFT_RISE * extent
-    posterior = np.array([rear[0] + SHAFT_BEGIN * extent, begin])
+    rear, front, extent = surface[0], surface[-1], size.extent
+    begin = size.ends + SHAFT_RISE * extent
+    posterior = np.array([size.rear + SHAFT_BEGIN * extent, begin])
     anterior = posterior + np.array([SHAFT_WIDTH * extent, 0.0])
     up, top = np.array([0.0, 1.0]), max(SHAFT_LENGTH * extent, begin)
     posterior_join = _join(posterior, -up, rear, surface[1] - rear)

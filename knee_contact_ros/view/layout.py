@@ -17,11 +17,13 @@ from rerun.blueprint.components import PlayState
 
 from knee_contact_ros.model.types import FIELDS, FLAT, Field, Rows
 from knee_contact_ros.view import colours
-from knee_contact_ros.view.anatomy import SURFACE_POINTS, Floats, KneeOutlines, lowest_at, placed
+from knee_contact_ros.view.anatomy import NEWTONS_PER_MM, SURFACE_POINTS, Floats, KneeOutlines, lowest_at, placed
 
 TIMELINE = "stamp"
 """The one timeline: it has the ROS stamps"""
-CURVES, EVENTS, STATES = "curves", "events", "states"
+CURVES, EVENTS, STATES, ABOUT = "curves", "events", "states", "about"
+GAIT, CONTACT, LEVEL = "gait", "contact", "level"
+"""Paths of the states under `KNEE/states`"""
 CAMERA, BODY = "sagittal", "body"
 """Paths of the entities of the camera, with marks in front of the knee, and of the knee"""
 PATH = "contact_path"
@@ -34,12 +36,12 @@ SEEN = np.radians([-5.0, 0.0, 15.0, 30.0, 45.0, 60.0, 70.0])
 """Flexion angles [rad] at which the whole knee must be visible"""
 MARGIN, WORD = 0.04, 0.07
 """Margin around the knee, and room for words below the marks, in heights of the knee: words keep their size"""
+MAGNIFICATION = 10.0
+"""Factor by which the depth of the drawn overlap is magnified along the normal"""
 PATH_SPAN = 1.5
 """Time [s] for which the path of the contact point stays visible: a little more than a stride"""
 LIVE_SPAN = 6.0
 """Time [s] of the curves that is visible while they grow"""
-HEIGHTS = [1.03, 0.78, 1.12, 1.07]
-"""Relative heights of four plots beside the plane, so that their ticks are legible; three are equally high"""
 ABREAST = 2
 """Largest number of planes side by side; further ones stand below, or their words would overlap"""
 LONGEST_TITLE = 105
@@ -106,9 +108,6 @@ KNEE = (
         Series("depth + error [mm]", colours.BAND, 1.0, lambda of, _: MM * (_signed(of) + of["error_estimate"])),
         Series("depth [mm]", colours.DEPTH, 2.0, lambda answers, _: MM * _signed(answers)),
     )),
-    Plot(CONTACT_POINT, "Contact point on the plateau, anterior > 0 [mm]", (
-        Series("anterior [mm]", colours.CARTILAGE, 2.0, lambda answers, _: MM * answers["contact_point"]["x"]),
-    )),
 )  # fmt: skip
 """Plots beside the sagittal plane"""
 SHOWN = {"m": ("mm", MM), "m/s": ("mm/s", MM), "rad": ("deg", math.degrees(1.0))}
@@ -124,8 +123,7 @@ def _plain(name: str, field: Field) -> Plot:
     )
 
 
-DETAILS = (
-    *(_plain(name, field) for name, field in FIELDS.items() if field.plot),
+SOLVER = (
     Plot("error", "Estimated errors: depth, violet [µm]; force, orange [N]", (
         Series("error of the force [N]", colours.FORCE, 1.0, lambda answers, _: answers["force_error_estimate"]),
         Series("error of the depth [µm]", colours.ERROR, 2.0, lambda answers, _: MICRO * answers["error_estimate"]),
@@ -137,8 +135,12 @@ DETAILS = (
         Series("latency [ms]", colours.ANGLE, 1.0, lambda answers, _: MM * answers["latency"]),
     ), live=True),
 )  # fmt: skip
-"""Plots in the second tab"""
-READ_OFF = (
+"""Plots in the last tab"""
+DETAILS = (
+    Plot(CONTACT_POINT, "Contact point on the plateau, anterior > 0 [mm]", (
+        Series("anterior [mm]", colours.CARTILAGE, 2.0, lambda answers, _: MM * answers["contact_point"]["x"]),
+    )),
+    *(_plain(name, field) for name, field in FIELDS.items() if field.plot),
     Plot("pressure", "Contact pressure: peak, thick; mean [MPa]", (
         Series("mean pressure [MPa]", colours.BAND, 1.5, lambda read, _: MEGA * read["mean_pressure"]),
         Series("peak pressure [MPa]", colours.FORCE, 2.5, lambda read, _: MEGA * read["peak_pressure"]),
@@ -153,7 +155,7 @@ READ_OFF = (
         Series("loading rate [kN/s]", colours.SLIP, 1.0, lambda read, _: 1e-3 * read["loading_rate"]),
     ), read_off=True),
 )  # fmt: skip
-"""Plots in the third tab"""
+"""Plots in the second tab"""
 
 
 FORCE_NUMBER, LOAD_NUMBER = 2, 3
@@ -175,11 +177,15 @@ def _signed(answers: Rows) -> Floats:
 
 def plots_of(drawing: KneeOutlines, latency: bool) -> list[Plot]:
     """Return the plots that a knee has curves for; `latency` says whether its answers have latencies."""
-    plots = [plot for plot in KNEE if drawing.point_moves or plot.path != CONTACT_POINT]
-    if drawing.height_prescribed:
-        plots = [HEIGHT_DRIVEN if plot.path == FORCES else plot for plot in plots]
-    plots += [plot for plot in DETAILS if latency or not plot.live]
-    return [*plots, *READ_OFF] if drawing.patch else plots
+    plots = [HEIGHT_DRIVEN if plot.path == FORCES and drawing.height_prescribed else plot for plot in KNEE]
+    plots += [
+        plot
+        for plot in (*DETAILS, *SOLVER)
+        if (drawing.patch or not plot.read_off)
+        and (latency or not plot.live)
+        and (drawing.point_moves or plot.path != CONTACT_POINT)
+    ]
+    return plots
 
 
 class Frame(NamedTuple):
@@ -199,8 +205,6 @@ class Frame(NamedTuple):
     """Place of the femur's name, on its shaft, femur frame"""
     tibia_name: tuple[float, float]
     """Place of the tibia's name"""
-    depth_name: tuple[float, float]
-    """Place of the depth: posterior to the contact, above the plateau, where no bone comes"""
 
 
 def frame_of(drawing: KneeOutlines) -> Frame:
@@ -213,7 +217,6 @@ def frame_of(drawing: KneeOutlines) -> Frame:
     (left, bottom), (right, top) = points.min(axis=0) - margin, points.max(axis=0) + margin
     floor = -bottom - word
     shaft = knee.femur_bone[knee.femur_bone[:, 1] > knee.femur_bone[:, 1].max() - 1e-6]
-    rear = MM * knee.tibia_cartilage[0]
     length = 0.09 * (right - left)
     return Frame(
         (left, right), (-top, -bottom),
@@ -221,7 +224,6 @@ def frame_of(drawing: KneeOutlines) -> Frame:
         scale=(right - margin - SCALE_BAR, floor),
         femur_name=(MM * float(shaft[:, 0].mean()), -MM * float(shaft[0, 1]) + word),
         tibia_name=(MM * float(knee.tibia_bone[:, 0].mean()), floor - 0.5 * word),
-        depth_name=(0.5 * (left + float(rear[0])), -float(rear[1]) - word),
     )  # fmt: skip
 
 
@@ -247,20 +249,32 @@ def blueprint(drawings: Sequence[KneeOutlines], latency: bool = False, follow: b
     frame = common([frame_of(drawing) for drawing in drawings])
     planes = [_plane(drawing, frame, len(drawings) > 1) for drawing in drawings]
     by_path = {plot.path: plot for drawing in drawings for plot in plots_of(drawing, latency)}
-    main, details, read = (
+    knee, details, solver = (
         [_plot(drawings, by_path[plot.path], follow) for plot in plots if plot.path in by_path]
-        for plots in (KNEE, DETAILS, READ_OFF)
+        for plots in (KNEE, DETAILS, SOLVER)
     )
-    words = [_states_and_events(one.knee, follow, len(drawings) <= ABREAST) for one in drawings]
+    first = drawings[0].knee
+    about = rrb.TextDocumentView(origin=f"{first}/{ABOUT}", name="What you see")
+    gait = _states(first, [GAIT], "Stance, shaded, and swing", follow)
+    words = ": contact and level" if len(drawings) <= ABREAST else ""
+    states = [_states(one.knee, [CONTACT, LEVEL], one.knee + words, follow) for one in drawings]
     return rrb.Blueprint(
         rrb.Tabs(
             rrb.Horizontal(
-                rrb.Grid(*planes, grid_columns=min(ABREAST, len(planes))),
-                rrb.Vertical(*main, row_shares=HEIGHTS if len(main) == len(HEIGHTS) else None),
+                rrb.Vertical(
+                    rrb.Grid(*planes, grid_columns=min(ABREAST, len(planes))),
+                    rrb.Horizontal(about, _events(first), column_shares=[3, 2]),
+                    row_shares=[5, 2],
+                ),
+                rrb.Vertical(*knee, gait, row_shares=[5] * len(knee) + [2]),
                 name="Knee",
             ),
-            rrb.Horizontal(rrb.Vertical(*details), rrb.Horizontal(*words), name="Cost, levels, estimates, events"),
-            *([rrb.Grid(*read, grid_columns=ABREAST, name="Pressure, patch, strain")] if read else []),
+            rrb.Grid(*details, grid_columns=ABREAST, name="Contact in detail"),
+            rrb.Horizontal(
+                rrb.Vertical(*solver),
+                rrb.Vertical(*states, *(_events(one.knee) for one in drawings[1:])),
+                name="For developers: cost and errors of the solver",
+            ),
         ),
         rrb.TimePanel(
             timeline=TIMELINE, state="collapsed", play_state=PlayState.Following if follow else PlayState.Paused
@@ -277,6 +291,8 @@ def title_of(drawings: Sequence[KneeOutlines], plot: Plot) -> str:
     title = ((several and plot.title_of_several) or plot.title).format(weight=weight)
     if plot.path == DEPTHS and any(drawing.has_bone for drawing in drawings):
         title += "; bone begins, pink"
+    if plot.path == DEPTHS and any(drawing.rings for drawing in drawings):
+        title += "; undamped layer rings"
     if not several:
         return title
     names = [
@@ -320,14 +336,34 @@ def _plot(drawings: Sequence[KneeOutlines], plot: Plot, follow: bool) -> rrb.Tim
     )
 
 
-def _states_and_events(knee: str, follow: bool, wide: bool) -> rrb.Vertical:
-    """Make the views of a knee's contact states and levels, and of its events."""
-    name = f"{knee}: contact and level" if wide else knee  # what they are stands above them, too
-    states = rrb.StateTimelineView(origin=f"{knee}/{STATES}", name=name, time_view=_time_axis(follow))
+def _states(knee: str, paths: Sequence[str], name: str, follow: bool) -> rrb.StateTimelineView:
+    """Make a view of some states of a knee."""
+    contents = [rr.new_entity_path([knee, STATES, path]) for path in paths]
+    return rrb.StateTimelineView(origin="/", contents=contents, name=name, time_view=_time_axis(follow))
+
+
+def _events(knee: str) -> rrb.TextLogView:
+    """Make the view of a knee's events."""
     stamp = rrb.encodings.TimelineColumn(TIMELINE, visible=False)  # too narrow to be read; the text tells the time
     columns = rrb.TextLogColumns(timeline_columns=[stamp], text_log_columns=["Body"])
-    events = rrb.TextLogView(origin=f"{knee}/{EVENTS}", name=f"{knee}: events", columns=columns)
-    return rrb.Vertical(states, events, row_shares=[1, 2])
+    return rrb.TextLogView(origin=f"{knee}/{EVENTS}", name=f"{knee}: events", columns=columns)
+
+
+def about(drawing: KneeOutlines) -> str:
+    """Return what the colours and scales in a knee's plane mean, as Markdown."""
+    drawn = " (an illustration: the law has none)" if drawing.anatomy.thickness_is_drawn else ""
+    lines = [
+        "The knee from the side, its front to the right, at the time of the cursor.",
+        f"- **light blue**: cartilage, {MM * drawing.anatomy.thickness:.2g} mm on each bone{drawn}",
+        f"- **blue**{', **pink** where it reaches the bone' if drawing.has_bone else ''}: overlap of both cartilages, "
+        f"its depth drawn × {MAGNIFICATION:g}",
+        f"- **orange arrow**: contact force on the femur, 1 mm for {NEWTONS_PER_MM:g} N",
+        f"- **dot**: contact point (grey: apart); **yellow**: its way in the last {PATH_SPAN:g} s",
+        "- **grey band** below the curves: stance, from heel strike to toe-off",
+    ]
+    if drawing.rings:
+        lines.append("- **ripple** in force and depth: the first layer of this contact law has no damping, and rings")
+    return "\n".join(lines)
 
 
 def _time_axis(follow: bool) -> rrb.TimeAxis:

@@ -27,7 +27,22 @@ from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.view import colours, layout
 from knee_contact_ros.view.anatomy import NEWTONS_PER_MM, POINTS, Floats, KneeOutlines, overlaps, placed
 from knee_contact_ros.view.colours import KNEE_COLOURS, NAME_OF_STATE, Colour
-from knee_contact_ros.view.layout import BODY, CAMERA, CURVES, EVENTS, MM, PATH, SCALE_BAR, STATES, TIMELINE
+from knee_contact_ros.view.layout import (
+    ABOUT,
+    BODY,
+    CAMERA,
+    CONTACT,
+    CURVES,
+    EVENTS,
+    GAIT,
+    LEVEL,
+    MAGNIFICATION,
+    MM,
+    PATH,
+    SCALE_BAR,
+    STATES,
+    TIMELINE,
+)  # fmt: skip
 
 ON_SCREEN = np.array([MM, -MM])
 """Factors from m in the tibia frame to mm on the screen"""
@@ -45,17 +60,19 @@ UNSEEN = -0.01
 """Half-width of a point of which only the label is visible"""
 ABOVE_AXIS, ABOVE_FORCE = 9.0, 13.0
 """Distances [mm] from the tip of an arrow to its word above, of one line and of two"""
-MAGNIFICATION = 10.0
-"""Factor by which the depth of the drawn overlap is magnified along the normal"""
+BELOW, BELOW_FORCE = 1.0, 7.0
+"""Distances [mm] from the overlap to the depth's word below it, and from the contact point past the force's word"""
 FORCE_WITHIN = 0.8
 """Largest distance from the contact to the force's word, in extents of the femur: there is bone behind it"""
 FEMUR, POINT, OVERLAP, ARROW, FORCE_NAME, DEPTH = (
     "femur", "contact_point", "overlap", "contact_force_on_femur", "contact_force", "depth"
 )  # fmt: skip
-CONTACT, LEVEL = "contact", "level"
 LEVEL_NAMES = ("quasi-static", "first-order", "dynamic")
 """Names of the levels, by `Fidelity`"""
 LEVEL_COLOURS = [(90, 100, 120), (125, 140, 170), (165, 190, 225)]
+PHASES = {HEEL_STRIKE: "stance", TOE_OFF: "swing"}
+"""Phase of the gait that an event begins"""
+PHASE_COLOURS = [(105, 115, 140), (45, 50, 62)]
 REPEAT = 5 * NANOSECONDS
 """Time [ns] after which a lasting state is written again, where old data is dropped"""
 SINGLE = 5.0
@@ -91,6 +108,8 @@ class Remark(NamedTuple):
     """Stamp [ns]"""
     text: str
     level: str = "INFO"
+    phase: str = ""
+    """Phase of the gait that begins here; empty if none does"""
 
 
 class Scene:
@@ -196,10 +215,13 @@ class Scene:
         states = [
             (CONTACT, rr.StateConfiguration(values=names, colors=colours.OF_STATE.tolist())),
             (LEVEL, rr.StateConfiguration(values=LEVEL_NAMES, colors=LEVEL_COLOURS)),
+            (GAIT, rr.StateConfiguration(values=list(PHASES.values()), colors=PHASE_COLOURS)),
         ]
         # A millimetre at the camera's distance is one on the screen.
         camera = rr.Pinhole(focal_length=DISTANCE, principal_point=(0.0, 0.0), resolution=(1.0, 1.0))
         self._recording.log(f"{self._drawing.knee}/{CAMERA}", camera, static=True)
+        words = rr.TextDocument(layout.about(self._drawing), media_type=rr.MediaType.MARKDOWN)
+        self._recording.log(f"{self._drawing.knee}/{ABOUT}", words, static=True)
         for root, parts in (
             (BODY, still_plane(self._drawing)), (CAMERA, still_marks(self._drawing)), (CURVES, curves), (STATES, states)
         ):  # fmt: skip
@@ -251,6 +273,9 @@ class Scene:
             texts = [f"{self._clock(remark.stamp)}  {remark.text}" for remark in remarks]
             levels = [remark.level for remark in remarks]
             self._send(EVENTS, stamps, rr.TextLog.columns(text=texts, level=levels))
+        if begun := [remark for remark in remarks if remark.phase]:
+            stamps = np.array([remark.stamp for remark in begun], dtype=np.int64)
+            self._send(f"{STATES}/{GAIT}", stamps, rr.StateChange.columns(state=[remark.phase for remark in begun]))
 
     def _clock(self, stamp: int) -> str:
         """Return a stamp [ns] as text, as the timeline shows it."""
@@ -328,10 +353,7 @@ def still_marks(drawing: KneeOutlines) -> Iterator[tuple[str, Any]]:
     yield PATH, rr.Points2D.from_fields(colors=[colours.WAY], radii=[PATH_SIZE], draw_order=ABOVE)
     yield ARROW, rr.Arrows2D.from_fields(colors=[colours.FORCE], radii=[WIDE])
     yield FORCE_NAME, rr.Points2D.from_fields(colors=[colours.INK], radii=[UNSEEN], show_labels=True)
-    yield (
-        DEPTH,
-        rr.Points2D.from_fields(positions=[frame.depth_name], colors=[colours.TEXT], radii=[UNSEEN], show_labels=True),
-    )
+    yield DEPTH, rr.Points2D.from_fields(colors=[colours.INK], radii=[UNSEEN], show_labels=True)
 
 
 def moving_plane(drawing: KneeOutlines, answers: Rows, layer: float) -> Iterator[tuple[str, Any]]:
@@ -368,11 +390,14 @@ def moving_marks(drawing: KneeOutlines, answers: Rows) -> Iterator[tuple[str, An
     place[~(answers["gap"] > 0.0), 1] -= ABOVE_FORCE
     yield FORCE_NAME, rr.Points2D.columns(positions=place, labels=labels)
     depths, gaps = (MM * answers[name] for name in ("penetration_depth", "gap"))
+    below = point + np.stack(
+        [0.0 * depths, np.where(depths > 0.0, MAGNIFICATION * depths + BELOW, BELOW_FORCE)], axis=1
+    )
     labels = [
         f"{gap:.2f} mm apart" if depth <= 0.0 else f"{depth:.2f} mm deep\ndrawn × {MAGNIFICATION:g}"
         for depth, gap in zip(depths.tolist(), gaps.tolist(), strict=True)
     ]
-    yield DEPTH, rr.Points2D.columns(labels=labels)
+    yield DEPTH, rr.Points2D.columns(positions=below, labels=labels)
 
 
 def _pose(answers: Rows) -> Any:
@@ -459,7 +484,7 @@ class Remarks:
 
     def _of_events(self, events: Sequence[GaitEvent], certain: float) -> list[Remark]:
         """Return remarks on events, and on the strides that end up to the stamp `certain` [ns]."""
-        remarks = [Remark(event.stamp, event.text) for event in events]
+        remarks = [Remark(event.stamp, event.text, phase=PHASES.get(event.kind, "")) for event in events]
         self._known += [event for event in events if event.kind != LOAD_PEAK]
         strikes, toe_offs = (
             sorted(event.stamp for event in self._known if event.kind == kind and event.stamp <= certain)

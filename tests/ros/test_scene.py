@@ -15,7 +15,7 @@ pytest.importorskip("rerun", reason="needs the extra viewer")
 from rerun.experimental import ViewerClient, ViewerState
 
 from knee_contact_ros.system.processes import free_port
-from knee_contact_ros.view.layout import DETAILS, READ_OFF
+from knee_contact_ros.view.layout import DETAILS, SOLVER
 from tests.helpers.viewer import rendered, wait_for
 from tests.ros.conftest import NodeProcess, Peer
 from tests.ros.test_outputs import children, walk
@@ -66,7 +66,9 @@ def test_viewers_see_what_is_served_and_cost_no_answer(peer: Peer, start_node: S
     (server,) = children(node)
     with rendered(address(port)) as screen:
         wait_for(lambda: shown_to(screen.state) >= 399 * 5_000_000, "the viewer to have all")
-        assert len(screen.views()) == 3 + len(DETAILS) + len(READ_OFF) + 3  # plots of a circle; plane, events, states
+        assert (
+            len(screen.views()) == 2 + len(DETAILS) + len(SOLVER) + 5
+        )  # plots of a circle; plane, words, events, states
         assert screen.complaints() == []
         walk(peer, 400, 100)
         wait_for(lambda: shown_to(screen.state) >= 499 * 5_000_000, "the viewer to follow")
@@ -142,7 +144,7 @@ def test_two_nodes_share_a_viewer(peer: Peer, start_node: Start) -> None:
         names = list(screen.views())
         assert screen.complaints() == []
     plots = {name for name in names if name.endswith(": left blue, right orange")}
-    assert len(plots) == 3 + len(DETAILS) + len(READ_OFF)
+    assert len(plots) == 2 + len(DETAILS) + len(SOLVER)
     each = {
         f"{side}: {what}"
         for side in ports

@@ -17,7 +17,7 @@ from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.view import layout
 from knee_contact_ros.view.anatomy import KneeOutlines, drawing_of, placed
 from knee_contact_ros.view.colours import KNEE_COLOURS
-from knee_contact_ros.view.layout import DETAILS, KNEE, READ_OFF, blueprint, title_of
+from knee_contact_ros.view.layout import DETAILS, KNEE, SOLVER, blueprint, title_of
 from tests.view.scenes import SHIPPED, WEIGHT
 
 pytestmark = pytest.mark.xdist_group("the scene")  # what is drawn once is read by several
@@ -57,10 +57,13 @@ def test_two_planes_at_most_stand_side_by_side_and_narrow_views_have_short_names
 
     names = [f"knee_{one}" for one in range(number)]
     drawn = blueprint([knee[0]._replace(knee=name) for name in names])
-    planes = drawn.root_container.contents[0].contents[0]
+    planes = drawn.root_container.contents[0].contents[0].contents[0]
     assert (len(planes.contents), planes.grid_columns) == (number, min(number, 2))
     states = [view.name for view in views(drawn.root_container) if isinstance(view, rrb.StateTimelineView)]
-    assert states == [f"{name}{': contact and level' if number <= 2 else ''}" for name in names]
+    assert states == ["Stance, shaded, and swing"] + [
+        f"{name}{': contact and level' if number <= 2 else ''}" for name in names
+    ]
+    assert sum(isinstance(view, rrb.TextLogView) for view in views(drawn.root_container)) == number
 
 
 def test_several_knees_are_told_apart_by_their_colours(knee: Knee) -> None:
@@ -68,13 +71,13 @@ def test_several_knees_are_told_apart_by_their_colours(knee: Knee) -> None:
     both = [drawing._replace(knee="left"), drawing._replace(knee="right", body_weight=800.0)]
     assert title_of(both, KNEE[1]).endswith("[BW of 737 or 800 N]: left blue, right orange")
     still = drawing._replace(knee="circle", contact_range=(0.0, 0.0))
-    assert title_of([still, drawing], KNEE[3]).endswith("[mm]: knee orange")
+    assert title_of([still, drawing], DETAILS[0]).endswith("[mm]: knee orange")
     assert len({one.colour for one in KNEE_COLOURS}) == len(KNEE_COLOURS)
     four = [drawing._replace(knee=f"{side}_{of}") for side in ("left", "right") for of in ("medial", "lateral")]
     assert title_of(four, KNEE[0]) == (
         "Flexion angle [deg]: left_medial blue, left_lateral orange, right_medial green, right_lateral violet"
     )
-    for plot in (*KNEE, *DETAILS, *READ_OFF):
+    for plot in (*KNEE, *DETAILS, *SOLVER):
         title = title_of(four, plot)
         assert len(title) <= layout.LONGEST_TITLE
         assert title.endswith((": colours as of the flexion angle", "right_lateral violet"))
@@ -89,7 +92,7 @@ def test_curves_can_be_seen_in_a_dark_and_in_a_light_viewer() -> None:
         linear = [part / 12.92 if part <= 0.03928 else ((part + 0.055) / 1.055) ** 2.4 for part in parts]
         return float(np.dot([0.2126, 0.7152, 0.0722], linear))
 
-    series = {series.colour for plot in (*KNEE, *DETAILS) for series in plot.series}
+    series = {series.colour for plot in (*KNEE, *DETAILS, *SOLVER) for series in plot.series}
     for colour in {layout.LAYER_COLOUR, *(one.colour for one in KNEE_COLOURS), *series}:
         light = luminance(colour)
         assert 1.05 / (light + 0.05) > 2.5, colour

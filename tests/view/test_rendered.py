@@ -10,16 +10,16 @@ pytest.importorskip("rerun", reason="needs the extra viewer: pip install 'knee-c
 
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.view.colours import BONE, CARTILAGE, COVER, DEPTH, FEMUR, FORCE, TIBIA
-from knee_contact_ros.view.layout import DETAILS, KNEE, READ_OFF
+from knee_contact_ros.view.layout import DETAILS, KNEE, SOLVER
 from tests.helpers.viewer import pixels_of, rendered
 from tests.view.scenes import entities, lists
 
 PEAK = 2_430_000_000
 STAMPS = (530_000_000, 2_460_000_000)
-RECORDED = [plot for plot in (*KNEE, *DETAILS, *READ_OFF) if not plot.live and plot.path != "loading_rate"]
+RECORDED = [plot for plot in (*KNEE, *DETAILS, *SOLVER) if not plot.live and plot.path != "loading_rate"]
 SAGITTAL = ("femur", "contact_point", "contact_path", "contact_force_on_femur", "contact_force", "depth")
 BODY = ("femur", "overlap")
-OTHERS = {"/knee/curves/layer", "/knee/states/contact", "/knee/states/level", "/knee/events"}
+OTHERS = {"/knee/curves/layer", "/knee/states/gait", "/knee/states/contact", "/knee/states/level", "/knee/events"}
 
 
 @pytest.fixture(scope="module")
@@ -49,10 +49,10 @@ def test_the_first_tab_shows_the_knee_and_its_curves(scene: Path) -> None:
     with rendered(scene) as screen:
         screen.set_time("stamp", PEAK)
         shown = set(screen.views())
-        details = {plot.title for plot in DETAILS if not plot.live}
-        read_off = {plot.title for plot in READ_OFF}
-        assert len(shown) == 1 + len(KNEE) + len(details) + 2 + len(read_off)
-        assert details | read_off | {"knee: contact and level", "knee: events"} < shown
+        others = {plot.title for plot in (*DETAILS, *SOLVER) if not plot.live}
+        others |= {"knee: contact and level", "knee: events", "What you see", "Stance, shaded, and swing"}
+        assert others < shown
+        assert len(shown) == 1 + len(KNEE) + len(others)
         for plot in KNEE:
             (title,) = (name for name in shown if name.startswith(plot.title.split("{")[0]))
             picture = screen.picture(title)

@@ -29,14 +29,14 @@ from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.topics import MESSAGE_TYPES, Ending
 from knee_contact_ros.system.processes import free_port
 from knee_contact_ros.view.anatomy import drawing_of
-from knee_contact_ros.view.layout import CONTACT_POINT, DETAILS, KNEE
+from knee_contact_ros.view.layout import CONTACT_POINT, DETAILS, KNEE, SOLVER
 from knee_contact_ros.view.output import Serving, open_output
 from tests.helpers.messages import raw_inputs
 from tests.helpers.processes import has_ended
 from tests.helpers.viewer import rendered, wait_for
 from tests.view.scenes import column, entities, lists, texts_of
 
-RECORDED = [plot for plot in (*KNEE, *DETAILS) if not plot.live]
+RECORDED = [plot for plot in (*KNEE, *DETAILS, *SOLVER) if not (plot.live or plot.read_off)]
 ANSWERS = MESSAGE_TYPES["knee_contact"]
 
 

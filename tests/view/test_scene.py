@@ -20,7 +20,7 @@ from knee_contact_ros.results import DATES_FROM
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.strides import impulse_per_stride
 from knee_contact_ros.view.anatomy import POINTS, KneeOutlines, drawing_of
-from knee_contact_ros.view.layout import DETAILS, FORCES, KNEE, plane_title, plots_of, title_of
+from knee_contact_ros.view.layout import DETAILS, FORCES, KNEE, SOLVER, about, plane_title, plots_of, title_of
 from knee_contact_ros.view.scene import PICTURE_PERIOD, Remarks
 from knee_contact_ros.view.viewer import peak_of
 from tests.helpers.answers import contact
@@ -123,9 +123,13 @@ def test_no_more_pictures_than_a_screen_can_show(knee: Knee, tmp_path: Path) -> 
 
 def test_every_curve_holds_every_tick(knee: Knee, drawn: Path) -> None:
     (drawing, rows), near = knee, {"rel": 1e-12}  # the same arithmetic in another order: a few roundings of 1e-16
-    curves = {plot.path: column(drawn, f"/knee/curves/{plot.path}") for plot in (*KNEE, *DETAILS) if not plot.live}
-    for plot in (*KNEE, *DETAILS):
-        assert plot.live or curves[plot.path].shape == (387, len(plot.series)), plot
+    curves = {
+        plot.path: column(drawn, f"/knee/curves/{plot.path}")
+        for plot in (*KNEE, *DETAILS, *SOLVER)
+        if not (plot.live or plot.read_off)
+    }
+    for plot in (*KNEE, *DETAILS, *SOLVER):
+        assert plot.live or plot.read_off or curves[plot.path].shape == (387, len(plot.series)), plot
         assert all("[" in series.name or series.name == "evaluations per tick" for series in plot.series)
     error, force, uncertain = (rows[name] for name in ("error_estimate", "contact_force", "force_error_estimate"))
     depth, more = rows["penetration_depth"] - rows["gap"], force - rows["load"]
@@ -164,12 +168,13 @@ def test_no_plot_is_flat_and_no_title_empty_for_any_shipped_knee(
     path = written(tmp_path / "knee.rrd", drawing, [rows], latency=True)
     with_bone, moving = "osteoarthritis.yaml" in files, len(files) > 1
     plots = plots_of(drawing, latency=True)
-    assert [plot.path for plot in plots if plot in KNEE] == ["flexion", "force", "depth", "contact_point"][: 3 + moving]
+    assert ("contact_point" in [plot.path for plot in plots]) == moving
+    assert ("ripple" in about(drawing)) == ("rings" in title_of([drawing], KNEE[2])) == with_bone
     for plot in plots:
         curve = column(path, f"/knee/curves/{plot.path}")
         assert np.isfinite(curve).all()
         assert np.ptp(curve, axis=0).max() > 0.0, plot.path
-        assert ("bone" in title_of([drawing], plot)) == (with_bone and plot.path == "depth")
+        assert ("bone begins" in title_of([drawing], plot)) == (with_bone and plot.path == "depth")
     assert column(path, "/knee/curves/latency").ravel() == pytest.approx(1e3 * rows["latency"])
     curves = {entity for entity in entities(path) if entity.startswith("/knee/curves/")}
     assert curves == {f"/knee/curves/{name}" for name in [*(plot.path for plot in plots), *["layer"][:with_bone]]}
@@ -250,6 +255,12 @@ def test_events_are_told_with_their_times(knee: Knee, drawn: Path) -> None:
     assert {"2.015 s  load peak 1.81 BW (1337.7 N)", "2.430 s  load peak 2.19 BW (1613.8 N)",
             "1.955 s  bone contact begins", "2.125 s  bone contact ends"} <= set(texts)  # fmt: skip
     assert [sum(words in text for text in texts) for words in ("heel strike", "toe-off", "stride")] == [2, 1, 1]
+    phases = lists(drawn, "/knee/states/gait", "StateChange:state")
+    assert [(stamp // 1_000_000, phase[0]) for stamp, phase in phases] == [
+        (622, "stance"),
+        (1408, "swing"),
+        (1854, "stance"),
+    ]
     (one,) = impulse_per_stride(knee[1], WEIGHT)
     words = f"stride of {one.span.duration:.2f} s: impulse {one.impulse:.1f} N s, stance {one.stance_impulse:.1f} N s"
     assert f"{one.span.end / 1e9:.3f} s  {words}" in texts
