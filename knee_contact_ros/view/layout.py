@@ -16,6 +16,7 @@ import rerun.blueprint as rrb
 from rerun.blueprint.components import PlayState
 
 from knee_contact_ros.model.types import FIELDS, FLAT, Field, Rows
+from knee_contact_ros.streams.topics import LATERAL
 from knee_contact_ros.view import colours
 from knee_contact_ros.view.anatomy import NEWTONS_PER_MM, SURFACE_POINTS, Floats, KneeOutlines, lowest_at, placed
 
@@ -255,9 +256,10 @@ def blueprint(drawings: Sequence[KneeOutlines], latency: bool = False, follow: b
     )
     first = drawings[0].knee
     about = rrb.TextDocumentView(origin=f"{first}/{ABOUT}", name="What you see")
-    gait = _states(first, [GAIT], "Stance, shaded, and swing", follow)
+    walking = [one.knee for one in drawings if not one.knee.endswith(LATERAL)][:ABREAST]  # both compartments walk alike
+    gait = _states(walking or [first], [GAIT], "Stance, shaded, and swing", follow)
     words = ": contact and level" if len(drawings) <= ABREAST else ""
-    states = [_states(one.knee, [CONTACT, LEVEL], one.knee + words, follow) for one in drawings]
+    states = [_states([one.knee], [CONTACT, LEVEL], one.knee + words, follow) for one in drawings]
     return rrb.Blueprint(
         rrb.Tabs(
             rrb.Horizontal(
@@ -266,7 +268,7 @@ def blueprint(drawings: Sequence[KneeOutlines], latency: bool = False, follow: b
                     rrb.Horizontal(about, _events(first), column_shares=[3, 2]),
                     row_shares=[5, 2],
                 ),
-                rrb.Vertical(*knee, gait, row_shares=[5] * len(knee) + [2]),
+                rrb.Vertical(*knee, gait, row_shares=[5] * len(knee) + [1 + max(len(walking), 1)]),
                 name="Knee",
             ),
             rrb.Grid(*details, grid_columns=ABREAST, name="Contact in detail"),
@@ -336,9 +338,9 @@ def _plot(drawings: Sequence[KneeOutlines], plot: Plot, follow: bool) -> rrb.Tim
     )
 
 
-def _states(knee: str, paths: Sequence[str], name: str, follow: bool) -> rrb.StateTimelineView:
-    """Make a view of some states of a knee."""
-    contents = [rr.new_entity_path([knee, STATES, path]) for path in paths]
+def _states(knees: Sequence[str], paths: Sequence[str], name: str, follow: bool) -> rrb.StateTimelineView:
+    """Make a view of some states of knees."""
+    contents = [rr.new_entity_path([knee, STATES, path]) for knee in knees for path in paths]
     return rrb.StateTimelineView(origin="/", contents=contents, name=name, time_view=_time_axis(follow))
 
 
