@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from html import escape
 from importlib import import_module
 from io import StringIO
@@ -37,7 +38,27 @@ LEAST = 1.0
 LOAD, CONTACT, DEPTH, POINT = "#b8bec6", "#c1272d", "#1b5e9e", "#4b7f52"
 
 
-class Results(np.recarray[Any, Any]):
+def no_such(thing: object, name: str) -> AttributeError:
+    """Make the error of an attribute that a result does not have; it suggests the one with the most similar name."""
+    near = difflib.get_close_matches(name, dir(thing), n=1) if not name.startswith("_") else []
+    return AttributeError(f"{type(thing).__name__} has no {name}{f'; did you mean {near[0]}?' if near else ''}")
+
+
+class Records(np.recarray[Any, Any]):
+    """A record array whose text is short, and which suggests the name of a field."""
+
+    def __dir__(self) -> list[str]:
+        return sorted({*super().__dir__(), *(self.dtype.names or ())})
+
+    def __getattr__(self, name: str) -> Any:
+        raise no_such(self, name)
+
+    def __repr__(self) -> str:
+        with np.printoptions(threshold=8, edgeitems=3):
+            return super().__repr__()
+
+
+class Results(Records):
     """The answers of a run: a record array of shape (n,) whose records have the fields of `Contact`.
 
     Fields are attributes, arrays of shape (n,) with the names of the message's fields: `results.contact_force` [N]. A
@@ -73,7 +94,7 @@ class Results(np.recarray[Any, Any]):
         if self.model is None:
             raise UsageError("readouts: what computed these answers is not known; see the method of the model")
         try:
-            return self.model.readouts(self)
+            return self.model.readouts(self).view(Records)
         except ValueError as error:
             raise UsageError(str(error)) from None
 
@@ -127,9 +148,6 @@ class Results(np.recarray[Any, Any]):
         result = super().__array_function__(function, kinds, arguments, options)
         whole = type(result) is np.ndarray and result.dtype.names == ROW.names
         return result.astype(self.dtype, copy=False).view(type(self)) if whole else result
-
-    def __dir__(self) -> list[str]:
-        return sorted({*super().__dir__(), *(self.dtype.names or ())})
 
     def __repr__(self) -> str:
         return f"<Results: {_in_a_line(self)}>" if self._is_whole else super().__repr__()

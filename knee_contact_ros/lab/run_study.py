@@ -290,7 +290,8 @@ def _table(block: Block, knees: Knees, cases: Sequence[Mapping[str, Any]], compu
             columns[name] = pa.repeat(pa.scalar(common, schema().field(name).type), number)
     for prefix, rows in zip(("", LATERAL), computed.outcomes, strict=True):
         columns |= {prefix + outcome.name: rows[outcome.name] for outcome in OUTCOMES}
-    return pa.table({name: columns[name] for name in schema().names}, schema=schema())
+    table = pa.table({name: columns[name] for name in schema().names}, schema=schema())
+    return table.replace_schema_metadata({"PANDAS_ATTRS": json.dumps({"varied": sorted(varied)})})
 
 
 def _series(keys: Sequence[str], computed: Computed) -> pa.Table:

@@ -25,6 +25,7 @@ from knee_contact_ros.lab.study import Design, Floats
 from knee_contact_ros.lab.sweep import LATERAL, OUTCOMES, Cohort, sweep
 from knee_contact_ros.offline.notebooks import Name
 from knee_contact_ros.parameters.files import Source, first_error
+from knee_contact_ros.results import no_such
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS
 
@@ -132,6 +133,11 @@ class Analysed(NamedTuple):
     """Standard deviation of the outcome over the cases that have a value"""
     reason: str
     """Why there are no indices; empty if there are"""
+
+    def __repr__(self) -> str:
+        kind = "ST" if "ST" in set(self.table["index"]) else "mu_star"
+        indices = [f"{name} {index['value']:.3g}" for name, index in self.final(kind).iterrows()]
+        return f"<Analysed: {self.outcome}, {self.reason or kind + ' of ' + ', '.join(indices)}>"
 
     def final(self, kind: str) -> pd.DataFrame:
         """Give the indices of a kind for the whole design by parameter, the largest first."""
@@ -315,6 +321,14 @@ class Sensitivity:
     """What has not converged of each outcome, a sentence each, by the outcome's name"""
     cohort: Cohort
     """The knees that were computed, in the order of the design"""
+
+    def __repr__(self) -> str:
+        doubted = sum(map(len, self.remarks.values()))
+        lines = [f"{len(self.cohort.failed)} cases, {doubted} remark(s)", *map(repr, self.outcomes.values())]
+        return "<Sensitivity: " + "\n  ".join(lines[:19]) + ">"
+
+    def __getattr__(self, name: str) -> Any:
+        raise no_such(self, name)
 
     def to_pandas(self) -> pd.DataFrame:
         """Give a data frame with a row for each index: outcome, parameter, index, n, value, low, high; SI units."""

@@ -38,6 +38,7 @@ from knee_contact_ros.parameters.files import (
     variations_of,
 )
 from knee_contact_ros.parameters.schema import Parameters, has_both, lateral_knee
+from knee_contact_ros.results import Records, no_such
 from knee_contact_ros.streams.contact_stream import ContactStream, half_spacing, move_along_z
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded
@@ -432,14 +433,26 @@ class Cohort:
     A case without answers has zeros.
     """
 
+    def __repr__(self) -> str:
+        varied = ", ".join(f"{name} {np.min(own)} to {np.max(own)}" for name, own in self.values.items())
+        return f"<Cohort: {len(self.failed)} cases, {np.count_nonzero(self.failed)} failed; varied: {varied}>"
+
+    def __getattr__(self, name: str) -> Any:
+        raise no_such(self, name)
+
     def to_pandas(self) -> pd.DataFrame:
-        """Give a data frame with a row for each case: values, outcomes, lateral outcomes and why it failed."""
+        """Give a data frame with a row for each case: values, outcomes, lateral outcomes and why it failed.
+
+        Its `attrs["varied"]` are the names of the parameters that were varied, which are the first columns.
+        """
         import pandas as pd
 
         columns: dict[str, Any] = dict(self.values)
         for prefix, rows in (("", self.outcomes), ("lateral_", self.lateral)):
             columns |= {prefix + name: rows[name] for name in OF_A_RUN.names or ()} if rows is not None else {}
-        return pd.DataFrame(columns | {"failed": self.failed})
+        table = pd.DataFrame(columns | {"failed": self.failed})
+        table.attrs["varied"] = list(self.values)
+        return table
 
 
 def sweep(
@@ -474,7 +487,7 @@ def sweep(
         knees = Knees(recording, parameters, files)
     compiled = worth_compiling(len(cases) * len(recording.steps))
     computed = compute(knees, cases, series=series, threads=threads, compiled=compiled)
-    medial, lateral = (rows.view(np.recarray) for rows in computed.outcomes)
+    medial, lateral = (rows.view(Records) for rows in computed.outcomes)
     varied = {name: np.array([case[name] for case in cases]) for name in dotted(values)}
     both = computed.has(1).any()
     return Cohort(varied, medial, lateral if both else None, np.array(computed.failed), *computed.series)

@@ -29,6 +29,7 @@ from knee_contact_ros.offline.notebooks import Name, in_python_words, solve_inpu
 from knee_contact_ros.offline.solve import parameters_in, texts_of
 from knee_contact_ros.parameters.files import Source, all_values, curve_files, dotted, known_parameters
 from knee_contact_ros.parameters.schema import LATERAL, Parameters, has_both
+from knee_contact_ros.results import no_such
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import expanded, read_mapping
 from knee_contact_ros.system.terminal import progress
@@ -213,6 +214,14 @@ class Propagated(NamedTuple):
     parts: dict[Deviation, tuple[Floats, Floats]]
     """Changes of depth [m] and force [N], with their signs, when one input alone grows by one deviation"""
 
+    def __repr__(self) -> str:
+        at, names = int(self.rows["contact_force"].argmax()), ", ".join(each.name for each in self.parts)
+        force, depth = (self.rows[name][at] for name in ("contact_force", "penetration_depth"))
+        return (
+            f"<Propagated: {len(self.rows)} ticks; at the largest force {force:.1f} ± {self.force[at]:.2g} N, "
+            f"{1e3 * depth:.3f} ± {1e3 * self.depth[at]:.2g} mm, one standard deviation of {names}>"
+        )
+
     @property
     def depth(self) -> Floats:
         """Standard deviation of the penetration depth [m]."""
@@ -262,6 +271,10 @@ class Sampled(NamedTuple):
     """Share of the samples whose depth is within the linear interval of `LEVEL`"""
     force_inside: Floats
     """Share of the samples whose force is within the linear interval of `LEVEL`"""
+
+    def __repr__(self) -> str:
+        inside = f"{np.mean(self.depth_inside):.3f} of the depths and {np.mean(self.force_inside):.3f} of the forces"
+        return f"<Sampled: {self.number} samples of {len(self.depth)} ticks; {inside} are in the linear intervals>"
 
 
 def factor(level: float) -> float:
@@ -351,6 +364,13 @@ class Uncertainty:
     """Standard deviations of the lateral compartment, where both are modelled"""
     given: Given
     """Inputs and parameters of the recording"""
+
+    def __repr__(self) -> str:
+        lateral = f"\n  lateral {self.lateral!r}" if self.lateral else ""
+        return f"<Uncertainty: medial {self.medial!r}{lateral}>"
+
+    def __getattr__(self, name: str) -> Any:
+        raise no_such(self, name)
 
     def sampled(self, samples: int = 200, seed: int = 0) -> list[Sampled]:
         """Compare the linear propagation with random samples of all inputs at once, for each compartment.

@@ -23,7 +23,7 @@ from knee_contact_ros.offline.solve import Subject, basis_of, parameters_in, tex
 from knee_contact_ros.offline.solve import solve as solve_bag
 from knee_contact_ros.parameters.files import Source, dotted, load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters
-from knee_contact_ros.results import Results
+from knee_contact_ros.results import Records, Results
 from knee_contact_ros.streams.contact_stream import compartments_of
 from knee_contact_ros.streams.topics import LOAD_INPUTS
 from knee_contact_ros.system.errors import UsageError, in_a_line
@@ -205,4 +205,4 @@ def estimate_load(
             doubts = [*doubts, f"bag {path} is damaged, and read as far as it can be: {in_a_line(summary.damage)}"]
         for sentence in doubts:
             warnings.warn(in_python(sentence), stacklevel=2)
-    return np.array(rows, DTYPE)
+    return np.array(rows, DTYPE).view(Records)

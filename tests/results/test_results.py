@@ -85,6 +85,23 @@ def test_they_fit_a_line_and_a_terminal(results: Results) -> None:
     assert repr(results[:1]).startswith("<Results: 1 tick over 0.000 s, ")
 
 
+def test_texts_are_short_and_a_wrong_name_suggests_the_right_one(right_bag: Path) -> None:
+    gait = knee_contact_ros.solve(right_bag)
+    cohort = knee_contact_ros.sweep(right_bag, {"contact.damping": [1e3, 2e3]})
+    sure = knee_contact_ros.uncertainty(right_bag, None, {"contact.stiffness": "20 %"})
+    things = [gait, gait[["stamp", "load"]], gait.readouts, cohort, cohort.outcomes, sure, sure.medial, sure.sampled(2)]
+    for thing in things:
+        assert len(repr(thing).splitlines()) <= 20
+    assert repr(cohort) == "<Cohort: 2 cases, 0 failed; varied: contact.damping 1000.0 to 2000.0>"
+    assert re.search(
+        r"at the largest force 1614\.1 ± 0\.\d+ N, 0\.747 ± 0\.1\d* mm, one standard dev", repr(sure.medial)
+    )
+    pairs = [(gait, "contact_forc"), (gait.readouts, "strian"), (cohort, "outcome"), (sure, "medail")]
+    for thing, wrong in pairs:
+        with pytest.raises(AttributeError, match=r"did you mean (contact_force|strain|outcomes|medial)\?"):
+            getattr(thing, wrong)
+
+
 def assert_whole(names: Any, column: Any, results: Results) -> None:
     """All numbers are there, bit for bit, and nothing but numbers."""
     flat = np.asarray(results).view(FLAT)

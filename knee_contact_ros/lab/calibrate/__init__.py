@@ -34,7 +34,7 @@ from knee_contact_ros.model.types import Floats
 from knee_contact_ros.offline.notebooks import Name, in_python_words
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters
-from knee_contact_ros.results import Results
+from knee_contact_ros.results import Results, no_such
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, LOAD_INPUTS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded
@@ -89,6 +89,9 @@ class Calibration:
     def to_parameters(self) -> dict[str, Any]:
         """Give the fitted values, and those that follow, as parameters for `load_model` or `solve`, beside others."""
         return self.values | self.also
+
+    def __getattr__(self, name: str) -> Any:
+        raise no_such(self, name)
 
     def __repr__(self) -> str:
         values = ", ".join(f"{name}={value:.6g}" for name, value in self.values.items())
