@@ -14,19 +14,14 @@ import numpy as np
 
 from knee_contact_ros.joint_reaction.estimator import LEAST_PEAK, LIGHTEST, MOST_PEAK, STIFF, weight_doubt
 from knee_contact_ros.lab.tables import BODY_WEIGHT, FORCE, PERCENT, Floats, Series, Table, factor
+from knee_contact_ros.model.inputs import CLEAR, TIMES_MORE, WIDEST
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_LOAD
+from knee_contact_ros.model.ticks import EXTENDS, FLEXES
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 
 LARGEST_RADIANS = SMALLEST_DEGREES = 3.5
 """Number that no knee reaches in rad, and below which a range in deg may also be one in rad"""
-CLEAR, TIMES_MORE = math.radians(20.0), 2.0
-"""Angle [rad] that a knee reaches in flexion in every step, and never in extension; and the least ratio of the angles
-to both sides for which the sign is clear"""
-EXTENDS, FLEXES = math.radians(-30.0), math.radians(170.0)
-"""Range of flexion angles of any knee [rad]"""
-WIDEST = math.radians(180.0)
-"""Range of motion [rad] beyond that of any knee"""
 BENT, FOLDED = math.radians(90.0), math.radians(160.0)
 """Flexion [rad] that a knee falls below in every step, and one that no knee exceeds under load"""
 SPIKE, ALONE = 1.5, 2.0

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from knee_contact_ros.model.ticks import EXTENDS, FLEXES
 from knee_contact_ros.model.types import NANOSECOND
 
 ONE_SIDED_TICKS, ONE_SIDED_TIME = 100, 1.0
@@ -21,8 +22,6 @@ TIMES_MORE = 2.0
 """Ratio of the ranges to both sides of 0, or of two forces, from which it is clear which of them is the larger one"""
 CLEAR = math.radians(20.0)
 """Angle [rad] that a knee reaches in flexion in every step, and never in extension"""
-EXTENDS, FLEXES = math.radians(-30.0), math.radians(170.0)
-"""Range of flexion angles of any knee [rad]"""
 WIDEST = math.radians(180.0)
 """Range of motion [rad] beyond that of any knee"""
 BENT = math.radians(110.0)
@@ -31,6 +30,9 @@ OFTEN = 0.1
 """Least part of the ticks under load from which their mean angle is judged"""
 LEAST_LOAD = 10.0
 """Load [N] that a knee which moves exceeds, if only by the weight of the shank"""
+PERCENT, SWINGS, STRAIGHT = 0.3, math.radians(40.0), math.radians(25.0)
+"""Peak load [BW] that no gait has, but the same load in percent of body weight; flexion [rad] above which a walking leg
+swings, and below which it may stand"""
 MOST_WEIGHTS = 10.0
 """Load [BW] beyond that of any knee in gait"""
 HEAVIEST = 2000.0
@@ -73,6 +75,10 @@ class Inputs:
     """Number of time steps of `SLOWEST` or more"""
     _stood: int = 0
     _angles: float = field(default=0.0, compare=False)  # sum of the angles [rad] while the leg stood
+    _bent: int = 0
+    _straight: int = 0
+    _bent_load: float = field(default=0.0, compare=False)  # sums of the loads [N] at such angles
+    _straight_load: float = field(default=0.0, compare=False)
     _sum: float = field(default=0.0, compare=False)  # of all loads [N]; rounding depends on the blocks that came
     _first: int = 0  # stamps [ns]
     _last: int = 0
@@ -91,6 +97,11 @@ class Inputs:
         self.least, self.most = min(self.least, float(angles.min())), max(self.most, float(angles.max()))
         self.outside += int(np.count_nonzero((angles < EXTENDS) | (angles > FLEXES)))
         self.overloaded += int(np.count_nonzero(loads > self.limit))
+        bent, straight = angles > SWINGS, angles < STRAIGHT
+        self._bent += int(np.count_nonzero(bent))
+        self._straight += int(np.count_nonzero(straight))
+        self._bent_load += float(loads[bent].sum())
+        self._straight_load += float(loads[straight].sum())
         stands = loads >= STANDS * (self.body_weight or USUAL)
         self._stood += int(np.count_nonzero(stands))
         self._angles += float(angles[stands].sum())
@@ -103,6 +114,14 @@ class Inputs:
     @property
     def _long(self) -> bool:
         return self.ticks >= ONE_SIDED_TICKS and self._last - self._first >= ONE_SIDED_TIME / NANOSECOND
+
+    @property
+    def _percent(self) -> bool:
+        """Whether the load is that of a gait, as it follows the angle, but much too small."""
+        if not self._long or self.highest > PERCENT * (self.body_weight or USUAL):
+            return False
+        often = min(self._bent, self._straight) >= OFTEN * self.ticks
+        return often and TIMES_MORE * self._bent_load * self._straight <= self._straight_load * self._bent
 
     @property
     def about_angle(self) -> str:
@@ -122,11 +141,11 @@ class Inputs:
         if self.outside:
             knee = f"and a knee has {math.degrees(EXTENDS):.0f} to {math.degrees(FLEXES):.0f}"
             raw = f"{self.least:.4g} to {self.most:.4g}"
-            often = f"in {self.outside} of {self.ticks} ticks"
+            often = f"{self.outside} of {self.ticks} ticks are beyond, IMPLAUSIBLE"
             if self.most - self.least > WIDEST:
-                return f"{span}, {knee} ({often} beyond): are {raw} degrees instead of radians?"
+                return f"{span}, {knee} ({often}): are {raw} degrees instead of radians?"
             cause = "has it an offset (knee.flexion_offset, in rad), or is it in degrees instead of radians"
-            return f"{span} ({raw} rad), {knee} ({often} beyond): {cause}?"
+            return f"{span} ({raw} rad), {knee} ({often}): {cause}?"
         return ""
 
     @property
@@ -151,6 +170,8 @@ class Inputs:
             if least == most == 0.0:
                 return "the load was 0 throughout: does another axis of joint_reaction_force carry it, or nothing?"
             return f"the load was {least:.3g} to {most:.3g} N throughout: is it in kN or body weights instead of N?"
+        if self._percent:
+            return f"the load of a gait was {most:.3g} N at most: is it in percent of body weight instead of N?"
         if most > self.limit:
             weights = f"{most / self.body_weight:.3g} body weights, " if self.body_weight else ""
             return (

@@ -80,6 +80,8 @@ UNKNOWN_INERTIA = 0.8
 """Unknown part of the inertia that the quasi-static level leaves out, of which only the mean over a tick is known"""
 FARTHEST_GAP, SETTLING = 0.01, 0.1
 """Gap [m] that no knee has, and time of contact [s] in which the femur settles after such a flight"""
+EXTENDS, FLEXES, FARTHEST_POINT = math.radians(-30.0), math.radians(170.0), 0.06
+"""Range of flexion angles of any knee [rad], and x [m] of a contact, from the tibia's origin, that is on no plateau"""
 NOT_CONVERGED, IMPLAUSIBLE = int(Status.NOT_CONVERGED), int(Status.IMPLAUSIBLE)
 (
     W_ANGLE, W_LOAD, W_FORCE, W_DEPTH, W_GAP, W_RATE, W_SLIDING, W_POINT, W_HEIGHT, W_CARTILAGE, W_BONE, W_ERROR,
@@ -413,6 +415,7 @@ def write_answer(
     words[i, W_TORQUE_Z] = point_x * force_y - point_y * force_x
     codes[i, B_STATE] = 2 if bone > 0.0 else 1 if depth > 0.0 else 0
     codes[i, B_FIDELITY] = fidelity
-    implausible = depth > knee.plausible_depth or far
+    implausible = depth > knee.plausible_depth or far or not EXTENDS <= angle <= FLEXES
+    implausible = implausible or (depth > 0.0 and abs(point_x) > FARTHEST_POINT)
     codes[i, B_STATUS] = (NOT_CONVERGED if missed else 0) | (IMPLAUSIBLE if implausible else 0)
     counts[i, C_EVALUATIONS] = evaluations

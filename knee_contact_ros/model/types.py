@@ -70,7 +70,8 @@ class Status(IntFlag):
     INPUT_REJECTED = 16
     """A sample was rejected since the last tick."""
     IMPLAUSIBLE = 32
-    """No knee is so deep or so far apart: see `KneeModel.plausible_depth` and `ticks.FARTHEST_GAP`."""
+    """No knee is so deep, so far apart or so bent, or touches there: see `KneeModel.plausible_depth`, and in `ticks`
+    `FARTHEST_GAP`, `EXTENDS`, `FLEXES` and `FARTHEST_POINT`."""
 
 
 NANOSECOND = 1e-9

@@ -412,7 +412,7 @@ class ContactHealth(Health):
         self.rows: list[bytes] = []
         """Rows of the answers that are not looked at yet"""
         self._contacts = pipeline
-        self._before: dict[str, tuple[int, int]] = {}
+        self._before: dict[str, tuple[int, int, int]] = {}
 
     def take(self) -> None:
         """Count the answers since the last report, and look for implausible ones among them."""
@@ -452,8 +452,8 @@ class ContactHealth(Health):
         sentences: list[str] = []
         for compartment in self._contacts.compartments:
             doubts = compartment.doubts
-            implausible = doubts.too_deep, doubts.flown
-            if implausible != self._before.get(compartment.topic, (0, 0)):
+            implausible = doubts.too_deep, doubts.flown, doubts.off
+            if implausible != self._before.get(compartment.topic, (0, 0, 0)):
                 self._before[compartment.topic] = implausible
-                sentences += filter(None, (doubts.about_depth, doubts.about_gap))
+                sentences += filter(None, (doubts.about_place, doubts.about_depth, doubts.about_gap))
         return sentences

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from knee_contact_ros.joint_reaction.estimator import weight_doubt
 from knee_contact_ros.model.inputs import Axes, Inputs
 from knee_contact_ros.model.knee import KneeModel
-from knee_contact_ros.model.ticks import FARTHEST_GAP
-from knee_contact_ros.model.types import Rows, Status
+from knee_contact_ros.model.ticks import EXTENDS, FARTHEST_GAP, FARTHEST_POINT, FLEXES
+from knee_contact_ros.model.types import FLAT, Rows, Status
 from knee_contact_ros.parameters.build import beyond_words, parameter_doubts
 from knee_contact_ros.parameters.schema import Parameters
 
@@ -60,6 +60,10 @@ class Doubts:
     """Number of answers with a gap that no knee has, or shortly after one"""
     farthest: float = 0.0
     """Largest gap [m]"""
+    off: int = 0
+    """Number of answers with a contact that is on no plateau"""
+    off_by: float = 0.0
+    """Largest distance [m] of such a contact from the tibia's origin, along x"""
 
     def go_on_with(self, other: Doubts) -> None:
         """Continue with the limit and the sentences of other parameters."""
@@ -69,9 +73,16 @@ class Doubts:
 
     def add_all(self, answers: Mapping[str, NDArray[Any]] | Rows) -> None:
         """Add answers, at least one, by the names of their fields."""
+        if isinstance(answers, np.ndarray):
+            answers = answers.view(FLAT)
         depths, gaps = answers["penetration_depth"], answers["gap"]
         self.inputs.add_all(answers["stamp"], answers["flexion_angle"], answers["load"])
-        flagged = (answers["status"] & IMPLAUSIBLE) != 0
+        angles, places = answers["flexion_angle"], np.abs(answers["contact_point_x"])
+        off = (depths > 0.0) & (places > FARTHEST_POINT)
+        if off.any():
+            self.off += int(np.count_nonzero(off))
+            self.off_by = max(self.off_by, float(places[off].max()))
+        flagged = ((answers["status"] & IMPLAUSIBLE) != 0) & ~off & (angles >= EXTENDS) & (angles <= FLEXES)
         self.farthest = max(self.farthest, float(gaps.max()))
         # After a flight that no knee makes the bit tells of this, and not of a depth.
         flown = (gaps > FARTHEST_GAP) | (flagged & ((depths <= 0.0) | (self.farthest > FARTHEST_GAP)))
@@ -106,6 +117,17 @@ class Doubts:
         )
 
     @property
+    def about_place(self) -> str:
+        """Sentence about contacts that are on no plateau; empty if there are none."""
+        if not self.off:
+            return ""
+        return (
+            f"the contact is up to {MM * self.off_by:.3g} mm ahead of the tibia's origin or behind it, which is on no "
+            f"plateau, in {self.off} of {self.ticks} ticks (IMPLAUSIBLE): is the femur's profile in the femur's axes, "
+            "with the origin in the knee (fit-profile --origin)?"
+        )
+
+    @property
     def about_inputs(self) -> list[str]:
         """Sentences about angle, load and time; of a load along another axis, that one alone."""
         load = self.axes.sentence or self.inputs.about_load
@@ -115,7 +137,7 @@ class Doubts:
     def sentences(self) -> list[str]:
         """All sentences: about parameters, depths, gaps and inputs."""
         gap = "" if self.inputs.pulls else self.about_gap  # whose cause is told
-        found = (*self.about_parameters, self.about_depth, gap, *self.about_inputs)
+        found = (*self.about_parameters, self.about_place, self.about_depth, gap, *self.about_inputs)
         return [sentence for sentence in found if sentence]
 
 

@@ -131,7 +131,8 @@ def test_the_limit_follows_parameters_that_change() -> None:
 def answers(stamps: np.ndarray, loads: np.ndarray, **others: np.ndarray) -> dict[str, np.ndarray]:
     """Fields of answers that `Doubts` looks at; the others are 0."""
     nothing = np.zeros(len(stamps))
-    fields = {"flexion_angle": nothing, "penetration_depth": nothing, "gap": nothing, "status": nothing.astype(int)}
+    names = ("flexion_angle", "penetration_depth", "gap", "contact_point_x")
+    fields = dict.fromkeys(names, nothing) | {"status": nothing.astype(int)}
     return fields | {"stamp": stamps, "load": loads} | others
 
 
@@ -167,6 +168,27 @@ def test_a_load_that_is_negative_throughout_is_told(parts: int) -> None:
 )
 def test_other_loads_are_not(loads: np.ndarray, period: float) -> None:
     assert told(loads, period) == ""
+
+
+@pytest.mark.parametrize("compiled", [False, True])
+def test_an_angle_and_a_contact_that_no_knee_has_say_so(compiled: bool) -> None:
+    """A knee turned by a whole turn, and one whose femur's origin is at the hip: on no plateau."""
+    time, load = np.arange(200) * 0.01, np.full(200, 700.0)
+    model = load_model(compiled=compiled)
+    angle = np.linspace(-0.6, 3.2, 200)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        flagged = (model.run(time, angle, load).status & Status.IMPLAUSIBLE) != 0
+    degrees = np.degrees(angle)
+    assert flagged.tolist() == ((degrees < -30.0) | (degrees > 170.0)).tolist()
+    points = np.array([0.061, -0.5, 0.059, 0.061])
+    watch = Doubts()
+    status = np.array([32, 32, 0, 0])
+    watch.add_all(answers(np.arange(4), np.ones(4), penetration_depth=np.array([1e-4, 1e-4, 1e-4, 0.0]), status=status)
+                  | {"contact_point_x": points})  # fmt: skip
+    assert watch.sentences[0].startswith("the contact is up to 500 mm ahead of the tibia's origin or behind it, which")
+    assert "in 2 of 4 ticks (IMPLAUSIBLE)" in watch.sentences[0]
+    assert (watch.too_deep, watch.flown) == (0, 0)
 
 
 def test_depths_are_judged_by_the_bit_and_by_the_limit() -> None:
@@ -225,7 +247,7 @@ def test_solve_tells_of_an_offset_and_marks_the_peaks_of_a_landing(
     output = str(tmp_path / "out.mcap")
     assert main(["solve", str(right_bag), "-p", "knee.flexion_offset:=5.0", "--output", output]) == 0
     said = capsys.readouterr().err
-    assert "ticks beyond): has it an offset (knee.flexion_offset, in rad), or is it in degrees instead of" in said
+    assert "ticks are beyond, IMPLAUSIBLE): has it an offset (knee.flexion_offset, in rad), or is it in degrees instead of" in said
     assert said.count("\n") == 1
     loads = [-200.0 if 50 <= i < 60 else 900.0 for i in range(121)]
     thrown = make_bag(tmp_path / "thrown.mcap", [(i * 10 * MILLISECOND, 0.1, load) for i, load in enumerate(loads)])
