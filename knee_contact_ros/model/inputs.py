@@ -167,18 +167,17 @@ class Inputs:
                 "in joint_reaction_force; is the sign another convention's?"
             )
         if self._long and max(-least, most) < LEAST_LOAD:
-            if least == most == 0.0:
-                return "the load was 0 throughout: does another axis of joint_reaction_force carry it, or nothing?"
-            return f"the load was {least:.3g} to {most:.3g} N throughout: is it in kN or body weights instead of N?"
-        if self._percent:
-            return f"the load of a gait was {most:.3g} N at most: is it in percent of body weight instead of N?"
+            if least != most or least:
+                return f"the load was {least:.3g} to {most:.3g} N throughout: is it in kN or body weights instead of N?"
+            return "the load was 0 throughout: does another axis of joint_reaction_force carry it, or nothing?"
+        percent = f"the load of a gait was {most:.3g} N at most: is it in percent of body weight instead of N?"
         if most > self.limit:
             weights = f"{most / self.body_weight:.3g} body weights, " if self.body_weight else ""
             return (
                 f"the load reaches {most:.0f} N ({weights}beyond {self.limit:.0f} N in {self.overloaded} of "
                 f"{self.ticks} ticks), which no knee bears: is it in N, has it a spike, or is body_weight wrong?"
             )
-        return ""
+        return percent if self._percent else ""
 
     @property
     def about_time(self) -> str:
