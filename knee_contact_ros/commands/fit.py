@@ -196,7 +196,7 @@ def calibrate(
     parameter file for --params, to be given after the others.
     """
     from knee_contact_ros.lab.calibrate import is_bag, run_calibrate
-    from knee_contact_ros.system.files import parameters_of
+    from knee_contact_ros.parameters.ros_files import parameters_of
 
     files = find_parameters(parameter_files, None if is_bag(data) else DEFAULT_PARAMETERS)
     run_calibrate(data, files, parameters_of(parameter_values), with_intervals=not without, **rest)

@@ -54,15 +54,15 @@ def solve(
     from knee_contact_ros.commands.tables import show_summary
     from knee_contact_ros.offline.solve import Subject, basis_of, parameters_in, weight_doubt
     from knee_contact_ros.offline.solve import solve as solve_bag
+    from knee_contact_ros.parameters.ros_files import parameters_of
     from knee_contact_ros.system.errors import in_a_line
-    from knee_contact_ros.system.files import parameters_of
     from knee_contact_ros.system.terminal import progress, warn
 
     person = Subject(subject) if subject else None
     bag = bag or (person.bag if person else None)
     if bag is None:
         raise UsageError("no BAG: give one, or --subject with a file that names one")
-    basis = basis_of(bag, parameter_files or None, parameters_of(parameter_values), person)
+    basis = basis_of(bag, parameter_files or None, parameters_of(parameter_values), person, namespace)
     names = names_in_bag(remaps, namespace)
     with progress("Solving") as advance:
         summary = solve_bag(bag, basis, output, advance, overwrite, names)
@@ -107,14 +107,14 @@ def estimate_load(
     from knee_contact_ros.commands.tables import show_load
     from knee_contact_ros.offline.estimate_load import estimate_load as estimate
     from knee_contact_ros.parameters.files import load_parameters
+    from knee_contact_ros.parameters.ros_files import parameters_of
     from knee_contact_ros.parameters.schema import LoadParameters
     from knee_contact_ros.streams.topics import LOAD_INPUTS
     from knee_contact_ros.system.errors import in_a_line
-    from knee_contact_ros.system.files import parameters_of
     from knee_contact_ros.system.terminal import progress, warn
 
     parameters = load_parameters(
-        [*find_parameters(parameter_files, None), parameters_of(parameter_values)], LoadParameters
+        [*find_parameters(parameter_files, None), parameters_of(parameter_values)], LoadParameters, namespace
     )
     names = names_in_bag(remaps, namespace, LOAD_INPUTS)
     with progress("Estimating") as advance:
@@ -177,7 +177,7 @@ def view(
     from knee_contact_ros.bags.reader import others_beside
     from knee_contact_ros.commands.view import ViewOptions, run_view
     from knee_contact_ros.parameters.files import load_parameters
-    from knee_contact_ros.system.files import parameters_of
+    from knee_contact_ros.parameters.ros_files import parameters_of
     from knee_contact_ros.system.terminal import warn
 
     warn(sentence for source in sources for sentence in others_beside(Path(source)))
@@ -199,8 +199,8 @@ def warm(parameter_files: tuple[Path, ...], parameter_values: tuple[str, ...]) -
     from knee_contact_ros.model.compiler import compiled_run, folders, kept_files
     from knee_contact_ros.model.ticks import run
     from knee_contact_ros.parameters.build import load_model
+    from knee_contact_ros.parameters.ros_files import parameters_of
     from knee_contact_ros.system.errors import IncompleteError, UsageError
-    from knee_contact_ros.system.files import parameters_of
     from knee_contact_ros.system.terminal import say
 
     if parameter_files or parameter_values:

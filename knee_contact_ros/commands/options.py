@@ -86,7 +86,8 @@ names_in_bag_options = together(
         "--namespace",
         default="",
         metavar="NAME",
-        help="Take the inputs from /NAME/... of the bag, as --namespace left.",
+        help="Take the inputs from /NAME/... of the bag, and from parameter files what a node there would, as "
+        "--namespace left.",
     ),
 )
 

@@ -101,7 +101,8 @@ def trade(
     """
     from knee_contact_ros.lab.trade import draw, measure, show
     from knee_contact_ros.offline.notebooks import solve
-    from knee_contact_ros.system.files import parameters_of, require, split
+    from knee_contact_ros.parameters.ros_files import parameters_of
+    from knee_contact_ros.system.files import require, split
     from knee_contact_ros.system.terminal import progress, say, warn
 
     require("trade", "matplotlib")
@@ -166,11 +167,15 @@ def report(
     from knee_contact_ros.bags.reader import names_in_bag, others_beside
     from knee_contact_ros.lab.report.page import run_report
     from knee_contact_ros.lab.report.runs import ReportOptions
-    from knee_contact_ros.system.files import parameters_of
+    from knee_contact_ros.parameters.files import values_set_in
+    from knee_contact_ros.parameters.ros_files import parameters_of
     from knee_contact_ros.system.terminal import say, warn
 
     values = parameters_of(parameter_values)
     sources: list[Path | dict[str, Any]] = [*find_parameters(parameter_files), *([values] if values else [])]
+    if namespace:
+        sets = [values_set_in(path, namespace=namespace) for path in find_parameters(parameter_files)]
+        sources = [{name: value for each in [*sets, values] for name, value in each.items()}]
     given, names = bool(parameter_files or values), names_in_bag(remaps, namespace)
     compared = find_parameters(compare, None)
     for path in run_report(ReportOptions(files, labels, sources, given, compared, names, uncertainty), output):

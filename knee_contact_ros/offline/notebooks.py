@@ -67,7 +67,7 @@ def solve(
         output: A recording to write as well.
         overwrite: Replace `output` if it exists.
         remap: Other names of the inputs in the bag: `{"joint_states": "/exo/joint_states"}`.
-        namespace: Take the inputs from /NAMESPACE/... of the bag.
+        namespace: Take the inputs from /NAMESPACE/... of the bag, and from parameter files what a node there would.
         compiled: As for `load_model`.
 
     Implausible parameters or answers, and what of a damaged bag cannot be read, cause warnings.
@@ -119,7 +119,7 @@ def solve_inputs(
     path = expanded(str(bag)) if bag else person.bag if person else None
     if path is None:
         raise UsageError("no bag: give one, or a subject file that names one")
-    basis = basis_of(path, params, dotted(values or {}), person)
+    basis = basis_of(path, params, dotted(values or {}), person, namespace)
     return path, basis, names_in_bag([f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()], namespace)
 
 
@@ -179,7 +179,7 @@ def estimate_load(
         output: A bag to write as well, from which `solve` can be run.
         overwrite: Replace `output` if it exists.
         remap: Other names of the inputs in the bag: `{"joint_states": "/exo/joint_states"}`.
-        namespace: Take the inputs from /NAMESPACE/... of the bag.
+        namespace: Take the inputs from /NAMESPACE/... of the bag, and from parameter files what a node there would.
 
     Returns:
         A structured array, shape (n,): `stamp` [ns], and the fields of `LoadEstimate` under their names, in its units.
@@ -191,7 +191,7 @@ def estimate_load(
     with in_python_words():
         check_mappings(values, remap)
         sources = params if isinstance(params, (list, tuple)) else [] if params is None else [params]
-        parameters = load_parameters([*sources, dotted(values or {})], LoadParameters)
+        parameters = load_parameters([*sources, dotted(values or {})], LoadParameters, namespace)
         rules = [f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()]
         names = names_in_bag(rules, namespace, LOAD_INPUTS)
         written = checked_output(Path(output), "output", ".mcap") if output else None

@@ -263,11 +263,12 @@ FEMORAL_SHARE = 9.3014 / 75.16
 
 
 def basis_of(
-    bag: Path, params: Source | None, values: Mapping[str, Any], person: Subject | None
+    bag: Path, params: Source | None, values: Mapping[str, Any], person: Subject | None, namespace: str = ""
 ) -> Parameters | Provenance:
     """Return what a bag is computed with: given parameters, else the provenance of a recording, else the healthy knee.
 
-    `values`, by dotted names, win over `params`, and these over the subject file of a `person`.
+    `values`, by dotted names, win over `params`, and these over the subject file of a `person`. Of parameter files,
+    those of a node in `namespace` are taken.
 
     Raises:
         UsageError: parameters or the recording cannot be used; see `load_parameters` and `read_provenance`.
@@ -278,20 +279,20 @@ def basis_of(
     if params is None:
         params = () if person else DEFAULT_PARAMETERS
     given = params if isinstance(params, Sequence) and not isinstance(params, str) else [params]
-    return parameters_for(bag, [*(person.sources() if person else ()), *given, values])
+    return parameters_for(bag, [*(person.sources() if person else ()), *given, values], namespace)
 
 
-def parameters_for(bag: Path, sources: Sequence[Any]) -> Parameters:
+def parameters_for(bag: Path, sources: Sequence[Any], namespace: str = "") -> Parameters:
     """Load parameters for a bag: the body weight that it was imported with is used, unless the sources set another one.
 
     Raises:
         UsageError: as for `load_parameters`.
     """
-    parameters, weight = load_parameters(list(sources)), weight_of(bag)
+    parameters, weight = load_parameters(list(sources), namespace=namespace), weight_of(bag)
     said = any(isinstance(source, Mapping) and "body_weight" in source for source in sources)
     if weight is None or said or parameters.body_weight != Parameters.model_fields["body_weight"].default:
         return parameters
-    return load_parameters([*sources, {"body_weight": weight}])
+    return load_parameters([*sources, {"body_weight": weight}], namespace=namespace)
 
 
 def weight_doubt(bag: Path, parameters: Parameters) -> list[str]:

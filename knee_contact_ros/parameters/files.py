@@ -19,6 +19,7 @@ from pydantic import ValidationError
 
 from knee_contact_ros.joint_reaction.compartments import ShareTable
 from knee_contact_ros.model.knee import LARGEST_ANGLE
+from knee_contact_ros.parameters.ros_files import Sections, as_sections, fits, read_sections, values_for
 from knee_contact_ros.parameters.schema import (
     LATERAL,
     Declaration,
@@ -30,7 +31,7 @@ from knee_contact_ros.parameters.schema import (
     limits_of,
 )
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import find_file, parameter_file, read_mapping, read_regular, shipped_parameter_files
+from knee_contact_ros.system.files import find_file, parameter_file, read_regular, shipped_parameter_files
 
 ALLOWED = "a parameter file's name, a mapping of parameters, or a list of these"
 LONGEST_VALUE = 80
@@ -97,18 +98,19 @@ def flat_parameters(parameters: NodeSection) -> dict[str, Any]:
 
 
 @overload
-def load_parameters(source: Source) -> Parameters: ...
+def load_parameters(source: Source, *, namespace: str = "") -> Parameters: ...
 
 
 @overload
-def load_parameters(source: Source, schema: type[P]) -> P: ...
+def load_parameters(source: Source, schema: type[P], namespace: str = "") -> P: ...
 
 
-def load_parameters(source: Any, schema: Any = Parameters) -> Any:
+def load_parameters(source: Any, schema: Any = Parameters, namespace: str = "") -> Any:
     """Read the parameters of a node, by default the contact node, from a source.
 
     A name that is not found in the working folder is looked up among the package's own (`parameter_file`). A mapping
-    may be nested, dotted (`{"contact.damping": 0.0}`) or have a parameter file's full form.
+    may be nested, dotted (`{"contact.damping": 0.0}`) or have a parameter file's full form. Of a file, what a node in
+    `namespace` would take is read (`ros_files.py`).
 
     Raises:
         UsageError: a file cannot be read, or a name is unknown, a type wrong or a value outside its range.
@@ -116,20 +118,25 @@ def load_parameters(source: Any, schema: Any = Parameters) -> Any:
     if isinstance(source, schema):
         return source
     merged: dict[str, Any] = {}
+    sections: Sections = {}  # of files in a row, which ROS takes together
     for part in source if isinstance(source, Sequence) and not isinstance(source, str) else [source]:
+        if isinstance(part, (str, Path)) and part != "":
+            values_set_in(part, schema, namespace)
+            read_sections(parameter_file(str(part)), sections)
+            continue
+        merged, sections = merged | values_for(sections, _node(schema, namespace)), {}
         if isinstance(part, schema):
             merged |= flat_parameters(part)
         elif isinstance(part, Mapping):
-            merged |= _own_values(part, "the mapping", schema)
-        elif isinstance(part, (str, Path)) and part != "":
-            merged |= values_set_in(part, schema)
+            of_nodes = as_sections(part)
+            merged |= dotted(part) if of_nodes is None else _own_values(of_nodes, "the mapping", schema, namespace)
         else:
             raise UsageError(f"parameters: {short(repr(part))} is not allowed; {ALLOWED}")
-    return _validated(merged, "", schema)
+    return _validated(merged | values_for(sections, _node(schema, namespace)), "", schema)
 
 
-def values_set_in(name: str | Path, schema: type[NodeSection] = Parameters) -> dict[str, Any]:
-    """Values that a parameter file sets, by dotted name; they are checked.
+def values_set_in(name: str | Path, schema: type[NodeSection] = Parameters, namespace: str = "") -> dict[str, Any]:
+    """Values that a parameter file sets for a node in a namespace, by dotted name; they are checked.
 
     Raises:
         UsageError: as for `load_parameters`.
@@ -141,24 +148,44 @@ def values_set_in(name: str | Path, schema: type[NodeSection] = Parameters) -> d
         reason = f"it is neither there nor one of the package's own ({', '.join(shipped.values())})"
         reason += f"; did you mean {shipped[near[0]]}?" if near else ""
         raise UsageError(f"{short(str(name))}: cannot read the parameter file: {reason}")
-    values = _own_values(read_mapping(path), str(name), schema)
+    values = _own_values(read_sections(path), str(name), schema, namespace)
     _validated(values, f"{name}: ", schema)
     return values
 
 
+def _node(schema: type[NodeSection], namespace: str) -> str:
+    """Absolute name of a node in a namespace."""
+    return f"/{namespace.strip('/')}/{schema.node}".replace("//", "/")
+
+
+def _own_values(sections: Sections, name: str, schema: type[NodeSection], namespace: str) -> dict[str, Any]:
+    """Values of the node in the sections of a file or mapping with this name.
+
+    Raises:
+        UsageError: no section is for the node.
+    """
+    node = _node(schema, namespace)
+    if sections and not any(fits(each, node) for each in sections):
+        spaces = [each.rpartition("/")[0].removeprefix("/") for each in sections if each.endswith(f"/{schema.node}")]
+        hint = f"; say --namespace {spaces[0]}" if spaces and spaces[0] and "*" not in spaces[0] else ""
+        found = short(", ".join(sections))
+        raise UsageError(f"{name}: no parameters for node {node[1:]}; found {found}{hint}")
+    return values_for(sections, node)
+
+
 def check_file(path: Path, schema: type[NodeSection]) -> None:
-    """Check a file that ROS will read; sections of other nodes are ignored.
+    """Check a file that ROS will read, for the nodes that it names; sections of other nodes are ignored.
 
     Raises:
         UsageError: as for `load_parameters`.
     """
-    sections = _sections(read_mapping(path), str(path), schema)
-    own = [values for key, values in sections if key.endswith(schema.node)]
-    for_all = {
-        name: value for key, values in sections if not key.endswith(schema.node) for name, value in values.items()
-    }
-    for values in own or [{}]:  # nodes in several namespaces may share a file
-        _validated(for_all | values, f"{path}: ", schema)
+    sections = read_sections(path)
+    spaces = [
+        name.removeprefix("/").split("/")[:-1] for name in sections if name.split("/")[-1] in (schema.node, "*", "**")
+    ]
+    for names in spaces or [[]]:
+        namespace = "/".join("x" if name == "*" else name for name in names if name != "**")
+        _validated(values_for(sections, _node(schema, namespace)), f"{path}: ", schema)
 
 
 def check_value(name: str, value: Any) -> None:
@@ -239,33 +266,6 @@ def _checked(nested: Mapping[str, Any], where: str, schema: type[P], together: b
     if together and (problem := parameters.problem()):
         raise UsageError(f"{where}parameter {problem}")
     return parameters
-
-
-def _own_values(content: Mapping[str, Any], name: str, schema: type[NodeSection]) -> dict[str, Any]:
-    """Dotted values of the node in the content of a parameter file, or all of it if it has no node names."""
-    sections = _sections(content, name, schema)
-    if not sections and any(isinstance(value, Mapping) and "ros__parameters" in value for value in content.values()):
-        found = short(", ".join(map(str, content)))
-        raise UsageError(f"{name}: no parameters for node {schema.node}; found {found}")
-    merged: dict[str, Any] = {} if sections else dotted(content)
-    for _, values in sections:
-        merged |= values
-    return merged
-
-
-def _sections(content: Mapping[str, Any], name: str, schema: type[NodeSection]) -> list[tuple[str, dict[str, Any]]]:
-    """Sections of a parameter file for the node: key and dotted values, with the node's own behind the wildcards."""
-    found = []
-    for key, section in content.items():
-        if not isinstance(section, Mapping) or "ros__parameters" not in section:
-            continue
-        if str(key).rsplit("/", 1)[-1] not in (schema.node, "*", "**"):
-            continue
-        values = section["ros__parameters"] or {}
-        if not isinstance(values, Mapping):
-            raise UsageError(f"{name}: {key}: ros__parameters must map names to values, got {short(repr(values))}")
-        found.append((str(key), dotted(values)))
-    return sorted(found, key=lambda each: each[0].endswith(schema.node))
 
 
 def first_error(error: ValidationError) -> str:

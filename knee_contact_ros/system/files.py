@@ -12,7 +12,7 @@ import os
 import re
 import stat
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from importlib.util import find_spec
 from io import BufferedReader
 from itertools import accumulate
@@ -178,7 +178,7 @@ def parse_yaml(text: str) -> Any:
     """
     from ruamel.yaml import YAML
 
-    if _opened(text) > DEEPEST:  # the parser would take seconds to find out
+    if opened(text) > DEEPEST:  # the parser would take seconds to find out
         raise BadYamlError(TOO_DEEP)
     if MERGE.search(text):
         raise BadYamlError("merge keys (<<) are not read")
@@ -211,8 +211,8 @@ def read_mapping(
     return content
 
 
-def _opened(text: str) -> int:
-    """Largest number of brackets that are open at a time, also within texts."""
+def opened(text: str) -> int:
+    """Largest number of brackets that are open at a time in a YAML text, also within its texts."""
     return max(accumulate(1 if bracket in "[{" else -1 for bracket in BRACKETS.findall(text)), default=0)
 
 
@@ -255,22 +255,6 @@ def split(rule: str, option: str) -> tuple[str, str]:
     if not (left and separator and right):
         raise UsageError(f"{option} {rule!r}: it must be NAME:=VALUE, as on ROS 2's command line")
     return left, right
-
-
-def parameters_of(rules: Iterable[str]) -> dict[str, Any]:
-    """Parameters given as `-p NAME:=VALUE`, by name; values are read as in a parameter file.
-
-    Raises:
-        UsageError: a side of a rule is missing, or a value is no YAML.
-    """
-    values = {}
-    for rule in rules:
-        name, text = split(rule, "-p")
-        try:
-            values[name] = parse_yaml(text)
-        except BadYamlError:
-            raise UsageError(f"-p {rule!r}: the value is no YAML; put it in quotes") from None
-    return values
 
 
 def require(extra: str, *libraries: str) -> None:

@@ -25,7 +25,8 @@ def test_mappings_may_be_nested_dotted_or_a_files_content() -> None:
             "/left/knee_contact": {"ros__parameters": {"contact.damping": 10}},
         },
     ]
-    assert all(load_parameters(form).contact.damping == 10.0 for form in forms)
+    found = [load_parameters(form, namespace="left" if "/left/knee_contact" in form else "") for form in forms]
+    assert all(parameters.contact.damping == 10.0 for parameters in found)
 
 
 def test_files_are_read_as_ros_reads_them(tmp_path: Path) -> None:

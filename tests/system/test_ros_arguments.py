@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.ros_files import parameters_of
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import parameters_of
 
 
 def test_values_have_the_types_of_a_parameter_file(config: Path) -> None:

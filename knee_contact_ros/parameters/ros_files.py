@@ -1,0 +1,236 @@
+"""Parameter files and values as ROS 2 reads them (rcl's parser in C, and rclpy's choice of sections), without ROS.
+
+A file maps names of nodes, with wildcards, to `ros__parameters`. Names may be nested: `left: {knee_contact: ...}` is
+`/left/knee_contact`. All sections that fit a node are used, in the order in which their names first appear, and a later
+one wins: a `/**` behind a section of the node's own name wins over that. Scalars are those of YAML 1.1, but numbers are
+C's: `010` is 8. ROS 2 knows no null.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+from ruamel.yaml import YAML, events
+
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.files import DEEPEST, HALF, LARGEST, TOO_DEEP, opened, read_regular, split
+
+Entries = list[tuple[str, Any]]
+"""Values of a section with their dotted names; of several with one name the last one holds"""
+Sections = dict[str, Entries]
+"""Sections by the name of a node as it is written, which may have wildcards; in the order of appearance"""
+PARAMETERS = "ros__parameters"
+TRUE = ("Y", "y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON")
+FALSE = ("N", "n", "no", "No", "NO", "false", "False", "FALSE", "off", "Off", "OFF")
+INTEGER = re.compile(r"[+-]?(?:0[xX][0-9a-fA-F]+|0[0-7]*|[1-9][0-9]*)")
+FLOAT = re.compile(
+    r"[+-]?(?:(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]+)?|(?:inf(?:inity)?|nan)|"
+    r"0x(?:[0-9a-f]+\.?[0-9a-f]*|\.[0-9a-f]+)(?:p[+-]?[0-9]+)?)",
+    re.IGNORECASE,
+)
+SPECIAL = re.compile(r"[+-]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
+LEAST, MOST, LONGEST_INTEGER = -(2**63), 2**63 - 1, 1000
+"""Range of an integer, and the largest number of its characters"""
+KEPT = (bool, int, float, str, list, type(None))
+"""Kinds of values: of two of one name in one section, rcl keeps the kind that comes first here"""
+TOKEN = re.compile(r"\*{1,2}|[A-Za-z_][A-Za-z0-9_]*")
+TOKENS = {"**": r"(?:/\w+)*", "*": r"/\w+"}
+"""Regular expressions of wildcards in names of nodes: any number of names, and one"""
+
+
+def scalar(text: str) -> Any:
+    """Value of a scalar without quotes in a parameter file."""
+    if text in TRUE or text in FALSE:
+        return text in TRUE
+    if len(text) <= LONGEST_INTEGER and INTEGER.fullmatch(text):
+        digits = text.lstrip("+-")
+        value = int(text, 16 if digits[:2] in ("0x", "0X") else 8 if digits.startswith("0") else 10)
+        if LEAST <= value <= MOST:
+            return value
+    if SPECIAL.fullmatch(text):
+        return float(text.replace(".", ""))
+    if FLOAT.fullmatch(text):
+        with suppress(OverflowError):
+            number = float.fromhex(text) if "x" in text.lower() else float(text)
+            if math.isfinite(number) or "n" in text.lower():  # of inf and nan; a number that is too large is a text
+                return number
+    return text
+
+
+class _Reader:
+    """Reader of the events of a YAML text."""
+
+    def __init__(self, text: str) -> None:
+        self._events: Iterator[Any] = iter(YAML(typ="safe", pure=True).parse(text))
+
+    def documents(self) -> Iterator[Any]:
+        """Contents of the documents: mappings as lists of pairs, as names may be repeated."""
+        for event in self._events:
+            if isinstance(event, (events.NodeEvent, events.CollectionStartEvent)):
+                yield self._content(event)
+
+    def _content(self, event: Any) -> Any:
+        if isinstance(event, events.AliasEvent):
+            raise UsageError(f"ROS 2 reads no aliases (*{event.anchor})")
+        if isinstance(event, events.ScalarEvent):
+            quoted = event.style in ("'", '"') or str(event.tag).endswith(":str")
+            if not quoted and not event.value:
+                raise ValueError(f"no value at line {event.start_mark.line + 1}")
+            if HALF.search(event.value):
+                raise ValueError("it has half a character, which cannot be written")
+            return event.value if quoted else scalar(event.value)
+        if isinstance(event, events.SequenceStartEvent):
+            return [self._content(each) for each in iter(self._next, None)]
+        pairs = []
+        for key in iter(self._next, None):
+            if not isinstance(key, events.ScalarEvent):
+                raise UsageError("a name is no text")
+            pairs.append((str(key.value), self._content(next(self._events))))
+        return Pairs(pairs)
+
+    def _next(self) -> Any:
+        event = next(self._events)
+        return None if isinstance(event, (events.MappingEndEvent, events.SequenceEndEvent)) else event
+
+
+class Pairs(list[tuple[str, Any]]):
+    """Entries of a mapping."""
+
+
+def read_sections(path: Path, known: Sections | None = None) -> Sections:
+    """Sections of a parameter file, behind those `known` of files before; a file without node names is one of `/**`.
+
+    Raises:
+        UsageError: it cannot be read, or is no parameter file.
+    """
+    try:
+        text = read_regular(path, LARGEST).decode("utf-8")
+    except OSError as error:
+        raise UsageError(f"{path}: cannot read the parameter file: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise UsageError(f"{path}: not a YAML file: {error}") from None
+    sections: Sections = {} if known is None else known
+    try:
+        for content in contents(text):
+            _add(sections, content)
+    except UsageError as error:
+        raise UsageError(f"{path}: {error}") from None
+    return sections
+
+
+def contents(text: str) -> list[Any]:
+    """Contents of the documents of a YAML text, as `_Reader` gives them.
+
+    Raises:
+        UsageError: it is no YAML, or nested too deep.
+    """
+    try:
+        if opened(text) > DEEPEST:
+            raise ValueError(TOO_DEEP)
+        return list(_Reader(text).documents())
+    except RecursionError:
+        raise UsageError(f"not a YAML file: {TOO_DEEP}") from None
+    except Exception as error:  # the parser raises what it likes
+        raise UsageError(f"not a YAML file: {' '.join(str(error).split()) or type(error).__name__}") from None
+
+
+def as_sections(mapping: Mapping[str, Any]) -> Sections | None:
+    """Sections of a mapping that has the form of a parameter file; None if it names no nodes.
+
+    Raises:
+        UsageError: what it has for a node are no parameters.
+    """
+
+    def pairs(value: Any) -> Any:
+        return Pairs((str(name), pairs(each)) for name, each in value.items()) if isinstance(value, Mapping) else value
+
+    content, sections = pairs(mapping), Sections()
+    if not _has_nodes(content):
+        return None
+    _add(sections, content)
+    return sections
+
+
+def _add(sections: Sections, content: Any) -> None:
+    if not isinstance(content, Pairs):
+        raise UsageError("not a parameter file: it must map node names to ros__parameters")
+    if _has_nodes(content):
+        _add_nodes(sections, content, "")
+    else:
+        _add_values(sections.setdefault("/**", []), content)
+
+
+def _has_nodes(content: Any) -> bool:
+    return isinstance(content, Pairs) and any(name == PARAMETERS or _has_nodes(value) for name, value in content)
+
+
+def _add_nodes(sections: Sections, content: Pairs, before: str) -> None:
+    for name, value in content:
+        if not isinstance(value, Pairs):
+            where = f"{before or name}: ros__parameters" if name == PARAMETERS else name
+            raise UsageError(f"{where} must map names to values, got {str(value)[:80]}")
+        if name == PARAMETERS:
+            if not all(map(TOKEN.fullmatch, before.removeprefix("/").split("/"))):
+                raise UsageError(f"{before!r} is no name of a node")
+            _add_values(sections.setdefault(before, []), value)
+        else:
+            _add_nodes(sections, value, before + name if not before or before.endswith("/") else f"{before}/{name}")
+
+
+def _add_values(entries: Entries, content: Pairs, before: str = "", place: int | None = None) -> None:
+    """Add parameters as rcl does: the first of a nested mapping takes the `place` that the mapping's own name got."""
+    for name, value in content:
+        full, names = before + name, [name for name, _ in entries]
+        if place is None:
+            place = names.index(full) if full in names else len(entries)
+        earlier = entries[place][1] if place < len(entries) else None
+        kept = earlier if isinstance(value, Pairs) or _rank(value) > _rank(earlier) else value
+        entries[place : place + 1] = [(full, kept)]
+        if isinstance(value, Pairs):
+            _add_values(entries, value, f"{full}.", place)
+        elif isinstance(value, list) and len({type(each) for each in value}) > 1:
+            raise UsageError(f"{full}: a list must hold values of one kind")
+        place = None
+
+
+def _rank(value: Any) -> int:
+    """Place of a value's kind in `KEPT`."""
+    return KEPT.index(type(value)) if type(value) in KEPT else len(KEPT)
+
+
+def values_for(sections: Sections, node: str) -> dict[str, Any]:
+    """Values that a node with this absolute name gets, by dotted name."""
+    merged: dict[str, Any] = {}
+    for name, entries in sections.items():
+        if fits(name, node):
+            merged |= {name: value for name, value in entries if value is not None}
+    return merged
+
+
+def fits(name: str, node: str) -> bool:
+    """Whether the name of a section, which may have wildcards, fits the absolute name of a node."""
+    return bool(
+        re.fullmatch("".join(TOKENS.get(token, f"/{token}") for token in name.removeprefix("/").split("/")), node)
+    )
+
+
+def parameters_of(rules: Iterable[str]) -> dict[str, Any]:
+    """Parameters given as `-p NAME:=VALUE`, by name; values are read as in a parameter file.
+
+    Raises:
+        UsageError: a side of a rule is missing, or a value is no YAML.
+    """
+    values = {}
+    for rule in rules:
+        name, text = split(rule, "-p")
+        try:
+            (value,) = contents(text)
+        except (UsageError, ValueError):
+            raise UsageError(f"-p {rule!r}: the value is no YAML; put it in quotes") from None
+        values[name] = dict(value) if isinstance(value, Pairs) else value
+    return values
