@@ -1,1 +1,0 @@
-"""When the contact force can drop in osteoarthritis: 10 000 knees, load or height prescribed."""

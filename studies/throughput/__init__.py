@@ -1,1 +1,0 @@
-"""How long `knee-contact solve` takes for a long recording, beside merely reading and writing the same messages."""
