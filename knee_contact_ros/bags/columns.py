@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -77,6 +77,11 @@ class Batch:
         """Copy in which `change` has been applied to the bytes of the messages that the mask `chosen` selects."""
         pairs = zip(self.messages, chosen.tolist(), strict=True)
         return Batch(self.numbers, self.times, Column.of([change(data) if mask else data for data, mask in pairs]))
+
+    def converted(self, convert: Sequence[Callable[[bytes, int], bytes] | None]) -> Batch:
+        """Copy in which the messages of each number are changed by its function, from bytes and log time [ns]."""
+        changes = [each or (lambda data, _: data) for each in convert]
+        return replace(self, messages=Column.of([changes[number](data, time) for number, time, data in self]))
 
 
 def blocks(batches: Iterable[Batch], most: int) -> Iterator[Batch]:

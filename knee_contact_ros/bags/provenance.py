@@ -232,6 +232,11 @@ def _json(text: str) -> Any:
         raise ValueError("nested too deep") from None
 
 
+def is_recording(bag: Path) -> bool:
+    """Whether a bag is a recording of a node of this package, or of `solve` or `estimate-load`."""
+    return any(name in (PROVENANCE, LOAD_PROVENANCE) for name, _ in _metadata(bag))
+
+
 def weight_of(bag: Path) -> float | None:
     """Body weight [N] that an importer wrote into a bag; None: the bag names none."""
     origin = next((content for name, content in _metadata(bag) if name == ORIGIN), {})

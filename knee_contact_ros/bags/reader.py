@@ -14,6 +14,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import replace
+from fnmatch import fnmatchcase
 from itertools import groupby, islice
 from operator import itemgetter
 from pathlib import Path
@@ -43,9 +44,9 @@ from knee_contact_ros.bags.mcap_file import (
 from knee_contact_ros.bags.order import by_arrival
 from knee_contact_ros.bags.recorder import CONTINUED, MAGIC, METADATA
 from knee_contact_ros.model.types import Rows
+from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATES
 from knee_contact_ros.streams.columns import Column, decode_answers
 from knee_contact_ros.streams.topics import (
-    DYNAMIC_JOINT_STATES,
     GROUND_REACTION_FORCE,
     INPUTS,
     JOINT_REACTION_FORCE,
@@ -62,6 +63,8 @@ Names = Mapping[str, str]
 """Absolute names of topics in a bag, by their absolute names in the node"""
 OWN_NAMES: Names = MappingProxyType({})
 """Names for a bag in which each topic has its name in the node"""
+NAMESPACE = ""
+"""Key in `Names` of the namespace of relative names"""
 INPUT_TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in INPUTS}
 """Types of the topics that drive the model, by their absolute names"""
 OTHER_FORCE = {
@@ -133,7 +136,6 @@ class BagReader:
             UsageError: There is no such bag, it cannot be read, or a topic is missing, empty or of another type.
         """
         self.path = path
-        self._topics = {names.get(topic, topic): topic for topic in types}
         if not path.exists():
             raise UsageError(f"no bag at {path}: give an .mcap file or a rosbag2 folder")
         with ExitStack() as opened:
@@ -166,6 +168,7 @@ class BagReader:
             except UsageError as error:
                 damage = f"; the bag is damaged: {in_a_line(self.damage)}" if self.damage else ""
                 raise UsageError(f"{error}{damage}") from None
+            self._topics = {absolute(one.topic): topic for topic, found in self._requested.items() for one in found}
             first = next(self.raw_messages(), None) if path.is_file() else None
             if first and first.data.startswith(ZSTD):  # only `metadata.yaml` in its folder says so
                 raise UsageError(f"bag {path} has compressed messages: give its folder, whose metadata.yaml says so")
@@ -237,6 +240,10 @@ class BagReader:
             except Exception as error:  # whatever broken bytes provoke in the decoder
                 raise self._damaged(error) from None
             yield BagMessage(topic, log_time, message)
+
+    def definition(self, topic: str) -> MessageDefinition:
+        """Definition of the type of a requested topic in the bag."""
+        return self._requested[topic][0].definition
 
     def _by_arrival(self, topics: Collection[str]) -> tuple[list[Connection], Iterator[Batch]]:
         """Requested connections, and the messages, whose numbers are indices of these."""
@@ -385,6 +392,8 @@ def names_in_bag(remaps: Iterable[str] = (), namespace: str = "", inputs: Sequen
     if namespace and not namespace.strip("/"):
         raise UsageError(f"--namespace {namespace!r}: it must be a name, as left")
     names = {f"/{topic}": absolute(topic, namespace) for topic in (*inputs, DYNAMIC_JOINT_STATES)}
+    if namespace:
+        names[NAMESPACE] = namespace
     remapped = set()
     for rule in remaps:
         source, target = split(rule, "--remap")
@@ -416,7 +425,8 @@ def _found(bag: Path, connections: Sequence[Connection], topic: str, type_name: 
     Raises:
         UsageError: The topic is missing or empty, has another type or several, or is not encoded as CDR.
     """
-    of_name = [connection for connection in connections if absolute(connection.topic) == name]
+    is_it = fnmatchcase if "*" in name else str.__eq__
+    of_name = [connection for connection in connections if is_it(absolute(connection.topic), name)]
     if not of_name:
         raise UsageError(f"bag {bag} has no topic {name} ({type_name}); {_advice(connections, topic)}")
     filled = [connection for connection in of_name if connection.messages]

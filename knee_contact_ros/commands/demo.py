@@ -26,8 +26,8 @@ from knee_contact_ros.bags.reader import OWN_NAMES, BagReader, RawMessage, answe
 from knee_contact_ros.commands import stage
 from knee_contact_ros.commands.tables import counts, show_summary
 from knee_contact_ros.model.types import Rows
-from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, wanted_joints
-from knee_contact_ros.offline.estimate_load import estimate_load, named_joints
+from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints
+from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import Summary, read_summary
 from knee_contact_ros.parameters.files import load_parameters
@@ -35,7 +35,6 @@ from knee_contact_ros.parameters.schema import ActuatedJoint, LoadParameters, Pa
 from knee_contact_ros.streams.contact_stream import ContactStream, angle_sample
 from knee_contact_ros.streams.messages import JOINT_STATE, RefusedSampleError, decode_joint_state, encode_joint_state
 from knee_contact_ros.streams.topics import (
-    GROUND_REACTION_FORCE,
     INPUTS,
     JOINT_REACTION_FORCE,
     JOINT_STATES,
@@ -268,9 +267,9 @@ class Sensors(Source):
     def check(self) -> Doubts:
         """See `Source.check`; all joints that the nodes need are looked for."""
         pipeline = ContactStream(self.parameters, compiled=False)
-        with BagInputs(self.bag, JOINT_STATES, OWN_NAMES, GROUND_REACTION_FORCE) as inputs:
-            check_joints(inputs, named_joints(self.load_parameters))
-            check_joints(inputs, wanted_joints(self.parameters))
+        with BagInputs(self.bag, self.load_parameters, OWN_NAMES) as inputs:
+            check_joints(inputs, self.load_parameters.joints())
+            check_joints(inputs, self.parameters.joints())
         return pipeline.doubts
 
     def processes(self, work: Path) -> Sequence[AbstractContextManager[Child]]:

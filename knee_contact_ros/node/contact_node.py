@@ -17,7 +17,6 @@ from typing import Any
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.lifecycle import LifecycleNode
-from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from knee_contact_ros.bags.provenance import provenance_record
@@ -30,14 +29,12 @@ from knee_contact_ros.node.parameters import NodeKind, Topics
 from knee_contact_ros.node.session import DIAGNOSTICS, OUTPUT_DEPTH, Session
 from knee_contact_ros.parameters.files import curve_texts
 from knee_contact_ros.parameters.schema import LATERAL, Parameters, has_both
+from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATES
 from knee_contact_ros.streams.contact_stream import ContactStream
-from knee_contact_ros.streams.messages import as_joint_state
 from knee_contact_ros.streams.output import Knee
 from knee_contact_ros.streams.pairing import LoadSample, PairedSample
 from knee_contact_ros.streams.topics import (
-    DYNAMIC_JOINT_STATES,
     INPUTS,
-    JOINT_STATES,
     KNEE_CONTACT,
     KNEE_CONTACT_LATERAL,
     KNEE_CONTACT_MARKERS,
@@ -45,7 +42,6 @@ from knee_contact_ros.streams.topics import (
     knee_name,
     recorded_topics,
 )
-from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.processes import OWN_GROUP, python_module, start
 from knee_contact_ros.view.anatomy import drawings_of
 from knee_contact_ros.view.markers import KneeMarkers
@@ -88,23 +84,6 @@ LIVE = _LIVE | {LATERAL + name for name in _LIVE if name.startswith(("femur.", "
 name of the next recording. They take effect between two ticks."""
 
 
-def type_of_angles(source: str) -> Any:
-    """Message type of the topic that the angles come from.
-
-    Raises:
-        UsageError: the type is not installed.
-    """
-    if source == JOINT_STATES:
-        return JointState
-    try:
-        from control_msgs.msg import DynamicJointState
-    except ImportError:
-        raise UsageError(
-            f"parameter knee.source: {source!r} needs the ROS 2 package control_msgs, which is not installed"
-        ) from None
-    return DynamicJointState
-
-
 class ContactSession(Session):
     """Configured life of a contact node."""
 
@@ -133,9 +112,7 @@ class ContactSession(Session):
         self._curves = curve_texts(parameters, {})
         pipeline = ContactStream(parameters, compiled=False, curves=self._curves)
         super().__init__(node, parameters, pipeline, ContactHealth(node, parameters, pipeline))
-        source = parameters.knee.source
-        on_angle = self._on_dynamic_joint_state if source == DYNAMIC_JOINT_STATES else self._on_joint_state
-        self.inputs = self._input_streams(source, type_of_angles(source), on_angle, qos_given, handed)
+        self.inputs = self._input_streams(qos_given, handed)
         for doubt in pipeline.doubts_about_parameters:
             node.get_logger().warning(doubt)
         topics = recorded_topics(has_both(parameters))
@@ -198,9 +175,6 @@ class ContactSession(Session):
         for doubt in self.pipeline.doubts_about_parameters:
             if doubt not in known:
                 self.node.get_logger().warning(doubt)
-
-    def _on_dynamic_joint_state(self, data: bytes) -> int | None:
-        return self._on_joint_state(as_joint_state(data))
 
     def _described(self, parameters: Parameters) -> Knee:
         provenance = provenance_record(self.parameters, self._curves, ticks_before=self.pipeline.ticks)

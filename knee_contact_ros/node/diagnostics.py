@@ -21,9 +21,10 @@ from knee_contact_ros.model.types import FLAT, ROW, UNUSABLE, Fidelity, Status
 from knee_contact_ros.node.outputs import WORTH_A_WARNING, Outputs
 from knee_contact_ros.streams.pairing import PairedStreams, Synchroniser
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, JOINT_STATES
+from knee_contact_ros.system.ros import resolved
 
 if TYPE_CHECKING:
-    from knee_contact_ros.node.inputs import HandedStream, Inputs, InputStream
+    from knee_contact_ros.node.inputs import Input, Inputs
     from knee_contact_ros.parameters.schema import LoadParameters, Parameters
     from knee_contact_ros.streams.contact_stream import ContactStream
 
@@ -365,7 +366,7 @@ class Health:
     def _log_silence(self, inputs: Inputs) -> None:
         silent = [stream for stream in inputs if time.monotonic() - stream.meter.last > SILENCE]
         if silent:
-            names = " and ".join(self.node.resolve_topic_name(stream.topic) for stream in silent)
+            names = " and ".join(resolved(self.node, stream.topic) for stream in silent)
             text = f"nothing received on {names} for {SILENCE:g} s or more"
             self.node.get_logger().warning(text, **at_most_every(SILENCE_LOG_PERIOD))
 
@@ -375,7 +376,7 @@ class Health:
         counts = {"total": str(refused.total())} | {reason: str(count) for reason, count in refused.items()}
         return diagnostic_status(f"{self.name}: refused samples", counts, "samples were refused" if refused else "")
 
-    def _input_status(self, stream: InputStream | HandedStream) -> Any:
+    def _input_status(self, stream: Input) -> Any:
         """Entry for an input."""
         values, problem = stream.meter.report()
         values |= {"reliability": stream.reliability.replace("_", " "), "publishers": str(stream.publishers)}

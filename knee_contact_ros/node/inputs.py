@@ -2,18 +2,31 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Collection
+from fnmatch import fnmatchcase
+from importlib import import_module
 from typing import Any, NamedTuple
 
 from rclpy.event_handler import SubscriptionEventCallbacks
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import DurabilityPolicy, QoSPolicyKind, QoSProfile, ReliabilityPolicy
 from rclpy.qos_overriding_options import QoSOverridingOptions
+from rosbags.interfaces import Nodetype
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
 
 from knee_contact_ros.node.diagnostics import REFUSAL_LOG_PERIOD, InputMeter, at_most_every
+from knee_contact_ros.parameters.sources import Source
+from knee_contact_ros.streams.conversion import Convert
 from knee_contact_ros.streams.frames import TF_STATIC, ForceFrame, decode_transforms, encode_transforms, isb_transform
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.files import installed_share
+from knee_contact_ros.system.ros import resolved
 
+LOOK_PERIOD = 1.0
+"""Time [s] between two looks for topics that match a pattern"""
 DEPTH = 1000
 """Number of messages that may wait: one second at 1 kHz"""
 
@@ -24,6 +37,8 @@ class HandOver:
     def __init__(self) -> None:
         self.taker: Callable[[bytes], object] | None = None
         """Function of the receiving node that takes a message; None if it does not listen"""
+        self.source: Source | None = None
+        """Source of the giving node's messages"""
 
     def give(self, data: bytes) -> None:
         """Hand over a message, if the other node listens."""
@@ -79,14 +94,19 @@ class InputStream:
         on_data: Callable[[bytes], int | None],
         qos_given: Collection[str],
         meter: InputMeter,
+        convert: Convert | None = None,
     ) -> None:
         """Prepare a subscription: `on_data` gets the bytes of a message and returns its stamp, `meter` counts it.
 
-        `qos_given` has the names of the QoS overrides that the user has given.
+        `qos_given` has the names of the QoS overrides that the user has given; `convert` turns messages of other types
+        into those that `on_data` takes.
         """
         self.topic = topic
+        self._convert = convert
         self.meter = meter
         self.best_effort = False
+        self.has_overrides = True
+        """Whether a user may override QoS policies"""
         self._node = node
         self._type = message_type
         self._on_data = on_data
@@ -102,7 +122,7 @@ class InputStream:
         self._subscription = self._node.create_subscription(
             self._type,
             self.topic,
-            self._on_message,
+            self._on_other_message if self._convert else self._on_message,
             QoSProfile(depth=DEPTH, reliability=reliability),
             raw=True,
             event_callbacks=SubscriptionEventCallbacks(incompatible_qos=self._on_incompatible_qos),
@@ -111,6 +131,8 @@ class InputStream:
 
     def _left_to_user(self) -> list[QoSPolicyKind]:
         """QoS policies that a user may override; once declared, the reliability would stay as it was at first."""
+        if not self.has_overrides:
+            return []
         ours = self.best_effort and not self._decided_by_user
         reliability = [] if ours else [QoSPolicyKind.RELIABILITY]
         return [QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, *reliability]
@@ -152,11 +174,118 @@ class InputStream:
         stamp = self._on_data(data)
         self.meter.arrivals.append((time.monotonic(), time.time(), stamp))
 
+    def _on_other_message(self, data: bytes) -> None:
+        assert self._convert is not None  # noqa: S101  (by `open`)
+        self._on_message(self._convert(data, time.time_ns()))  # the events executor gives no times
+
     def _on_incompatible_qos(self, event: Any) -> None:
         self._unheard = event.last_policy_kind == QoSPolicyKind.RELIABILITY or self._decided_by_user
 
 
-Inputs = tuple[InputStream | HandedStream, InputStream | HandedStream]
+class MatchingStreams:
+    """Subscriptions to all topics of a type whose names match a pattern; used like an `InputStream`.
+
+    Topics that come later are found within a second, those whose publishers are gone are left.
+    """
+
+    def __init__(self, node: LifecycleNode, message_type: type, topic: str, *how: Any) -> None:
+        """Prepare the subscriptions; see `InputStream`."""
+        self.topic, self._node, self._type, self._how = topic, node, message_type, how
+        self.meter: InputMeter = how[2]
+        self._streams: dict[str, InputStream] = {}
+        self._due = math.inf
+
+    def open(self) -> None:
+        """Begin to look for topics."""
+        self._due = 0.0
+
+    def close(self) -> None:
+        """End all subscriptions."""
+        self._due = math.inf
+        for stream in self._streams.values():
+            stream.close()
+        self._streams = {}
+
+    @property
+    def reliability(self) -> str:
+        """Reliabilities of the subscriptions."""
+        return ", ".join(sorted({stream.reliability for stream in self._streams.values()}))
+
+    @property
+    def publishers(self) -> int:
+        """Number of publishers that the subscriptions are matched with."""
+        return sum(stream.publishers for stream in self._streams.values())
+
+    def adapt(self) -> None:
+        """Look for topics once a second; see also `InputStream.adapt`."""
+        for stream in self._streams.values():
+            stream.adapt()
+        if time.monotonic() < self._due:
+            return
+        self._due = time.monotonic() + LOOK_PERIOD
+        pattern = resolved(self._node, self.topic)
+        kind = f"{self._type.__module__.split('.')[0]}/msg/{self._type.__name__}"
+        topics = {
+            name
+            for name, types in self._node.get_topic_names_and_types()
+            if kind in types and fnmatchcase(name, pattern) and self._node.count_publishers(name)
+        }
+        for name in self._streams.keys() - topics:
+            self._streams.pop(name).close()
+        for name in sorted(topics - self._streams.keys()):
+            self._node.get_logger().info(f"listening to {name}")
+            self._streams[name] = InputStream(self._node, self._type, name, *self._how)
+            self._streams[name].has_overrides = False  # nobody knows the names before
+            self._streams[name].open()
+
+
+def message_class(source: Source, by: str) -> type:
+    """Class of the messages of a source, which the parameter `by` names.
+
+    Raises:
+        UsageError: it is not installed.
+    """
+    package, _, name = source.type.split("/")
+    try:
+        found: type = getattr(import_module(f"{package}.msg"), name)
+    except ImportError:
+        raise UsageError(
+            f"parameter {by}: {source.topic!r} needs the ROS 2 package {package}, which is not installed"
+        ) from None
+    except AttributeError:
+        raise UsageError(f"parameter {by}: the ROS 2 package {package} has no message {name}") from None
+    return found
+
+
+def installed_types(source: Source, by: str) -> Typestore:
+    """Definitions of the type of a source and of all types in it, as they are installed.
+
+    Raises:
+        UsageError: one of them is not installed, or cannot be read; it names the parameter `by`.
+    """
+    store, wanted = get_typestore(Stores.EMPTY), [source.type]
+    while wanted:
+        name = wanted.pop()
+        if name in store.fielddefs:
+            continue
+        package, _, message = name.split("/")
+        share = installed_share(package)
+        if share is None:
+            raise UsageError(f"parameter {by}: {name} needs the ROS 2 package {package}, which is not installed")
+        try:
+            store.register(get_types_from_msg((share / "msg" / f"{message}.msg").read_text(encoding="utf-8"), name))
+        except Exception as error:  # a definition by somebody else
+            reason = " ".join(str(error).split())
+            raise UsageError(f"parameter {by}: the definition of {name} cannot be read: {reason}") from None
+        fields: Any = store.fielddefs[name][1]
+        for _, (kind, detail) in fields:
+            inner, of = detail[0] if kind in (Nodetype.ARRAY, Nodetype.SEQUENCE) else (kind, detail)
+            wanted += [of] if inner is Nodetype.NAME else []
+    return store
+
+
+Input = InputStream | MatchingStreams | HandedStream
+Inputs = tuple[Input, Input]
 """Streams of angles and of forces"""
 
 

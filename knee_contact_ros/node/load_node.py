@@ -15,7 +15,6 @@ from functools import partial
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.lifecycle import LifecycleNode
-from sensor_msgs.msg import JointState
 
 from knee_contact_ros.bags.provenance import load_provenance_record
 from knee_contact_ros.joint_reaction.estimator import Level
@@ -30,7 +29,6 @@ from knee_contact_ros.streams.output import LOAD_PROVENANCE, Knee
 from knee_contact_ros.streams.pairing import PairedSample
 from knee_contact_ros.streams.topics import (
     JOINT_REACTION_FORCE,
-    JOINT_STATES,
     LOAD_ESTIMATE,
     LOAD_INPUTS,
     LOAD_RECORDED,
@@ -70,7 +68,7 @@ class LoadSession(Session):
         pipeline = LoadStream(parameters)
         health = Health(node, parameters, pipeline, TickMeter(Level, "level"))
         super().__init__(node, parameters, pipeline, health)
-        self.inputs = self._input_streams(JOINT_STATES, JointState, self._on_joint_state, qos_given)
+        self.inputs = self._input_streams(qos_given)
         self._names = {topic: node.resolve_topic_name(topic) for topic in LOAD_RECORDED}
         self._offer(
             {
@@ -80,6 +78,7 @@ class LoadSession(Session):
         )
         self._reaction, self._estimate = self._publishers[JOINT_REACTION_FORCE], self._publishers[LOAD_ESTIMATE]
         self._takers = takers or HandedInputs(HandOver(), HandOver())
+        self._takers.angles.source = parameters.inputs()[0]
         self._open()
         trust = "calibrated" if parameters.calibrated else "not calibrated: nothing must be gated by it"
         node.get_logger().info(f"estimating the joint reaction at level {pipeline.level}, {trust}")

@@ -28,7 +28,7 @@ from knee_contact_ros.node.session import Session
 from knee_contact_ros.parameters.files import check_file
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import parameter_file
-from knee_contact_ros.system.ros import executor_of, joining
+from knee_contact_ros.system.ros import executor_of, joining, resolved
 
 ROS_ARGUMENTS = "--ros-args"
 SPIN_PERIOD = 0.1
@@ -110,7 +110,7 @@ class ManagedNode(LifecycleNode):
             except Exception as error:  # rclpy has many kinds
                 self.get_logger().error(f"cannot listen: {' '.join(str(error).split())}")
                 return TransitionCallbackReturn.ERROR
-            topics = " and ".join(self.resolve_topic_name(stream.topic) for stream in self.session.inputs)
+            topics = " and ".join(resolved(self, stream.topic) for stream in self.session.inputs)
             self.get_logger().info(f"active, listening to {topics}")
         return result
 

@@ -85,8 +85,13 @@ class NodeParameters:
         self.user: Callable[[Any, dict[str, Any]], None] | None = None
         """Called after a change while the node is configured, with all parameters and those that have changed"""
         overrides = self._values()
-        values = all_values(load_parameters(overrides, kind.schema))
-        check_qos_overrides(node, kind.topics, overrides.items())
+        parameters = load_parameters(overrides, kind.schema)
+        values, sources = all_values(parameters), [source.topic for source in parameters.inputs()]
+        self._topics = kind.topics._replace(
+            inputs=(*kind.topics.inputs, *(name for name in sources if "*" not in name))
+        )
+        """Topics whose QoS a user may override, with those that the parameters name"""
+        check_qos_overrides(node, self._topics, overrides.items())
         for name, declaration in self._known.items():
             if name in overrides:
                 node.set_descriptor(name, described(name, declaration))
@@ -109,7 +114,7 @@ class NodeParameters:
                 return SetParametersResult(successful=False, reason=reason)
         try:
             load_parameters(self._values() | {change.name: change.value for change in changes}, self._kind.schema)
-            check_qos_overrides(self._node, self._kind.topics, ((change.name, change.value) for change in changes))
+            check_qos_overrides(self._node, self._topics, ((change.name, change.value) for change in changes))
         except UsageError as error:
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True, reason="")

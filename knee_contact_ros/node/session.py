@@ -10,7 +10,6 @@ from contextlib import AbstractContextManager
 from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray
-from geometry_msgs.msg import WrenchStamped
 from rclpy.lifecycle import LifecycleNode
 from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
@@ -18,8 +17,20 @@ from std_srvs.srv import Trigger
 
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, TICK, change_record
 from knee_contact_ros.node.diagnostics import REFUSAL_LOG_PERIOD, STEADY, Health, InputMeter, LagMeter, at_most_every
-from knee_contact_ros.node.inputs import HandedInputs, HandedStream, Inputs, InputStream, StaticTransformTopic
+from knee_contact_ros.node.inputs import (
+    HandedInputs,
+    HandedStream,
+    Input,
+    Inputs,
+    InputStream,
+    MatchingStreams,
+    StaticTransformTopic,
+    installed_types,
+    message_class,
+)
 from knee_contact_ros.node.outputs import Listeners, Outputs
+from knee_contact_ros.parameters.sources import Source
+from knee_contact_ros.streams.conversion import ANY, converters
 from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.output import Knee
 from knee_contact_ros.streams.pairing import PairedSample, PairedStreams
@@ -61,27 +72,31 @@ class Session(ABC):
     def make_ready(self, interrupting: Callable[[], AbstractContextManager[None]]) -> None:  # noqa: B027
         """Prepare what takes long, such as the compiled model; a signal ends it in a block of `interrupting`."""
 
-    def _input_streams(
-        self,
-        angle_topic: str,
-        angle_type: type,
-        on_angle: Callable[[bytes], int | None],
-        qos_given: Collection[str],
-        handed: HandedInputs | None = None,
-    ) -> Inputs:
-        """Streams of angles and of forces, from their topics or from another node in this process (`handed`)."""
+    def _input_streams(self, qos_given: Collection[str], handed: HandedInputs | None = None) -> Inputs:
+        """Streams of angles and of forces, from their topics or from another node in this process (`handed`).
+
+        Raises:
+            UsageError: a type that the parameters name is not installed, or lacks a field.
+        """
         limits, max_gap = self.parameters.diagnostics, self.parameters.pairing.max_gap
+        angles, forces = self.parameters.inputs()
+        on_angle, on_force = converters(self.parameters, installed_types)
         angle_meter = InputMeter(limits.angle_warn_rate, limits.angle_error_rate, max_gap, limits.timeout)
         force_meter = InputMeter(limits.force_warn_rate, limits.force_error_rate, max_gap, limits.timeout)
-        angles: InputStream | HandedStream
-        if handed and angle_topic == JOINT_STATES:
-            angles = HandedStream(angle_topic, on_angle, angle_meter, handed.angles)
+
+        first: Input
+        if handed and (angles.topic == JOINT_STATES or angles == handed.angles.source):
+            first = HandedStream(angles.topic, self._on_joint_state, angle_meter, handed.angles)
         else:
-            angles = InputStream(self.node, angle_type, angle_topic, on_angle, qos_given, angle_meter)
-        topic = self.pipeline.force_topic
+            first = self._input(angles, "knee.source", self._on_joint_state, qos_given, angle_meter, on_angle)
         if handed:
-            return angles, HandedStream(topic, self._on_force, force_meter, handed.forces)
-        return angles, InputStream(self.node, WrenchStamped, topic, self._on_force, qos_given, force_meter)
+            return first, HandedStream(self.pipeline.force_topic, self._on_force, force_meter, handed.forces)
+        by = self.parameters.force_source
+        return first, self._input(forces, by, self._on_force, qos_given, force_meter, on_force)
+
+    def _input(self, source: Source, by: str, *how: Any) -> Input:
+        stream = MatchingStreams if ANY in source.topic else InputStream
+        return stream(self.node, message_class(source, by), source.topic, *how)
 
     def _offer(self, topics: Mapping[str, tuple[Any, int]]) -> None:
         """Advertise topics, each with its type and depth, and the diagnostics.

@@ -1,23 +1,25 @@
-"""The inputs in a bag, as the pipelines take them; its angles may be those of ros2_control."""
+"""The inputs in a bag, as the pipelines take them, from whatever topics and types the parameters say."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rosbags.typesys.store import Typestore
 
 from knee_contact_ros.bags.columns import Batch
-from knee_contact_ros.bags.reader import BagReader, Names, RawMessage
-from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.bags.provenance import is_recording
+from knee_contact_ros.bags.reader import NAMESPACE, BagReader, Names, absolute
+from knee_contact_ros.parameters.schema import LoadParameters, Parameters
+from knee_contact_ros.parameters.sources import Source
+from knee_contact_ros.streams.conversion import converters, types_in
 from knee_contact_ros.streams.frames import TF_MESSAGE, TF_STATIC, ForceFrame, decode_transforms
-from knee_contact_ros.streams.messages import JOINT_STATE, RefusedSampleError, as_joint_state
-from knee_contact_ros.streams.topics import (
-    DYNAMIC_JOINT_STATE,
-    DYNAMIC_JOINT_STATES,
-    JOINT_REACTION_FORCE,
-    JOINT_STATES,
-    MESSAGE_TYPES,
-)
+from knee_contact_ros.streams.messages import JOINT_STATE, RefusedSampleError
+from knee_contact_ros.streams.topics import JOINT_STATES
 from knee_contact_ros.system.errors import UsageError, listed
 from knee_contact_ros.system.terminal import warn
 
@@ -25,20 +27,43 @@ READ_AHEAD = 256
 """Number of messages that are read at once where they are wanted one by one"""
 
 
-class BagInputs:
-    """An open bag with forces, and with angles of one source."""
+def as_recorded(parameters: Any) -> Any:
+    """Parameters with the inputs of a recording of a node, which holds what was made of the sources."""
+    section, topics = parameters.force_source.split(".")[0], [JOINT_STATES, parameters.usual_forces]
+    sections = {name: getattr(parameters, name) for name in ("knee", section)}
+    pairs = zip(sections.items(), topics, strict=True)
+    return parameters.model_copy(update={n: part.model_copy(update={"source": topic}) for (n, part), topic in pairs})
 
-    def __init__(self, bag: Path, source: str, names: Names, force_topic: str = JOINT_REACTION_FORCE) -> None:
-        """Open a bag; `source` is the parameter `knee.source`, `names` are the names of the inputs in the bag.
+
+class BagInputs:
+    """An open bag with the angles and the forces that a node's parameters say."""
+
+    def __init__(self, bag: Path, parameters: Parameters | LoadParameters, names: Names) -> None:
+        """Open a bag; `names` are the names of the inputs in it.
+
+        A recording of a node holds what was made of other sources, and that is taken.
 
         Raises:
-            UsageError: the bag cannot be used, or lacks a topic; see `BagReader`.
+            UsageError: the bag cannot be used, or lacks a topic, a type or a field; see `BagReader` and `Converter`.
         """
-        kind = {JOINT_STATES: MESSAGE_TYPES[JOINT_STATES], DYNAMIC_JOINT_STATES: DYNAMIC_JOINT_STATE}[source]
-        types = {f"/{source}": kind, f"/{force_topic}": MESSAGE_TYPES[force_topic]}
-        self.path = bag
-        self.reader = BagReader(bag, types, names)
-        self.source, self.force = source, f"/{force_topic}"
+        usual = as_recorded(parameters)
+        if usual.inputs() != parameters.inputs() and is_recording(bag):
+            parameters = usual
+        self.path, self._parameters = bag, parameters
+        sources = parameters.inputs()
+        self.topic = sources[0].topic
+        """Topic of the angles"""
+        self._topics = [absolute(source.topic) for source in sources]
+        namespace = names.get(NAMESPACE, "")
+        places = {topic: absolute(one.topic, namespace) for topic, one in zip(self._topics, sources, strict=True)}
+        self.reader = BagReader(
+            bag, {t: s.type for t, s in zip(self._topics, sources, strict=True)}, {**places, **names}
+        )
+        try:
+            converters(parameters, self._types)
+        except BaseException:
+            self.reader.close()
+            raise
 
     def __enter__(self) -> BagInputs:
         return self
@@ -46,33 +71,37 @@ class BagInputs:
     def __exit__(self, *_: object) -> None:
         self.reader.close()
 
-    def blocks(self, most: int, topics: Collection[str] = ()) -> Iterator[Batch]:
-        """Yield blocks of at most `most` messages in the order of log time.
+    def blocks(self, most: int, only: int | None = None) -> Iterator[Batch]:
+        """Yield blocks of at most `most` messages in the order of log time, as the pipelines take them.
 
-        Messages of number 0 are angles, as JointStates; those of number 1 are forces.
+        Messages of number 0 are angles, as JointStates; those of number 1 are forces, as WrenchStampeds. With a number
+        `only` these come.
         """
-        for batch in self.reader.blocks(topics, most=most):
-            angles = batch.numbers == 0
-            yield batch.changed(as_joint_state, angles) if self.source == DYNAMIC_JOINT_STATES else batch
+        convert = converters(self._parameters, self._types)
+        topics = self._topics if only is None else [self._topics[only]]
+        for block in self.reader.blocks(topics, most=most):
+            batch = block
+            if self._topics[0] == self._topics[1]:  # a message has both
+                twice = replace(block.part(np.repeat(np.arange(len(block)), 2)), numbers=np.tile([0, 1], len(block)))
+                batch = twice if only is None else twice.part(np.flatnonzero(twice.numbers == only))
+            yield batch.converted(convert) if any(convert) else batch
 
-    def messages(self, topics: Collection[str] = ()) -> Iterator[RawMessage]:
-        """Yield messages one by one in the order of log time, of some `topics` or of both; angles are JointStates."""
-        names = (f"/{JOINT_STATES}", self.force)
-        for batch in self.blocks(READ_AHEAD, topics):
-            for number, time, data in batch:
-                yield RawMessage(names[number], time, data)
+    def messages(self, only: int | None = None) -> Iterator[tuple[int, bytes]]:
+        """Yield messages one by one as numbers and bytes; see `blocks`."""
+        for batch in self.blocks(READ_AHEAD, only):
+            for number, _, data in batch:
+                yield number, data
 
-
-def wanted_joints(parameters: Parameters) -> dict[str, str]:
-    """Return the names of the joints that the contact node needs, by the parameters that give them."""
-    wanted = {"knee.joint_name": parameters.knee.joint_name}
-    if parameters.drive == "displacement":
-        wanted["knee.height_joint_name"] = parameters.knee.height_joint_name
-    return wanted
+    def _types(self, source: Source, by: str) -> Typestore:
+        try:
+            return types_in(self.reader.definition(absolute(source.topic)), source.type)
+        except Exception as error:  # whatever a foreign definition provokes
+            reason = " ".join(str(error).split())
+            raise UsageError(f"bag {self.path}: parameter {by}: {source.type} is not defined in it: {reason}") from None
 
 
 def check_joints(bag: BagInputs, wanted: Mapping[str, str]) -> None:
-    """Refuse a bag that lacks one of the joints `wanted`, which are given by parameter.
+    """Refuse a bag that lacks one of the joints `wanted`, which are given by parameter (`joints` of the parameters).
 
     As a rule the first sample has all joints, so that the bag is not read as a whole.
 
@@ -80,9 +109,9 @@ def check_joints(bag: BagInputs, wanted: Mapping[str, str]) -> None:
         UsageError: no sample has one of the joints; the message lists those of the bag.
     """
     joints: dict[str, None] = {}  # a set that keeps the order
-    for message in bag.messages((f"/{bag.source}",)):
+    for _, data in bag.messages(only=0):
         try:
-            names = JOINT_STATE.read(message.data, JOINT_STATES)[0].name
+            names = JOINT_STATE.read(data, JOINT_STATES)[0].name
         except RefusedSampleError:
             continue
         joints |= dict.fromkeys(names)
@@ -91,7 +120,7 @@ def check_joints(bag: BagInputs, wanted: Mapping[str, str]) -> None:
     for parameter, joint in wanted.items():
         if joints and joint not in joints:
             known = listed(list(joints))
-            text = f"{bag.source} has no joint {joint!r}; it has {known} (parameter {parameter})"
+            text = f"{bag.topic} has no joint {joint!r}; it has {known} (parameter {parameter})"
             raise UsageError(f"bag {bag.path}: {text}")
 
 

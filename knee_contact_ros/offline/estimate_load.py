@@ -26,7 +26,7 @@ from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.load_stream import LoadStream
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
 from knee_contact_ros.streams.pairing import PairedSample
-from knee_contact_ros.streams.topics import GROUND_REACTION_FORCE, JOINT_STATES, LOAD_RECORDED, NANOSECONDS, Answer
+from knee_contact_ros.streams.topics import LOAD_RECORDED, NANOSECONDS, Answer
 from knee_contact_ros.system.errors import UsageError, in_a_line
 
 MESSAGES_PER_ADVANCE = 1000
@@ -108,9 +108,8 @@ def estimate_load(
             recorder = AnswerWriter(writer, load_provenance_record(parameters, bag), topics, LOAD_PROVENANCE)
         summary = LoadSummary(pipeline.level, parameters.calibrated)
         takers = [summary.add, *([keep] if keep else [])]
-        for number, message in enumerate(inputs.messages(), start=1):
-            take = pipeline.joint_state if message.topic == f"/{JOINT_STATES}" else pipeline.force
-            _keep(take(message.data), pipeline, recorder, takers)
+        for number, (which, data) in enumerate(inputs.messages(), start=1):
+            _keep((pipeline.force if which else pipeline.joint_state)(data), pipeline, recorder, takers)
             if number % MESSAGES_PER_ADVANCE == 0:
                 advance(number, inputs.reader.count)
         _keep(pipeline.finish(), pipeline, recorder, takers)
@@ -134,18 +133,12 @@ def leg_pipeline(bag: Path, parameters: LoadParameters, names: Names) -> Iterato
     Raises:
         UsageError: the bag cannot be used, or lacks one of the joints that the parameters name.
     """
-    with BagInputs(bag, JOINT_STATES, names, GROUND_REACTION_FORCE) as inputs:
-        check_joints(inputs, named_joints(parameters))
+    with BagInputs(bag, parameters, names) as inputs:
+        check_joints(inputs, parameters.joints())
         pipeline = LoadStream(parameters)
         if parameters.frame.ground:
             learn_transforms(bag, pipeline.frame)
         yield inputs, pipeline
-
-
-def named_joints(parameters: LoadParameters) -> dict[str, str]:
-    """Return the names of the joints that the load node needs, by the parameters that give them."""
-    joints = {"knee": parameters.knee, "ankle": parameters.ankle, "hip": parameters.hip}
-    return {f"{name}.joint_name": joint.joint_name for name, joint in joints.items() if joint.joint_name}
 
 
 def _keep(
@@ -192,9 +185,8 @@ def sensed_in(bag: Path, parameters: LoadParameters, names: Names, advance: Call
     """
     with leg_pipeline(bag, parameters, names) as (inputs, pipeline):
         pairs: list[PairedSample] = []
-        for number, message in enumerate(inputs.messages(), start=1):
-            take = pipeline.take_joint_state if message.topic == f"/{JOINT_STATES}" else pipeline.take_force
-            pairs += take(message.data)
+        for number, (which, data) in enumerate(inputs.messages(), start=1):
+            pairs += (pipeline.take_force if which else pipeline.take_joint_state)(data)
             if number % MESSAGES_PER_ADVANCE == 0:
                 advance(number, inputs.reader.count)
         pairs += pipeline.synchroniser.finish()

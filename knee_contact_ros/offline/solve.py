@@ -31,14 +31,14 @@ from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
 from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.model.compiler import worth_compiling
 from knee_contact_ros.model.types import ROW, Rows
-from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms, wanted_joints
+from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms
 from knee_contact_ros.offline.solve_blocks import take
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.files import Source, all_values, curve_texts, first_error, load_parameters
 from knee_contact_ros.parameters.schema import Parameters, Section, has_both, parameter
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.frames import FORCE_TURNED
-from knee_contact_ros.streams.topics import JOINT_STATES, Answer, recorded_topics
+from knee_contact_ros.streams.topics import Answer, recorded_topics
 from knee_contact_ros.system.errors import UsageError, in_a_line
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded, find_file, read_mapping
 
@@ -89,12 +89,11 @@ def solve(
     curves = texts_of(basis) if curves is None else curves
     changes = Changes(recording.changes if recording else ())
     with ExitStack() as opened:
-        source = JOINT_STATES if recording else parameters.knee.source  # a recording holds JointStates
-        inputs = opened.enter_context(BagInputs(bag, source, names))
+        inputs = opened.enter_context(BagInputs(bag, parameters, names))
         reader = inputs.reader
         if output:
             refuse_input(bag, output)
-        check_joints(inputs, wanted_joints(parameters))
+        check_joints(inputs, parameters.joints())
         pipeline = ContactStream(parameters, compiled=False, curves=curves)
         ticks = reader.count // MESSAGES_OF_A_TICK
         pipeline.frame.is_known = recording is not None

@@ -26,6 +26,7 @@ from knee_contact_ros.model.laws import CONTACT_LAWS
 from knee_contact_ros.model.mechanisms import MECHANISMS
 from knee_contact_ros.model.surfaces import GEOMETRIES, TIBIAL_GEOMETRIES
 from knee_contact_ros.model.ticks import LEVELS
+from knee_contact_ros.parameters.sources import JOINT_STATE, WRENCH_STAMPED, Source, source_of
 
 AUTO = "auto"
 LATERAL = "lateral."
@@ -112,9 +113,33 @@ class NodeSection(Section):
     """Name of the node"""
     folder: ClassVar[str] = ""
     """Folder of the package's own parameter files for the node, within `config`"""
+    force_source: ClassVar[str]
+    """Name of the parameter that says where the forces come from"""
+    usual_forces: ClassVar[str]
+    """Its default: the name of the usual topic"""
 
     def problem(self) -> str:
         """First combination of values that is not allowed, as name and reason; empty if there is none."""
+        raise NotImplementedError
+
+    def problem_of_sources(self, needed: int, why: str) -> str:
+        """Number of fields that does not fit: forces need so many of them, for a reason."""
+        angles, forces = (len(source.fields) for source in self.inputs())
+        joints = self.joints()
+        if angles not in (0, len(joints)):
+            return f"knee.source: {angles} fields are not allowed; {', '.join(joints)} need {len(joints)}"
+        if forces not in (0, 1, 3, 6):
+            return f"{self.force_source}: {forces} fields are not allowed; a number, a force's three, or a wrench's six"
+        if 0 < forces < needed:
+            return f"{self.force_source}: {forces} fields are not allowed; {why} needs {needed}"
+        return ""
+
+    def inputs(self) -> tuple[Source, Source]:
+        """Sources of the angles and of the forces."""
+        raise NotImplementedError
+
+    def joints(self) -> dict[str, str]:
+        """Names of the joints that the node needs, by the parameters that give them."""
         raise NotImplementedError
 
 
@@ -132,6 +157,24 @@ def frame_name(name: str) -> str:
     if name.startswith("/") or name == "_isb":
         raise ValueError("allowed: the name of a tf2 frame, without a slash before it")
     return name
+
+
+def from_topic(own_type: str) -> AfterValidator:
+    """Check of the text of a source, whose messages are of a type of their own unless the text names another one."""
+
+    def checked(text: str) -> str:
+        source_of(text, own_type)
+        return text
+
+    return AfterValidator(checked)
+
+
+AngleSource = Annotated[str, from_topic(JOINT_STATE)]
+ForceSource = Annotated[str, from_topic(WRENCH_STAMPED)]
+ANGLES = (
+    "topic of the angles (JointState, or dynamic_joint_states), or TOPIC TYPE FIELD [UNIT], ... of another type, for "
+    "each joint that is named; docs/robot.md"
+)
 
 
 class Pairing(Section):
@@ -222,14 +265,17 @@ class Knee(Section):
     height_joint_name: str = parameter(
         "knee_height", "drive displacement: joint whose position is the femoral height [m]", min_length=1
     )
-    source: Annotated[str, one_of("joint_states", "dynamic_joint_states")] = parameter(
-        "joint_states", "topic of the angles: sensor_msgs/JointState or control_msgs/DynamicJointState"
-    )
+    source: AngleSource = parameter("joint_states", ANGLES)
 
 
 class Load(Section):
     """Part of the axial joint reaction that loads the compartment."""
 
+    source: ForceSource = parameter(
+        "joint_reaction_force",
+        "topic of the joint reaction (WrenchStamped), or TOPIC TYPE FIELDS of another type: the compression, or the "
+        "force's x, y, z on the tibia, or these and the torque's",
+    )
     compartment: Annotated[str, one_of(*RULES, BOTH)] = parameter(
         "fixed_share", "rule for the load of the compartment; both: medial and lateral"
     )
@@ -405,6 +451,7 @@ class Parameters(NodeSection):
     """All parameters of the contact node and of the offline commands."""
 
     node = "knee_contact"
+    force_source, usual_forces = "load.source", "joint_reaction_force"
 
     knee: Knee = Knee()
     load: Load = Load()
@@ -428,9 +475,22 @@ class Parameters(NodeSection):
     record: Record = Record()
     rerun: Rerun = Rerun()
 
+    def inputs(self) -> tuple[Source, Source]:
+        """Sources of the angles and of the joint reaction."""
+        return source_of(self.knee.source, JOINT_STATE), source_of(self.load.source, WRENCH_STAMPED)
+
+    def joints(self) -> dict[str, str]:
+        """Joints of the knee; see `NodeSection`."""
+        wanted = {"knee.joint_name": self.knee.joint_name}
+        if self.drive == "displacement":
+            wanted["knee.height_joint_name"] = self.knee.height_joint_name
+        return wanted
+
     def problem(self) -> str:
         """First combination of values that is not allowed, in either compartment; see `NodeSection`."""
-        first = self._problem_of_knee()
+        by_moment = self.load.rule == "moment_balance"
+        needed, why = (6, "moment_balance") if by_moment else (3 if self.frame.tibia else 1, "frame.tibia")
+        first = self.problem_of_sources(needed, why) or self._problem_of_knee()
         if first or not has_both(self):
             return first
         if self.drive != "force":
@@ -500,11 +560,17 @@ class FlexedKnee(ActuatedJoint):
     """Knee joint; its angle is positive in flexion."""
 
     joint_name: str = parameter("knee", "joint in joint_states", min_length=1)
+    source: AngleSource = parameter("joint_states", ANGLES)
 
 
 class GroundForce(Section):
     """Meaning of `ground_reaction_force`: x forward, y up, z to the right."""
 
+    source: ForceSource = parameter(
+        "ground_reaction_force",
+        "topic of the ground force (WrenchStamped), or TOPIC TYPE FIELDS of another type: the force upwards, or its "
+        "x, y, z, or these and the torque's",
+    )
     components: Annotated[str, one_of("vertical", "full")] = parameter(
         "vertical", "vertical: force.y alone, as of an insole; full: all of force and torque"
     )
@@ -548,6 +614,7 @@ class LoadParameters(NodeSection):
 
     node = "knee_load"
     folder = "load"
+    force_source, usual_forces = "ground.source", "ground_reaction_force"
 
     level: Annotated[str, one_of(AUTO, *LOAD_LEVELS)] = parameter(
         AUTO, f"{', '.join(LOAD_LEVELS)}, or auto: the last one of these that the inputs allow"
@@ -575,6 +642,15 @@ class LoadParameters(NodeSection):
     diagnostics: Diagnostics = Diagnostics()
     record: Record = Record()
 
+    def inputs(self) -> tuple[Source, Source]:
+        """Sources of the angles and of the ground force."""
+        return source_of(self.knee.source, JOINT_STATE), source_of(self.ground.source, WRENCH_STAMPED)
+
+    def joints(self) -> dict[str, str]:
+        """Joints of the leg that are measured; see `NodeSection`."""
+        joints = {"knee": self.knee, "hip": self.hip, "ankle": self.ankle}
+        return {f"{name}.joint_name": joint.joint_name for name, joint in joints.items() if joint.joint_name}
+
     @property
     def chosen_level(self) -> str:
         """Name of the level, of `LOAD_LEVELS`; `auto` is resolved by the inputs."""
@@ -599,7 +675,12 @@ class LoadParameters(NodeSection):
             return f"knee.joint_name: {', '.join(joints)} are not different joints"
         if self.ankle.assisted and not self.ankle.joint_name:
             return "ankle.assisted: True is not allowed; ankle.joint_name is empty"
-        return ""
+        assisted = self.knee.assisted or self.ankle.assisted
+        if assisted and self.inputs()[0].fields:
+            return "knee.source: fields are not allowed; they give no effort of an assisted joint"
+        is_full = self.ground.components == "full"
+        needed, why = (6, "ground.components full") if is_full else (3 if self.frame.ground else 1, "frame.ground")
+        return self.problem_of_sources(needed, why)
 
 
 def allowed_levels(parameters: LoadParameters) -> list[str]:

@@ -22,7 +22,8 @@ from rosbags.typesys.store import Typestore
 
 from knee_contact_ros.model.types import MESSAGE
 from knee_contact_ros.model.types import WRENCH as WRENCH_BYTES
-from knee_contact_ros.streams.topics import DYNAMIC_JOINT_STATE, NANOSECONDS, stamp_to_ns, typestore
+from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATE
+from knee_contact_ros.streams.topics import NANOSECONDS, stamp_to_ns, typestore
 from knee_contact_ros.system.errors import listed, printable
 
 Bytes = NDArray[np.uint8]
@@ -221,6 +222,8 @@ class Coder(Generic[Content]):
         """
         decoded = self.decode(data)
         if decoded is None:
+            if data.startswith(REFUSED):
+                raise RefusedSampleError(*data[len(REFUSED) :].decode().split("\n", 1))
             raise RefusedSampleError("undecodable", f"{topic}: {len(data)} bytes are no message of its type")
         return decoded
 
@@ -326,6 +329,15 @@ class RefusedSampleError(Exception):
     def __init__(self, reason: str, text: str) -> None:
         super().__init__(printable(text))
         self.reason = reason
+
+
+REFUSED = b"refused "
+"""Beginning of bytes that stand for a message which could not be converted; no message begins so"""
+
+
+def refusal(refused: RefusedSampleError) -> bytes:
+    """Bytes in place of a message that is refused before it is read: `Coder.read` raises the error."""
+    return REFUSED + f"{refused.reason}\n{refused}".encode()
 
 
 def number_of(message: JointState, joint: str, quantity: str) -> float:

@@ -37,9 +37,6 @@ MESSAGE_TYPES = {
 MEDIAL, LATERAL = "medial", "lateral"
 KNEE = "knee"
 """Name of a knee without a namespace"""
-DYNAMIC_JOINT_STATES = "dynamic_joint_states"
-DYNAMIC_JOINT_STATE = "control_msgs/msg/DynamicJointState"
-"""Joint states of ros2_control, from which the angles may come in place of `joint_states`"""
 INPUTS = (JOINT_STATES, JOINT_REACTION_FORCE)
 LOAD_INPUTS = (JOINT_STATES, GROUND_REACTION_FORCE)
 LOAD_RECORDED = (*LOAD_INPUTS, JOINT_REACTION_FORCE, LOAD_ESTIMATE)

@@ -35,12 +35,17 @@ def share_folder() -> Path:
     source_tree = Path(__file__).resolve().parents[2]
     if (source_tree / "package.xml").is_file():
         return source_tree
+    share = installed_share(PACKAGE)
+    if share is None:
+        raise FileNotFoundError(f"share/{PACKAGE} is in no ament prefix; install the package again")
+    return share
+
+
+def installed_share(package: str) -> Path | None:
+    """Share folder of an installed ROS 2 package; None if there is none."""
     prefixes = [*os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix]
-    for prefix in filter(None, prefixes):
-        share = Path(prefix) / "share" / PACKAGE
-        if (share / "package.xml").is_file():
-            return share
-    raise FileNotFoundError(f"share/{PACKAGE} is in none of {prefixes}; install the package again")
+    shares = [Path(prefix) / "share" / package for prefix in prefixes if prefix]
+    return next((share for share in shares if (share / "package.xml").is_file()), None)
 
 
 def find_file(name: str) -> Path:

@@ -77,3 +77,13 @@ def executor_of(*nodes: Node) -> Executor:
     for node in nodes:
         executor.add_node(node)
     return executor
+
+
+STAND_IN = "ANY_TEXT"
+"""What stands for `*` where ROS allows names only"""
+
+
+def resolved(node: Node, topic: str) -> str:
+    """Absolute name of a topic of a node; `*` in it stays."""
+    name: str = node.resolve_topic_name(topic.replace("*", STAND_IN))
+    return name.replace(STAND_IN, "*")

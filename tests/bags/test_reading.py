@@ -11,9 +11,8 @@ from mcap.writer import CompressionType
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
 from knee_contact_ros.bags.reader import INPUT_TYPES, OWN_NAMES, BagReader, RawMessage, names_in_bag
-from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, wanted_joints
+from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.streams.topics import JOINT_STATES
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.bags import Mcap, write_rosbag2, write_split
 from tests.helpers.messages import raw_inputs
@@ -244,15 +243,15 @@ def test_a_file_of_compressed_messages_asks_for_its_folder(
 def test_a_joint_that_no_sample_has_is_told_with_those_that_are_there(tmp_path: Path) -> None:
     rows = [(i * 5_000_000, 0.1, 800.0) for i in range(5)]
     bag = make_bag(tmp_path / "bag.mcap", rows, joint="knee_r", heights=[0.03] * 5)
-    with BagInputs(bag, JOINT_STATES, OWN_NAMES) as reader:
-        check_joints(reader, wanted_joints(load_parameters({"knee.joint_name": "knee_r", "drive": "displacement"})))
+    with BagInputs(bag, load_parameters({}), OWN_NAMES) as reader:
+        check_joints(reader, load_parameters({"knee.joint_name": "knee_r", "drive": "displacement"}).joints())
         with pytest.raises(
             UsageError, match=r"no joint 'knee'; it has knee_r, knee_height \(parameter knee.joint_name"
         ):
-            check_joints(reader, wanted_joints(load_parameters({})))
+            check_joints(reader, load_parameters({}).joints())
         wrong = {"knee.joint_name": "knee_r", "drive": "displacement", "knee.height_joint_name": "h"}
         with pytest.raises(UsageError, match=r"no joint 'h'; .* \(parameter knee.height_joint_name\)"):
-            check_joints(reader, wanted_joints(load_parameters(wrong)))
+            check_joints(reader, load_parameters(wrong).joints())
 
 
 def test_a_joint_may_come_in_some_samples_only(gait: list[RawMessage], tmp_path: Path) -> None:
@@ -262,5 +261,5 @@ def test_a_joint_may_come_in_some_samples_only(gait: list[RawMessage], tmp_path:
     channels = mcap.channels()
     for message in [*hips, *gait]:
         mcap.write(channels[message.topic], message)
-    with BagInputs(mcap.close(), JOINT_STATES, OWN_NAMES) as reader:
-        check_joints(reader, wanted_joints(load_parameters({})))
+    with BagInputs(mcap.close(), load_parameters({}), OWN_NAMES) as reader:
+        check_joints(reader, load_parameters({}).joints())

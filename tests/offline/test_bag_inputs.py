@@ -12,6 +12,7 @@ from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.bags.reader import BagReader, RawMessage, metadata_records, names_in_bag
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATE
 from knee_contact_ros.streams.frames import (
     FORCE_TURNED,
     TF_MESSAGE,
@@ -29,7 +30,7 @@ from knee_contact_ros.streams.messages import (
     encode_joint_state,
     encode_wrench_stamped,
 )
-from knee_contact_ros.streams.topics import DYNAMIC_JOINT_STATE, MESSAGE_TYPES
+from knee_contact_ros.streams.topics import MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.bags import Mcap
 

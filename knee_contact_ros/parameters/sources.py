@@ -1,0 +1,87 @@
+"""Where an input comes from: a topic, and, if its messages are of another type, the fields that hold the numbers."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Mapping
+from functools import cache
+from typing import NamedTuple
+
+JOINT_STATE, WRENCH_STAMPED = "sensor_msgs/msg/JointState", "geometry_msgs/msg/WrenchStamped"
+UNITS = {
+    JOINT_STATE: {"rad": 1.0, "deg": math.pi / 180.0, "mrad": 1e-3, "rev": 2.0 * math.pi, "m": 1.0, "mm": 1e-3},
+    WRENCH_STAMPED: {"N": 1.0, "kN": 1e3, "kgf": 9.80665, "lbf": 4.4482216152605, "Nm": 1.0, "Nmm": 1e-3},
+}
+"""Factors that turn the unit of a field into rad, m, N or N m, by the type that an input is turned into"""
+DYNAMIC_JOINT_STATES, DYNAMIC_JOINT_STATE = "dynamic_joint_states", "control_msgs/msg/DynamicJointState"
+"""Joint states of ros2_control: name of the topic, and its type"""
+ON_ARRIVAL = "on arrival"
+"""Words behind a source whose messages have no stamp, or a wrong one: they get the time of their arrival"""
+FORM = (
+    f"TOPIC, or TOPIC TYPE FIELD [UNIT], ..., as /encoder exo_msgs/Joint knee.angle deg, or {ON_ARRIVAL} behind these"
+)
+"""Form of the text of a source"""
+SOURCE = re.compile(rf"([~/\w*]+)(?:[:,]?\s+(\w+(?:/msg)?/\w+)[:,]?\s+(\S.*?))??(\s+{ON_ARRIVAL})?")
+FIELD = re.compile(r"([+-]?)((?:\w+(?:\[\d+\])*)(?:\.\w+(?:\[\d+\])*)*)(?:\s+(\S+))?")
+
+
+class Field(NamedTuple):
+    """A number in messages of some type."""
+
+    path: tuple[str | int, ...]
+    """Names of fields and indices of elements, from the message to the number"""
+    factor: float
+    """Factor to rad, N, m or N m, with the sign"""
+
+
+class Source(NamedTuple):
+    """Topic of an input, and what its messages are."""
+
+    topic: str
+    """Name of the topic; `*` in it stands for any text"""
+    type: str
+    """Full name of the type, as `geometry_msgs/msg/Vector3Stamped`"""
+    fields: tuple[Field, ...]
+    """Fields that hold the numbers; none if the message is of the input's own type"""
+    on_arrival: bool
+    """Whether messages are stamped with the time of their arrival"""
+
+
+@cache
+def source_of(text: str, own_type: str) -> Source:
+    """Source that a text describes; without a type its messages are of the input's `own_type`.
+
+    Raises:
+        ValueError: the text describes none, or has a unit that is none of angles or of forces.
+    """
+    match = SOURCE.fullmatch(text.strip())
+    if not match:
+        raise ValueError(f"allowed: {FORM}")
+    topic, kind, fields, arrival = match.groups()
+    if not kind:
+        is_dynamic = own_type == JOINT_STATE and topic.rsplit("/", 1)[-1] == DYNAMIC_JOINT_STATES
+        return Source(topic, DYNAMIC_JOINT_STATE if is_dynamic else own_type, (), bool(arrival))
+    package, name = kind.split("/")[0], kind.split("/")[-1]
+    return Source(
+        topic,
+        f"{package}/msg/{name}",
+        tuple(_field(each, UNITS[own_type]) for each in fields.split(",")),
+        bool(arrival),
+    )
+
+
+def _field(text: str, units: Mapping[str, float]) -> Field:
+    match = FIELD.fullmatch(text.strip())
+    if not match:
+        raise ValueError(f"{text.strip()!r} is no field; allowed: {FORM}")
+    sign, path, unit = match.groups()
+    try:
+        factor = units[unit] if unit in units else float(unit or 1.0)
+    except ValueError:
+        raise ValueError(f"unit {unit!r} is not allowed; allowed: {', '.join(units)}, or a factor") from None
+    if not math.isfinite(factor) or factor == 0.0:
+        raise ValueError(f"a factor of {unit} is not allowed")
+    steps = re.findall(r"\w+(?![\w\]])|\[\d+\]", path)
+    places = tuple(int(step[1:-1]) if step.startswith("[") else step for step in steps)
+    return Field(places, -factor if sign == "-" else factor)

@@ -1,0 +1,215 @@
+"""Messages of any type to those that the pipelines take: joint states and wrenches, by what a `Source` says.
+
+A `Converter` reads a message with the definition of its type, live (as installed) and offline (as in the bag) by the
+same code, and so to the same bits. Usual inputs need none, and cost nothing.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat, Nodetype
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys.store import Typestore
+
+from knee_contact_ros.parameters.schema import LoadParameters, Parameters
+from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATE, JOINT_STATE, ON_ARRIVAL, Field, Source
+from knee_contact_ros.streams import messages
+from knee_contact_ros.streams.columns import BYTES, FIXED
+from knee_contact_ros.streams.messages import JointState, RefusedSampleError, WrenchStamped
+from knee_contact_ros.streams.topics import NANOSECONDS, stamp_to_ns, typestore
+from knee_contact_ros.system.errors import UsageError, listed
+
+Types = Callable[[Source, str], Typestore]
+"""Gives the definitions of the type of a source, and of all types in it; the parameter that names it is for errors"""
+Convert = Callable[[bytes, int], bytes]
+"""Turns the bytes of a message that arrived at a time [ns] into those of the message that a pipeline takes"""
+ANY = "*"
+"""Text in the name of a joint that stands for any text: that of the body which is followed"""
+
+
+class Body:
+    """The body that is followed among those whose joints have names such as `r_knee_<id>`.
+
+    The first one is followed while its samples come; then another one may take its place. That depends on stamps alone.
+    """
+
+    def __init__(self, parameters: Parameters | LoadParameters) -> None:
+        """Follow the body of the joints in whose names `*` stands for an id, until a gap of `pairing.max_gap`."""
+        self._patterns = [joint.partition(ANY)[::2] for joint in parameters.joints().values() if ANY in joint]
+        self.has_id = bool(self._patterns)
+        """Whether a name has such an id"""
+        self._patience = round(parameters.pairing.max_gap * NANOSECONDS)
+        self._id, self._last = "", 0
+
+    def named(self, state: JointState) -> JointState:
+        """Joint state of the body, with the names that the parameters give.
+
+        Raises:
+            RefusedSampleError: it has none of the joints, or those of other bodies.
+        """
+        if not self._patterns:
+            return state
+        (before, after), *_ = self._patterns
+        found = [
+            name[len(before) : len(name) - len(after)]
+            for name in state.name
+            if name.startswith(before) and name.endswith(after) and len(name) > len(before) + len(after)
+        ]
+        if not found:
+            raise RefusedSampleError("joint_missing", f"no joint {before}{ANY}{after}; there are {listed(state.name)}")
+        if self._id not in found:
+            if self._id and abs(state.stamp - self._last) <= self._patience:
+                text = f"{before}{found[0]}{after} comes while {before}{self._id}{after} is followed"
+                raise RefusedSampleError("another_body", text)
+            if len(found) > 1:
+                raise RefusedSampleError("another_body", f"{len(found)} bodies at once: {listed(found)}")
+            self._id = found[0]
+        self._last = state.stamp
+        given = {f"{start}{self._id}{end}": f"{start}{ANY}{end}" for start, end in self._patterns}
+        return state._replace(name=tuple(given.get(name, name) for name in state.name))
+
+
+class Converter:
+    """Converter of the messages of a source; see `converters`."""
+
+    def __init__(self, source: Source, by: str, types: Types, joints: Sequence[str], body: Body) -> None:
+        """Prepare to read the messages of a source, which the parameter `by` describes.
+
+        They give the angles of `joints`, which are those of a `body`; without any they give a force.
+
+        Raises:
+            UsageError: the type is not known, lacks a field or has no stamp, or the field is no number.
+        """
+        self._source, self._by, self._joints, self._body = source, by, joints, body
+        self._store: Typestore | None = None
+        self._stamped = ""
+        if source.fields:
+            self._store = types(source, by)
+            for field in source.fields:
+                check_path(self._store, source.type, field, by)
+            kinds = {name: detail for name, (_, detail) in self._store.fielddefs[source.type][1]}
+            heads = {"header": "std_msgs/msg/Header", "stamp": "builtin_interfaces/msg/Time"}
+            self._stamped = next((name for name, kind in heads.items() if kinds.get(name) == kind), "")
+            if not self._stamped and not source.on_arrival:
+                raise UsageError(
+                    f"parameter {by}: {source.type} has no header with a stamp: take a type that has one, or say "
+                    f"'{ON_ARRIVAL}' behind the field, and the answers depend on when its messages arrive"
+                )
+
+    def __call__(self, data: bytes, arrived: int) -> bytes:
+        """Bytes of the JointState or WrenchStamped; those of a refusal if there is none."""
+        try:
+            return self._converted(data, arrived)
+        except RefusedSampleError as refused:
+            return messages.refusal(refused)
+        except Exception as error:  # whatever broken bytes provoke
+            text = f"{self._source.topic}: {len(data)} bytes are no {self._source.type}: {error}"
+            return messages.refusal(RefusedSampleError("undecodable", text))
+
+    def _converted(self, data: bytes, arrived: int) -> bytes:
+        source = self._source
+        if self._store:
+            return self._from_fields(self._store.deserialize_cdr(data, source.type), arrived)
+        if source.type == DYNAMIC_JOINT_STATE:
+            data = messages.as_joint_state(data)
+        if self._joints:
+            state = messages.JOINT_STATE.read(data, source.topic)[0]
+            state = state._replace(stamp=arrived) if source.on_arrival else state
+            return messages.encode_joint_state(self._body.named(state))
+        return messages.encode_wrench_stamped(messages.WRENCH.read(data, source.topic)[0]._replace(stamp=arrived))
+
+    def _from_fields(self, message: Any, arrived: int) -> bytes:
+        source = self._source
+        stamp, frame_id = arrived, ""
+        if self._stamped == "header":
+            stamp, frame_id = stamp_to_ns(message.header.stamp), message.header.frame_id
+        elif self._stamped:
+            stamp = stamp_to_ns(message.stamp)
+        numbers = [number_at(message, field, source) for field in source.fields]
+        stamp = arrived if source.on_arrival else stamp
+        if self._joints:
+            return messages.encode_joint_state(JointState(stamp, frame_id, tuple(self._joints), tuple(numbers), (), ()))
+        up = -1.0 if self._by == Parameters.force_source else 1.0  # a load compresses, the ground pushes
+        x, y, z, *torque = numbers if len(numbers) > 1 else (0.0, up * numbers[0], 0.0)
+        moments = (torque[0], torque[1], torque[2]) if torque else (0.0, 0.0, 0.0)
+        return messages.encode_wrench_stamped(WrenchStamped(stamp, frame_id, (x, y, z), moments))
+
+
+def converters(parameters: Parameters | LoadParameters, types: Types) -> tuple[Convert | None, Convert | None]:
+    """Converters of the angles and of the forces; None where messages are taken as they come.
+
+    Raises:
+        UsageError: see `Converter`.
+    """
+    angles, forces = parameters.inputs()
+    joints, body = list(parameters.joints().values()), Body(parameters)
+    is_usual = angles == Source(angles.topic, JOINT_STATE, (), on_arrival=False)
+    return (
+        None if is_usual and not body.has_id else Converter(angles, "knee.source", types, joints, body),
+        Converter(forces, parameters.force_source, types, (), body) if forces.fields or forces.on_arrival else None,
+    )
+
+
+def types_in(definition: MessageDefinition, type_name: str) -> Typestore:
+    """Definitions of a type and of all types in it, from a bag's; those of ROS 2 Jazzy where the bag has none.
+
+    Raises:
+        Exception: of many kinds, where the text defines no such type.
+    """
+    if definition.format is MessageDefinitionFormat.NONE:
+        known = typestore()
+        if type_name not in known.fielddefs:
+            raise KeyError(type_name)
+        return known
+    is_idl = definition.format is MessageDefinitionFormat.IDL
+    types = get_types_from_idl(definition.data) if is_idl else get_types_from_msg(definition.data, type_name)
+    store = get_typestore(Stores.EMPTY)
+    store.register(types)
+    return store
+
+
+def number_at(message: Any, field: Field, source: Source) -> float:
+    """Number that a field has in a message, in rad, m, N or N m.
+
+    Raises:
+        RefusedSampleError: the message has no such element.
+    """
+    value = message
+    try:
+        for step in field.path:
+            value = value[step] if isinstance(step, int) else getattr(value, step)
+    except IndexError:
+        path = written(field)
+        raise RefusedSampleError("field_missing", f"{source.topic}: {path}: there are {len(value)} elements") from None
+    return field.factor * float(value)
+
+
+def written(field: Field) -> str:
+    """Path of a field as in a parameter."""
+    return "".join(f"[{step}]" if isinstance(step, int) else f".{step}" for step in field.path).removeprefix(".")
+
+
+def check_path(store: Typestore, type_name: str, field: Field, by: str) -> None:
+    """Check that messages of a type have a number at the path of a field.
+
+    Raises:
+        UsageError: they do not; the message names the parameter `by`.
+    """
+    kind: Nodetype = Nodetype.NAME
+    detail: Any = type_name
+    for step in field.path:
+        if isinstance(step, int):
+            if kind not in (Nodetype.ARRAY, Nodetype.SEQUENCE):
+                raise UsageError(f"parameter {by}: {written(field)}: [{step}] is no element of a list in {type_name}")
+            kind, detail = detail[0]
+            continue
+        known = dict(store.fielddefs[detail][1]) if kind is Nodetype.NAME else {}
+        if step not in known:
+            has = f"; it has {listed(list(known))}" if known else ""
+            what = detail if kind is Nodetype.NAME else f"what comes before it in {type_name}"
+            raise UsageError(f"parameter {by}: {written(field)}: {what} has no field {step!r}{has}")
+        kind, detail = known[step]
+    if kind is not Nodetype.BASE or detail[0] not in (*FIXED, *BYTES):
+        raise UsageError(f"parameter {by}: {written(field)} of {type_name} is no number")

@@ -1,0 +1,231 @@
+"""Inputs of other topics and types, by the path of a field: the answers of the plain bag, to the bit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from knee_contact_ros.bags.reader import BagReader, names_in_bag
+from knee_contact_ros.offline.estimate_load import estimate_load
+from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.schema import LoadParameters
+from knee_contact_ros.streams.topics import MESSAGE_TYPES
+from knee_contact_ros.system.errors import UsageError
+from tests.helpers.bags import Mcap
+
+STEP = 5_000_000
+STAMPS = [1_000_000_000 + i * STEP for i in range(60)]
+DEGREES = [11.0 + 5.0 * math.sin(0.3 * i) for i in range(60)]
+ANGLES = [math.pi / 180.0 * degrees for degrees in DEGREES]
+KILONEWTONS = [0.9 + 0.4 * math.sin(0.4 * i) for i in range(60)]
+STATE = (
+    "std_msgs/Header header\nuint16 mode\nexo_msgs/Joint[] joints\nfloat64[3] force\ntime_or_not stamp_of_sensor\n"
+).replace("time_or_not", "builtin_interfaces/Time")
+OWN = {"exo_msgs/msg/State": STATE, "exo_msgs/msg/Joint": "string name\nfloat32 angle_deg\nfloat64 angle\n"}
+"""Definitions that no package here has"""
+STORE = get_typestore(Stores.ROS2_JAZZY)
+for name, text in OWN.items():
+    STORE.register(get_types_from_msg(text, name))
+Make = Callable[[int, float, float], Any]
+"""Makes a message of a stamp [ns], an angle [rad] and a load [N]"""
+
+
+def message(kind: str, *values: Any) -> Any:
+    """A message by its full name."""
+    return STORE.types[kind](*values)
+
+
+def head(stamp: int, frame: str = "") -> Any:
+    return message("std_msgs/msg/Header", message("builtin_interfaces/msg/Time", *divmod(stamp, 10**9)), frame)
+
+
+def vector(x: float, y: float, z: float) -> Any:
+    return message("geometry_msgs/msg/Vector3", x, y, z)
+
+
+def joint_state(names: list[str], position: Callable[[float], list[float]]) -> Make:
+    empty = np.array([])
+    return lambda t, angle, load: message(
+        "sensor_msgs/msg/JointState", head(t), names, np.array(position(angle)), empty, empty
+    )
+
+
+def wrench(stamp: int, x: float, y: float, z: float) -> Any:
+    both = message("geometry_msgs/msg/Wrench", vector(x, y, z), vector(0.0, 0.0, 0.0))
+    return message("geometry_msgs/msg/WrenchStamped", head(stamp), both)
+
+
+def state(stamp: int, angle: float, load: float) -> Any:
+    joints = [message("exo_msgs/msg/Joint", f"j{n}", 0.0, value) for n, value in enumerate((9.0, -angle))]
+    force = np.array([0.0, -load, 0.0])
+    return message("exo_msgs/msg/State", head(stamp), 3, joints, force, head(stamp).stamp)
+
+
+def bag_of(path: Path, topics: Mapping[str, tuple[str, Make]], order: slice = slice(None)) -> Path:
+    """A bag of these topics, each with a type and what makes its messages."""
+    mcap = Mcap(path)
+    channels = {}
+    for topic, (kind, _) in topics.items():
+        definition = STORE.generate_msgdef(kind, ros_version=2)[0].encode()
+        schema = mcap.writer.register_schema(name=kind, encoding="ros2msg", data=definition)
+        channels[topic] = mcap.writer.register_channel(topic=topic, message_encoding="cdr", schema_id=schema)
+    for stamp, angle, load in list(zip(STAMPS, ANGLES, KILONEWTONS, strict=True))[order]:
+        for topic, (kind, make) in topics.items():
+            data = bytes(STORE.serialize_cdr(make(stamp, angle, 1e3 * load), kind))
+            mcap.writer.add_message(channels[topic], stamp, data, stamp)
+    return mcap.close()
+
+
+ANGLE = ("/joint_states", ("sensor_msgs/msg/JointState", joint_state(["knee"], lambda angle: [angle])))
+FORCE = ("/joint_reaction_force", ("geometry_msgs/msg/WrenchStamped", lambda t, _, load: wrench(t, 0.0, -load, 0.0)))
+
+
+def answers(path: Path, topic: str = "knee_contact") -> list[bytes]:
+    with BagReader(path, {f"/{topic}": MESSAGE_TYPES[topic]}) as reader:
+        return [one.data for one in reader.raw_messages()]
+
+
+@pytest.fixture(scope="module")
+def plain(tmp_path_factory: pytest.TempPathFactory) -> list[bytes]:
+    """Answers to the usual messages."""
+    folder = tmp_path_factory.mktemp("plain")
+    solve(bag_of(folder / "bag.mcap", dict([ANGLE, FORCE])), load_parameters({}), folder / "out.mcap", lambda *_: None)
+    return answers(folder / "out.mcap")
+
+
+FLOAT = "std_msgs/msg/Float64"
+CASES: dict[str, tuple[str, str, dict[str, tuple[str, Make]]]] = {
+    "a vector's axis": (
+        "joint_states", "/right_grf: geometry_msgs/Vector3Stamped: vector.z",
+        dict([ANGLE, ("/right_grf", ("geometry_msgs/msg/Vector3Stamped",
+                                     lambda t, _, load: message("geometry_msgs/msg/Vector3Stamped", head(t),
+                                                                vector(5.0, 6.0, load))))]),
+    ),
+    "three axes, each with its sign": (
+        "joint_states", "/ft/wrench geometry_msgs/WrenchStamped wrench.force.x, -wrench.force.z, wrench.force.y",
+        dict([ANGLE, ("/ft/wrench", (FORCE[1][0], lambda t, _, load: wrench(t, 0.0, 0.0, load)))]),
+    ),
+    "both in one message of a type that only the bag defines": (
+        "/state exo_msgs/State -joints[1].angle rad", "/state exo_msgs/State force[1] -1",
+        {"/state": ("exo_msgs/msg/State", state)},
+    ),
+    "a number without a stamp": (
+        "/angle std_msgs/Float64 data on arrival", "joint_reaction_force",
+        dict([("/angle", (FLOAT, lambda _, angle, __: message(FLOAT, angle))), FORCE]),
+    ),
+    "joint states whose stamps are 0": (
+        "/harmony/joint_states on arrival", "/joint_reaction_force",
+        dict([("/harmony/joint_states", (ANGLE[1][0], lambda t, *rest: ANGLE[1][1](0, *rest))), FORCE]),
+    ),
+    "a body with an id": (
+        "/humans/bodies/*/joint_states", "joint_reaction_force",
+        dict([("/humans/bodies/ab12/joint_states",
+               (ANGLE[1][0], joint_state(["l_knee_ab12", "r_knee_ab12"], lambda angle: [9.0, angle]))), FORCE]),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("case", CASES)
+def test_answers_are_those_of_the_usual_messages(case: str, plain: list[bytes], tmp_path: Path) -> None:
+    angles, forces, topics = CASES[case]
+    joint = "r_knee_*" if "*" in angles else "knee"
+    how = load_parameters({"knee.source": angles, "load.source": forces, "knee.joint_name": joint})
+    bag, out = bag_of(tmp_path / "bag.mcap", topics), tmp_path / "out.mcap"
+    solve(bag, how, out, lambda *_: None)
+    assert answers(out) == plain
+    solve(out, how, tmp_path / "again.mcap", lambda *_: None)  # a recording holds what was made of the sources
+    assert answers(tmp_path / "again.mcap") == plain
+
+
+@pytest.mark.parametrize(
+    ("angles", "forces", "words"),
+    [
+        ("/state exo_msgs/State joints[1].speed", "", r"exo_msgs/msg/Joint has no field 'speed'; it has name"),
+        ("/state exo_msgs/State joints[1].name", "", r"joints\[1\].name of exo_msgs/msg/State is no number"),
+        ("/state exo_msgs/State header[0]", "", r"\[0\] is no element of a list"),
+        ("/state exo_msgs/State joints[7].angle", "", r"60 x field_missing.*joints\[7\].angle: there are 2 elements"),
+        ("/state exo_msgs/Other angle", "", r"topic /state is a exo_msgs/msg/State; it must be a exo_msgs/msg/Other"),
+        ("/number std_msgs/Float64 data", "", r"knee.source: std_msgs/msg/Float64 has no header with a stamp"),
+        ("/state exo_msgs/State mode N", "", r"knee.source: '/state .* unit 'N' is not allowed; allowed: rad, deg"),
+        ("/state exo_msgs/State mode, mode", "", r"knee.source: 2 fields are not allowed; knee.joint_name need 1"),
+        ("/state", "/state exo_msgs/State mode deg", r"load.source: .* unit 'deg' is not allowed; allowed: N, kN"),
+        ("/state", "/state exo_msgs/State mode, mode", r"load.source: 2 fields are not allowed"),
+        ("/state exo_msgs.State mode", "", r"knee.source: .* is not allowed; allowed: TOPIC, or TOPIC TYPE FIELD"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_read_is_told_at_the_start(angles: str, forces: str, words: str, tmp_path: Path) -> None:
+    numbers = {"/number": ("std_msgs/msg/Float64", lambda *_: message("std_msgs/msg/Float64", 0.1))}
+    bag = bag_of(tmp_path / "bag.mcap", {"/state": ("exo_msgs/msg/State", state), **numbers, **dict([FORCE])})
+    how = {"knee.source": angles, "load.source": forces or "joint_reaction_force"}
+    with pytest.raises(UsageError, match=words):
+        solve(bag, load_parameters(how), None, lambda *_: None)
+
+
+def test_forces_that_need_more_numbers_are_refused() -> None:
+    one = {"load.source": "/f geometry_msgs/Vector3Stamped vector.z"}
+    with pytest.raises(UsageError, match=r"load.source: 1 fields are not allowed; moment_balance needs 6"):
+        load_parameters(one | {"load.compartment": "moment_balance"})
+    with pytest.raises(UsageError, match=r"load.source: 1 fields are not allowed; frame.tibia needs 3"):
+        load_parameters(one | {"frame.tibia": "shank"})
+    with pytest.raises(UsageError, match=r"ground.source: 1 fields are not allowed; ground.components full needs 6"):
+        load_parameters({"ground.source": one["load.source"], "ground.components": "full"}, LoadParameters)
+
+
+def test_another_body_takes_the_place_of_one_that_is_gone(tmp_path: Path) -> None:
+    """Two bodies at once: the first is followed, and the other one refused, until it is gone for pairing.max_gap."""
+    mcap = Mcap(tmp_path / "bag.mcap")
+    kind = "sensor_msgs/msg/JointState"
+    bodies = {body: mcap.channel(f"/humans/bodies/{body}/joint_states", kind) for body in ("a", "b")}
+    force = mcap.channel("/joint_reaction_force", "geometry_msgs/msg/WrenchStamped")
+    for number in range(200):
+        stamp = 10**9 + number * STEP
+        for body, seen in (("a", number < 100), ("b", number >= 50)):
+            state = joint_state([f"r_knee_{body}"], lambda angle: [angle])(stamp, 0.1 if body == "a" else 0.2, 0.0)
+            if seen:
+                mcap.writer.add_message(bodies[body], stamp, bytes(STORE.serialize_cdr(state, kind)), stamp)
+        data = bytes(STORE.serialize_cdr(wrench(stamp, 0.0, -700.0, 0.0), "geometry_msgs/msg/WrenchStamped"))
+        mcap.writer.add_message(force, stamp, data, stamp)
+    how = load_parameters("rep155")
+    kept: list[Any] = []
+    summary = solve(mcap.close(), how, None, lambda *_: None, keep=lambda rows: kept.append(rows[0].copy()))
+    angles = [angle for rows in kept for angle in rows["flexion_angle"]]
+    gap = round(how.pairing.max_gap * 1e9 / STEP)
+    assert angles[:100] == [0.1] * 100
+    assert angles[-(100 - gap - 1) :] == [0.2] * (100 - gap - 1)
+    assert summary.refused["another_body"] == 50 + gap
+
+
+def test_relative_topics_are_in_the_namespace(plain: list[bytes], tmp_path: Path) -> None:
+    _, forces, topics = CASES["a vector's axis"]
+    bag = bag_of(tmp_path / "bag.mcap", {f"/left{topic}": what for topic, what in topics.items()})
+    how = load_parameters({"load.source": forces.removeprefix("/")})
+    solve(bag, how, tmp_path / "out.mcap", lambda *_: None, names=names_in_bag((), "left"))
+    assert answers(tmp_path / "out.mcap") == plain
+
+
+def test_a_march_bag_gives_what_an_insole_gives(tmp_path: Path) -> None:
+    """The preset of both nodes: from the ground force to the contact."""
+    names = ["left_knee", "right_knee"]
+    march = {
+        "/joint_states": (ANGLE[1][0], joint_state(names, lambda angle: [9.0, angle])),
+        "/state_estimation/ground_reaction_force/right": CASES["a vector's axis"][2]["/right_grf"],
+    }
+    insole = {
+        "/joint_states": (ANGLE[1][0], joint_state(names, lambda angle: [9.0, angle])),
+        "/ground_reaction_force": (FORCE[1][0], lambda t, _, load: wrench(t, 0.0, load, 0.0)),
+    }
+    made = []
+    for name, topics, how in (("march", march, "project_march"), ("insole", insole, {"knee.joint_name": "right_knee"})):
+        bag = bag_of(tmp_path / f"{name}_bag.mcap", topics)
+        estimate_load(bag, load_parameters(how, LoadParameters), tmp_path / name, lambda *_: None)
+        solve(tmp_path / name, load_parameters("project_march"), tmp_path / f"{name}.mcap", lambda *_: None)
+        made.append(answers(tmp_path / f"{name}.mcap"))
+    assert made[0] == made[1]
+    assert len(made[0]) == len(STAMPS)
