@@ -98,7 +98,7 @@ REFUSED: dict[type[NodeSection], list[tuple[dict[str, Any], str]]] = {
         ({"contact.law": "hertz"}, r"unknown parameter contact\.law; "),
     ],
 }
-OURS, LOAD = r"\(healthy, .*osteoarthritis\)", r"\(load/gait2354, load/insole, load/inverse_dynamics\)"
+OURS, LOAD = r"\(healthy, .*osteoarthritis.*\)", r"\(load/gait2354, load/insole, load/inverse_dynamics\)"
 MISSING: dict[type[NodeSection], list[tuple[Any, str]]] = {
     Parameters: [
         ("nowhere.yaml", r"nowhere\.yaml: cannot read the parameter file"),
