@@ -110,21 +110,6 @@ def test_a_full_disk_stops_the_recording_and_says_so_once(started: Started, tmp_
     assert sorted(p.name for p in tmp_path.iterdir()) == ["knee.rrd.partial", "out.mcap.partial"]
 
 
-def test_what_was_written_before_the_disk_was_full_can_be_read(started: Started, tmp_path: Path) -> None:
-    path = tmp_path / "out.mcap"
-    sink = started.recorder(path)
-    put(sink, range(1000))
-    partial = path.with_name("out.mcap.partial")
-    wait_until(lambda: len(readable(partial)) == 1000)
-    resource.prlimit(pid(sink), resource.RLIMIT_FSIZE, (partial.stat().st_size + 1000,) * 2)
-    put(sink, range(1000, 5000))
-    wait_until(lambda: sink.failure)
-    sink.close(NOTHING_LEFT, PATIENCE)
-    numbers = readable(partial)
-    assert len(numbers) >= 1000
-    assert numbers == list(range(len(numbers)))
-
-
 def test_a_recording_ends_whole_before_the_disk_is_full(started: Started, tmp_path: Path) -> None:
     free = disk_usage(tmp_path).free
     path = tmp_path / "out.mcap"
@@ -165,35 +150,6 @@ def test_a_removed_folder_is_noticed_while_it_is_written(started: Started, tmp_p
     sink.close(NOTHING_LEFT, PATIENCE)
     reason = "its file or folder was removed while it was written"
     assert started.told == [f"recording {folder / 'out.mcap'} stopped: {reason}"]
-
-
-def test_recordings_that_were_cut_off_are_named_and_those_that_are_written_are_not(
-    started: Started, tmp_path: Path
-) -> None:
-    for name in ("a", "b"):
-        (tmp_path / f"{name}.mcap.partial").touch()
-    first = started.recorder(tmp_path / "first.mcap")
-    second = started.recorder(tmp_path / "second.mcap")
-    expected = [
-        f"{partial} is a recording that was cut off: `knee-contact recover {partial} OUT.mcap` makes it whole"
-        for partial in (tmp_path / "a.mcap.partial", tmp_path / "b.mcap.partial")
-    ]
-    assert started.remarks == expected * 2
-    assert started.told == []
-    first.close(NOTHING_LEFT, PATIENCE)
-    second.close(NOTHING_LEFT, PATIENCE)
-
-
-def test_a_recorder_splits_and_loses_nothing(started: Started, tmp_path: Path) -> None:
-    limits = Limits(duration=100_000_000)
-    sink = started.recorder(tmp_path / "out.mcap", settings=SETTINGS._replace(limits=limits))
-    put(sink, range(450))
-    sink.note("parameters_changed", {"contact.damping": "0"})
-    put(sink, range(450, 1050))
-    sink.close(NOTHING_LEFT, PATIENCE)
-    assert started.told == []
-    assert len(list(tmp_path.glob("*.mcap"))) == 11
-    assert recorded_ticks(tmp_path) == list(range(1050))
 
 
 def test_a_killed_recorder_that_splits_leaves_whole_files_and_one_that_breaks_off(

@@ -137,12 +137,6 @@ def test_a_working_folder_is_made_no_bag(cut: Path, tmp_path: Path) -> None:
     assert not (tmp_path / "metadata.yaml").exists()
 
 
-def test_metadata_of_another_bag_is_left_alone(cut: Path, tmp_path: Path) -> None:
-    (tmp_path / "metadata.yaml").write_text("rosbag2_bagfile_information: {relative_file_paths: [other.mcap]}")
-    recover(cut, tmp_path / "bag.mcap")
-    assert "other.mcap" in (tmp_path / "metadata.yaml").read_text()
-
-
 def test_an_output_is_replaced_only_when_asked(cut: Path, tmp_path: Path) -> None:
     output = tmp_path / "bag.mcap"
     output.write_text("precious")
@@ -153,13 +147,6 @@ def test_an_output_is_replaced_only_when_asked(cut: Path, tmp_path: Path) -> Non
     with pytest.raises(UsageError, match="is the input"):
         recover(output, output, overwrite=True)
     assert raw_inputs(output)
-
-
-def test_a_link_that_leads_nowhere_is_in_the_way(cut: Path, tmp_path: Path) -> None:
-    (tmp_path / "out.mcap").symlink_to(tmp_path / "nowhere")
-    with pytest.raises(UsageError, match="exists already"):
-        recover(cut, tmp_path / "out.mcap")
-    assert (tmp_path / "out.mcap").is_symlink()
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import struct
 import threading
-from itertools import pairwise
 from pathlib import Path
 from resource import RLIMIT_NOFILE, getrlimit, setrlimit
 from typing import Any
@@ -22,13 +21,12 @@ from knee_contact_ros.bags.recorder import (
     BagFile,
     BagWriter,
     Limits,
-    prepare_metadata,
 )
 from knee_contact_ros.offline.summary import read_summary
 from knee_contact_ros.streams.output import PROVENANCE
 from knee_contact_ros.streams.topics import Ending
 from knee_contact_ros.system.errors import UsageError
-from tests.helpers.sinks import answer, recorded_ticks, wait_until
+from tests.helpers.sinks import answer, recorded_ticks
 from tests.hostile import bags as hostile
 from tests.hostile.bags import HEADER, MAGIC, METADATA, pairs, text
 
@@ -111,31 +109,6 @@ def test_stamps_that_jump_back_split_no_more_than_those_that_do_not(tmp_path: Pa
     assert [len(stamps_of(tmp_path / name)) // TICK for name in ("knee.mcap", "knee_1.mcap")] == [50, 100]
 
 
-def test_of_many_files_metadata_are_written_more_seldom(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each time takes 0.25 s of a processor, so 12.5 s pass before the next one; at the end all are named."""
-    now, spent, listed = 0.0, 0.0, []
-
-    def prepare(folder: Path, content: Any) -> Any:
-        nonlocal spent
-        spent += 0.25
-        listed.append(len(content["files"]))
-        return prepare_metadata(folder, content)
-
-    monkeypatch.setattr("knee_contact_ros.bags.recorder.prepare_metadata", prepare)
-    monkeypatch.setattr("knee_contact_ros.bags.recorder.MANY_FILES", 1)
-    monkeypatch.setattr("time.monotonic", lambda: now)
-    monkeypatch.setattr("time.thread_time", lambda: spent)
-    with BagWriter(tmp_path / "knee.mcap", limits=Limits(duration=MS)) as bag:
-        writer = AnswerWriter(bag, {})
-        for number in range(36):
-            writer.write(answer(number).records)
-            wait_until(lambda number=number: len(list(tmp_path.glob("*.mcap"))) == number)  # the thread has done it
-            now += 1.0
-    assert [listed[0], listed[-1], len(listed)] == [1, 36, 4]
-    assert all(13 <= later - earlier <= 14 for earlier, later in pairwise(listed[:-1]))  # the thread has its own pace
-    assert len(information(tmp_path)["files"]) == 36
-
-
 def test_files_that_metadata_does_not_name_yet_are_read_and_that_is_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -197,15 +170,6 @@ def test_metadata_records_stand_where_they_were_written(tmp_path: Path) -> None:
     assert own["message_count"] == 100 * TICK
 
 
-def test_names_that_are_taken_are_left_out(tmp_path: Path) -> None:
-    (tmp_path / "knee_1.mcap").write_text("earlier")
-    (tmp_path / "knee_2.mcap.partial").write_text("cut off")
-    record(tmp_path / "knee.mcap", range(250), Limits(duration=100 * MS))
-    assert information(tmp_path)["relative_file_paths"] == ["knee.mcap", "knee_3.mcap", "knee_4.mcap"]
-    assert (tmp_path / "knee_1.mcap").read_text() == "earlier"
-    assert (tmp_path / "knee_2.mcap.partial").read_text() == "cut off"
-
-
 def test_what_is_complete_can_be_read_while_the_rest_is_written(tmp_path: Path) -> None:
     bag = BagWriter(tmp_path / "knee.mcap", limits=Limits(duration=100 * MS))
     writer = AnswerWriter(bag, {})
@@ -237,21 +201,6 @@ def test_a_slow_disk_does_not_hold_up_what_comes_after_a_split(tmp_path: Path, m
     goes_on.set()
     bag.close()
     assert names(tmp_path) == ["knee.mcap", "knee_1.mcap", "knee_2.mcap", "metadata.yaml"]
-
-
-def test_a_file_that_cannot_be_completed_is_told(tmp_path: Path, monkeypatch: Any) -> None:
-    def full(file: BagFile) -> None:
-        raise OSError(28, "No space left on device")
-
-    bag = BagWriter(tmp_path / "knee.mcap", limits=Limits(duration=100 * MS))
-    writer = AnswerWriter(bag, {})
-    with monkeypatch.context() as patch:
-        patch.setattr(BagFile, "complete", full)
-        for number in range(150):
-            writer.write(answer(number).records)
-        with pytest.raises(OSError, match="No space left"):
-            bag._settle(wait=True)
-    bag.discard()
 
 
 def test_a_next_file_that_cannot_be_opened_leaves_what_was_written(tmp_path: Path) -> None:

@@ -30,7 +30,7 @@ from knee_contact_ros.bags.recorder import (
     prepare_metadata,
 )
 from knee_contact_ros.model.types import Contact
-from knee_contact_ros.streams.messages import WRENCH, encode_answer, encode_answer_wrench
+from knee_contact_ros.streams.messages import encode_answer, encode_answer_wrench
 from knee_contact_ros.streams.topics import KNEE_CONTACT, KNEE_CONTACT_WRENCH, MESSAGE_TYPES, definition, typestore
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.answers import FIELDS, contact, contacts_of
@@ -261,13 +261,6 @@ def test_a_folder_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(UsageError, match="cannot write"):
         BagWriter(tmp_path / "file" / "out.mcap")
-
-
-def test_the_wrench_presses_the_tibia_down() -> None:
-    message = WRENCH.decode(encode_answer_wrench(0, "tibia_r", CONTACT.tobytes()))[0]
-    assert message is not None
-    assert message.force == (0.0, -3.0, 0.0)
-    assert message.torque == (0.0, 0.0, pytest.approx(0.005 * -3.0))
 
 
 def test_two_bags_of_a_folder_may_be_completed_at_the_same_moment(

@@ -23,7 +23,6 @@ from knee_contact_ros.view.anatomy import (
     SURFACE_POINTS,
     Picture,
     anatomy_of,
-    lowest_at,
     overlaps,
     picture_of,
 )  # fmt: skip
@@ -186,27 +185,3 @@ def test_the_overlap_of_a_circle_and_a_plane_is_a_segment(x: float, depth: float
     half = math.sqrt(2.0 * RADIUS * depth - depth**2)
     inner, outer = (math.sqrt(2.0 * RADIUS * max(depth + off, 0.0)) for off in (-CHORD, CHORD))
     assert 2.0 * min(inner, half) - 0.1 * step <= np.ptp(found.x[0]) <= 2.0 * outer + 0.1 * step
-
-
-@pytest.mark.parametrize("tibial_radius", [0.036, 0.04, 0.095])
-def test_it_is_as_wide_as_the_lens_in_a_plateau_that_nearly_fits(tibial_radius: float) -> None:
-    turns, depth = np.linspace(-1.2, 1.2, 2001), 5e-4
-    tibia = tibial_radius * np.stack([np.sin(turns), 1.0 - np.cos(turns)], axis=1)
-    found = overlaps(np.array([circle(0.0, RADIUS - depth)]), tibia, np.array([0.0]), np.array([depth]), RADIUS)
-    apart = tibial_radius - RADIUS + depth  # from centre to centre
-    half = math.sqrt(RADIUS**2 - ((tibial_radius**2 - RADIUS**2 - apart**2) / (2.0 * apart)) ** 2)
-    assert np.ptp(found.x[0]) == pytest.approx(2.0 * half, rel=0.05)
-    assert found.upper[0, [0, -1]] == pytest.approx(found.lower[0, [0, -1]], abs=0.1 * depth)
-
-
-def test_every_picture_is_its_own_and_the_lower_side_counts() -> None:
-    femur = np.array([circle(*pose) for pose in ((0.0, RADIUS - 1e-3), (0.005, RADIUS + 1.0), (-0.01, RADIUS - 2e-3))])
-    middle, depth = np.array([0.0, 0.005, -0.01]), np.array([1e-3, 0.0, 2e-3])
-    together = overlaps(femur, PLANE, middle, depth, RADIUS)
-    for i in range(3):
-        alone = overlaps(femur[[i]], PLANE, middle[[i]], depth[[i]], RADIUS)
-        assert all(np.array_equal(one[0], both[i]) for one, both in zip(alone, together, strict=True))
-    assert [(together.upper > together.lower)[i].any() for i in range(3)] == [True, False, True]
-    outline = circle(0.0, 0.0)[None]
-    assert lowest_at(outline, np.array([[0.0]]))[0, 0] == pytest.approx(-RADIUS, abs=CHORD)
-    assert lowest_at(outline, np.array([[0.1]]))[0, 0] == math.inf
