@@ -137,6 +137,12 @@ def _pipeline(inner: bool) -> Any:
     from numba.core.typed_passes import NativeLowering
 
     class Whole(JITCodeLibrary):
+        def finalize(self) -> None:
+            for library in self._linking_libraries:  # it grows meanwhile: each function is linked once
+                more = getattr(library, "_linking_libraries", ())
+                self._linking_libraries += [one for one in more if one not in self._linking_libraries]
+            super().finalize()
+
         def _optimize_final_module(self) -> None:
             own = f"{len(self.name.rpartition('.')[2])}{self.name.rpartition('.')[2]}B"
             for function in self._final_module.functions:
@@ -147,7 +153,7 @@ def _pipeline(inner: bool) -> Any:
             passes.run(self._final_module, builder)
 
     linked = type("Linked", (JITCodeLibrary,), {
-        "_optimize_final_module": lambda _: None, "_finalize_final_module": lambda me: setattr(me, "_finalized", True),
+        "_optimize_functions": lambda *_: None, "finalize": lambda me: setattr(me, "_finalized", True),
         "codegen": property(lambda me: me), "set_env": lambda *_: None, "get_pointer_to_function": lambda *_: 0,
     })  # fmt: skip
     library = linked if inner else Whole
