@@ -253,7 +253,10 @@ def quasi_static(knee: Knee, tick: Interval, start: Femur, stiffness: float, dam
             way, speed = way + kick / holding(k, c, mass), speed + kick
         error = bounded(with_bound(error, unknown + way, speed))
         # The linearised contact must not pull the femur with more than the load, as no contact does.
-        pressed = abs(stiffness * before.height + damping * before.velocity) < min(tick.load, load)
+        pull, swing = stiffness * before.height + damping * before.velocity, math.sqrt(stiffness * mass)
+        if damping < 2.0 * swing:  # what is a velocity now pulls later
+            pull = math.sqrt(pull * pull + (swing * before.velocity) ** 2)
+        pressed = abs(pull) < min(tick.load, load)
         # A contact that has let go and begun anew damps otherwise, if the law remembers how it began.
         pressed = pressed and not (knee.remembers and reach(error, holding(k, c, mass)) >= in_layer)
     held = holding(k, c, mass)

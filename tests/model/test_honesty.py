@@ -61,6 +61,7 @@ def test_lift_offs_and_landings_are_covered(seed: int, level: str, tolerance: fl
     (1000010, "quasi_static", 1e-4),  # a load that ends, and the speed at which the surfaces part
     (1009001027, "dynamic", 1e-4),  # a flight that begins on the surface itself, into which the load then presses it
     (1009001376, "quasi_static", 1e-6),  # a load that leaves the soft beginning of a layer
+    (2011000266, "quasi_static", 1e-6),  # a turning surface throws up a light, hard contact, some time after its kick
     (1013001293, "dynamic", 1e-5),  # a swing that is not resolved, and ends in a flight
 ])  # fmt: skip
 def test_what_was_said_right_and_wrong_is_not_any_more(seed: int, level: str, tolerance: float) -> None:
