@@ -48,9 +48,7 @@ docs: $(VENV)/.installed-dev
 
 studies: $(VENV)/.installed-dev
 	$(BIN)/python -m studies.accuracy
-	$(BIN)/python -m studies.honesty
-	$(BIN)/python -m studies.long_runs
-	$(BIN)/python -m studies.budgets
+	for study in scenes tight changes measured cut budgets long_runs; do $(BIN)/python -m studies.honesty $$study; done
 	$(BIN)/python -m studies.stability
 	$(BIN)/python -m studies.choosing
 	$(BIN)/python -m studies.reproduction

@@ -1,75 +1,57 @@
-"""How honest the error estimates of every level are, on random scenes of all laws, against the reference.
+"""How honest the error estimates are: random runs of all kinds, judged tick by tick.
 
-python -m studies.honesty [--scenes N] [--seed S] [--output FILE] [--show SCENE]
+python -m studies.honesty STUDY [--count N] [--seed S] [--table FILE] [--show NUMBER]
 """
 
 from __future__ import annotations
 
+import multiprocessing
+from concurrent.futures import ProcessPoolExecutor
+from functools import partial
 from pathlib import Path
 
 import click
-import numpy as np
 from tabulate import tabulate
 
-from benchmarks.report import machine, save
-from studies.honesty.page import TITLE, sections
-from studies.honesty.scenes import draw
-from studies.honesty.study import LEVELS, SETTINGS, runs, study
-from studies.honesty.truth import reference
+from knee_contact_ros.model import compiler
+from studies.honesty.kinds import STUDIES, found
+from studies.honesty.study import COLUMNS, Row, save, table
 
-SPACING = 1_000_000
-"""Distance between the scenes of two seeds"""
-
-
-def show(seed: int) -> str:
-    """Text of a scene, its reference solution, and where each run is wrong or not covered."""
-    scene = draw(seed)
-    truth = reference(scene)
-    ticks = np.diff(scene.time)
-    lines = [
-        f"{scene.family}, {scene.law} {scene.arguments}",
-        f"mass {scene.mass:.4g} kg, half axes {scene.half_axes} m, slope {scene.slope:.4g} rad, tension "
-        f"{scene.allow_tension}",
-        f"load {scene.loads}: {scene.load.min():.4g} to {scene.load.max():.4g} N, ticks of {ticks.min():.3g} to "
-        f"{ticks.max():.3g} s",
-        f"depth {np.nanmin(truth.depth):.4g} to {np.nanmax(truth.depth):.4g} m, apart in "
-        f"{np.mean(truth.depth < 0):.0%} of ticks, known to 1e-9 m in {np.mean(truth.depth_bound < 1e-9):.0%}",
-    ]
-    rows = []
-    for key, (_, judged) in runs(scene, LEVELS, SETTINGS).items():
-        for name, verdict in (("depth", judged.depth), ("force", judged.force)):
-            if verdict is not None:
-                missed = verdict.known & ~verdict.covered
-                rows.append([
-                    key.level, key.tolerance, key.force_tolerance, name, verdict.known.sum(), np.nanmax(verdict.error),
-                    np.nanmedian(verdict.ratio) if verdict.large.any() else np.nan, (~judged.said_right).sum(),
-                    f"{verdict.wrong.sum()} {np.flatnonzero(verdict.wrong)[:5]}",
-                    f"{missed.sum()} {np.flatnonzero(missed)[:5]}", judged.evaluations.mean(),
-                ])  # fmt: skip
-    header = (
-        "level", "tolerance", "of force", "of", "known", "largest error", "median ratio", "flagged",
-        "wrong: first ticks", "not covered: first ticks", "evaluations",
-    )  # fmt: skip
-    return "\n".join([*lines, tabulate(rows, header)])
+SEEDS = 1_000_000
+"""Distance between the numbers of two seeds"""
 
 
 @click.command()
-@click.option("--scenes", default=2000, show_default=True)
+@click.argument("study", type=click.Choice(list(STUDIES)))
+@click.option("--count", type=int, help="How many numbers are run.  [default: all]")
+@click.option("--first", default=0, show_default=True, help="The first of them.")
 @click.option("--seed", default=1, show_default=True)
-@click.option("--output", type=click.Path(path_type=Path), default=Path("docs/studies/honesty.md"), show_default=True)
-@click.option("--show", "shown", type=int, help="Print one scene by its number, and write nothing.")
-def main(scenes: int, seed: int, output: Path, shown: int | None) -> None:
-    """Measure and write the tables."""
-    if shown is not None:
-        click.echo(show(shown))
+@click.option("--part", default=1.0, show_default=True, help="Part of the duration of long runs.")
+@click.option("--workers", default=2, show_default=True)
+@click.option(
+    "--table", "path", type=click.Path(path_type=Path), default=Path("docs/studies/honesty.csv"), show_default=True
+)
+@click.option("--show", type=int, help="Print what one number is worth, and write nothing.")
+def main(
+    study: str, count: int | None, first: int, seed: int, part: float, workers: int, path: Path, show: int | None
+) -> None:
+    """Judge the model, and put the counts into a table; exit code 1 if an OK is wrong or a number not finite."""
+    if show is not None:
+        click.echo(tabulate([one._asdict() for one in found(study, part, seed * SEEDS + show)[1]], "keys"))
         return
-    first = seed * SPACING
-    outcome = study(
-        range(first, first + scenes), told=lambda done: click.echo(f"\r{done} of {scenes}", nl=False, err=True)
-    )
-    click.echo(err=True)
-    command = f"python -m studies.honesty --scenes {scenes} --seed {seed}"
-    save(output, TITLE, command, sections(outcome), machine())
+    numbers = [seed * SEEDS + first + i for i in range(count or STUDIES[study][1])]
+    rows: list[Row] = []
+    compiler.compiled_run()  # once, so that the workers do not both compile it
+    with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
+        for number, some in pool.map(partial(found, study, part), numbers):
+            rows += some
+            for one in some:
+                if one.wrong or one.forces[2] or one.not_finite:
+                    click.echo(f"{number}: {one}", err=True)
+    lines = table(study, rows)
+    save(path, lines)
+    click.echo(tabulate([one[1:] for one in lines], COLUMNS[1:]))
+    raise SystemExit(any(one.wrong or one.not_finite for one in rows))
 
 
 if __name__ == "__main__":

@@ -1,7 +1,5 @@
 """How honest the estimates are after live changes of law, constants, mass, tolerance, level and budget.
 
-python -m studies.honesty.changes [--count N] [--seed S]
-
 The reference (`studies/reference`) goes on from its own state with the changed knee, and nothing is taken to be at
 rest. Every run of the model goes through the same changes by `Stream.go_on_with`.
 """
@@ -12,16 +10,14 @@ import ctypes
 from collections.abc import Iterator
 from typing import Any, NamedTuple
 
-import click
 import numpy as np
 from numpy.typing import NDArray
-from tabulate import tabulate
 
 from knee_contact_ros.model.knee import Stream
-from studies.honesty.judging import Judged, judge
+from studies.honesty.judging import judge
 from studies.honesty.ours import knee
-from studies.honesty.scenes import ARTHRITIC, FAMILIES, HEALTHY, WIDE, Scene, arguments, draw, shipped
-from studies.honesty.tally import Tally, not_finite
+from studies.honesty.scenes import ARTHRITIC, HEALTHY, WIDE, Scene, arguments, draw, shipped
+from studies.honesty.study import Row, row
 from studies.honesty.truth import knee_of
 from studies.reference import LAWS, Knee, Reference, Solution
 
@@ -35,7 +31,8 @@ LEAST_RATE = 1e-6
 WHAT = ("law", "stiffness", "damping", "mass", "tolerance", "level", "everything")
 DECADES = {"stiffness": 0.5, "damping": 0.5, "mass": 0.5}
 """Decimal logarithms of the largest factors"""
-HEADER = ("", "changes", "ticks", "known", "covered", "OK", "OK and wrong", "not finite", "flagged")
+BUDGETS = (20.0, 500.0)
+"""Range of the budgets, of which decades are equally likely"""
 
 
 class Setting(NamedTuple):
@@ -163,50 +160,13 @@ def state_before(now: int, truth: list[Solution]) -> str:
     return "at rest" if abs(last.rate[-1]) < LEAST_RATE else "in contact"
 
 
-def runs(seed: int) -> Iterator[tuple[int, Setting, int, str, Judged, int]]:
-    """Yield segment, its setting, budget, state at its beginning, judgement, and number of not finite ticks."""
+def rows(seed: int) -> Iterator[Row]:
+    """Judge all segments of a plan, without a budget and with one."""
     settings, random = plan(seed), np.random.default_rng((seed, 48))
     truth = truth_of(settings)
-    for budget in (0, int(10 ** random.uniform(1.3, 3.3))):
+    for budget in (0, int(10 ** random.uniform(*np.log10(BUDGETS)))):
         for now, series in enumerate(answers_of(settings, budget)):
-            state = state_before(now, truth) if now else ""
-            judged = judge(series, truth[now], settings[now].tolerance)
-            yield now, settings[now], budget, state, judged, not_finite(series)
-
-
-@click.command()
-@click.option(
-    "--count", default=1000, show_default=True, help="Number of changes, each tried without and with a budget."
-)
-@click.option("--seed", default=1, show_default=True)
-def main(count: int, seed: int) -> None:
-    """Judge the model through live changes; exit code 1 if an OK is wrong, or a number is not finite."""
-    tallies: dict[str, Tally] = {}
-    broken: dict[str, int] = {}
-    for i in range(-(-count // (SEGMENTS - 1))):
-        for now, setting, budget, state, judged, lost in runs(seed * 1_000_000 + i):
-            kind = "any law" if setting.scene.family == WIDE else FAMILIES[1]
-            run = "budget" if budget else "no budget"
-            groups = ("before any change",) if now == 0 else ("all", run, kind, state, setting.what, setting.level)
-            for group in groups:
-                tallies.setdefault(group, Tally()).count(judged)
-                broken[group] = broken.get(group, 0) + lost
-            if judged.depth.wrong.any():
-                tick = int(np.argmax(judged.depth.wrong * judged.depth.error))
-                error, estimate = judged.depth.error[tick], judged.depth.estimate[tick]
-                click.echo(
-                    f"scene {seed * 1_000_000 + i}, segment {now} ({setting.what}, {state}, {setting.level}, "
-                    f"{setting.scene.law}, budget {budget}, tolerance {setting.tolerance:.1e} m), tick {tick}: "
-                    f"{judged.depth.wrong.sum()} wrong, off by {error:.2g} m, said {estimate:.2g} m"
-                )
-    rows = [
-        (group, one.runs, one.ticks, one.depth.known, f"{100 * one.depth.covered / max(one.depth.known, 1):.3f} %",
-         one.ticks - one.flagged, one.depth.wrong, broken[group], f"{100 * one.flagged / one.ticks:.1f} %")
-        for group, one in sorted(tallies.items())
-    ]  # fmt: skip
-    click.echo(tabulate(rows, HEADER))
-    raise SystemExit(bool(tallies["all"].depth.wrong or broken["all"]))
-
-
-if __name__ == "__main__":
-    main()
+            setting, state = settings[now], state_before(now, truth) if now else "before any change"
+            name = f"segment {now}, {setting.what}, {setting.level}, {setting.scene.law}, {setting.tolerance:.1e} m"
+            groups = ("a budget" if budget else "no budget", state, f"change: {setting.what or 'none'}", setting.level)
+            yield row(groups, f"{name}, {budget}", series, judge(series, truth[now], setting.tolerance))

@@ -1,7 +1,4 @@
-"""How honest the estimates are on measured condyles: noisy points and loads, encoder spikes, uneven stamps, budgets.
-
-python -m studies.honesty.measured [--scenes N] [--budgets N] [--seed S]
-"""
+"""How honest the estimates are on measured condyles: noisy points and loads, encoder spikes, uneven stamps, budgets."""
 
 from __future__ import annotations
 
@@ -10,10 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import click
 import numpy as np
 from numpy.typing import NDArray
-from tabulate import tabulate
 
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS
@@ -22,10 +17,10 @@ from knee_contact_ros.model.surfaces import ContactPair, Plane, Profile
 from knee_contact_ros.model.ticks import LEVELS
 from studies.choosing.surfaces import read_points
 from studies.honesty.dented import condyle, solve
-from studies.honesty.judging import Judged, judge
+from studies.honesty.judging import judge
 from studies.honesty.loads import STRIDE, bag
 from studies.honesty.scenes import ARTHRITIC, FEMUR, HEALTHY, KNEE, shipped
-from studies.honesty.tally import Tally, not_finite
+from studies.honesty.study import Row, row
 from studies.reference import LAWS
 
 Floats = NDArray[np.float64]
@@ -38,8 +33,6 @@ DENTS = (0.0, 1e-5, 5e-5, 2e-4)
 """Noise of the femur's points [m]"""
 BUDGETS = (20.0, 2e4)
 """Range of the budgets, of which decades are equally likely"""
-TEXT = "Ticks known to the reference, of these covered; OK though beyond the tolerance or not finite."
-HEADER = ("", "runs", "ticks", "known", "covered", "OK", "OK and wrong", "not finite", "flagged")
 
 
 class Scene(NamedTuple):
@@ -98,58 +91,25 @@ def knee(scene: Scene) -> KneeModel:
     return KneeModel(pair, CONTACT_LAWS[scene.law](**scene.arguments), scene.mass, budget=0, compiled=True)
 
 
-def runs(scene: Scene, budgets: int) -> Iterator[tuple[str, float, Judged, int]]:
-    """Yield what is run, the tolerance [m], the judgement, and the number of ticks that are not finite."""
-    random, model = np.random.default_rng((scene.seed, 46)), knee(scene)
-    truth = solve(
-        condyle(scene.points), LAWS[scene.law](**scene.arguments), scene.mass, scene.time, scene.angle, scene.load
-    )
+def rows(seed: int) -> Iterator[Row]:
+    """Judge a measured knee at both levels and all tolerances, and with eight budgets."""
+    scene, random = draw(seed), np.random.default_rng((seed, 46))
+    model = knee(scene)
+    try:
+        truth = solve(
+            condyle(scene.points), LAWS[scene.law](**scene.arguments), scene.mass, scene.time, scene.angle, scene.load
+        )
+    except RuntimeError:  # there is no reference
+        return
     settings: list[tuple[str, float, dict[str, Any]]] = [
         (f"{level}, {tolerance:g} m", tolerance, {"level": LEVELS[level]})
         for level in ("quasi_static", "dynamic")
         for tolerance in TOLERANCES
     ]
-    for _ in range(budgets):
+    for _ in range(8):
         budget = int(10 ** random.uniform(*np.log10(BUDGETS)))
         name = next(f"budget below {end}" for end in (100, 1000, 100_000) if budget < end)
         settings.append((name, float(random.choice(TOLERANCES)), {"budget": budget}))
     for name, tolerance, values in settings:
         series = replace(model, tolerance=tolerance, **values).run(scene.time, scene.angle, scene.load)
-        yield name, tolerance, judge(series, truth, tolerance), not_finite(series)
-
-
-@click.command()
-@click.option("--scenes", default=40, show_default=True)
-@click.option("--budgets", default=500, show_default=True, help="Number of budgets in all.")
-@click.option("--seed", default=1, show_default=True)
-def main(scenes: int, budgets: int, seed: int) -> None:
-    """Judge the model on measured condyles; exit code 1 if an OK is wrong, or a number is not finite."""
-    tallies: dict[str, Tally] = {}
-    broken: dict[str, int] = {}
-    for i in range(scenes):
-        scene = draw(seed * 1_000_000 + i)
-        try:
-            found = list(runs(scene, budgets * (i + 1) // scenes - budgets * i // scenes))
-        except RuntimeError as raised:
-            click.echo(f"scene {scene.seed}: no reference: {raised}", err=True)
-            continue
-        for name, tolerance, judged, lost in found:
-            for group in (name, f"dents of {scene.dents:g} m", "all"):
-                tallies.setdefault(group, Tally()).count(judged)
-                broken[group] = broken.get(group, 0) + lost
-            if judged.depth.wrong.any():
-                tick = int(np.argmax(judged.depth.wrong * judged.depth.error))
-                error, estimate = judged.depth.error[tick], judged.depth.estimate[tick]
-                click.echo(f"scene {scene.seed}, {scene.law}, dents {scene.dents:g} m, {name}, tolerance {tolerance:g} "
-                           f"m, tick {tick}: off by {error:.2g} m, said {estimate:.2g} m")  # fmt: skip
-    rows = [
-        (group, one.runs, one.ticks, one.depth.known, f"{100 * one.depth.covered / max(one.depth.known, 1):.3f} %",
-         one.ticks - one.flagged, one.depth.wrong, broken[group], f"{100 * one.flagged / one.ticks:.1f} %")
-        for group, one in tallies.items()
-    ]  # fmt: skip
-    click.echo(f"{TEXT}\n\n{tabulate(rows, HEADER)}")
-    raise SystemExit(bool(tallies["all"].depth.wrong or broken["all"]))
-
-
-if __name__ == "__main__":
-    main()
+        yield row((name, f"dents of {scene.dents:g} m"), name, series, judge(series, truth, tolerance))

@@ -1,158 +1,99 @@
-"""Many scenes at all levels, in worker processes."""
+"""Count what many runs are worth, group by group, and keep the counts in a table."""
 
 from __future__ import annotations
 
-import multiprocessing
-from collections.abc import Callable, Iterable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+import csv
+from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.model import compiler
-from studies.honesty.judging import Judged, Verdict, judge
-from studies.honesty.ours import model
-from studies.honesty.scenes import Scene, draw
-from studies.honesty.tally import Tally
-from studies.honesty.truth import reference
+from studies.honesty.judging import Judged
 
-SETTINGS = ((1e-4, 0.0), (1e-5, 0.0), (1e-6, 0.0), (1e-8, 0.0), (1e-4, 1.0), (1e-6, 0.1))
-"""Tolerances of depth [m] and of force [N]; 0: none"""
-LEVELS = ("quasi_static", "dynamic")
-"""Levels that are judged; `auto` is `dynamic`"""
-WORST = 15
-"""Number of worst ticks that are kept"""
-WORKERS = 2
-CHUNK = 5
-"""Number of scenes that a worker takes at a time"""
+COLUMNS = (
+    "study", "group", "runs", "ticks", "flagged", "known", "covered", "OK and wrong", "in runs", "not finite",
+    "forces known", "forces covered", "forces OK and wrong", "estimate over error", "evaluations per tick",
+)  # fmt: skip
+"""Columns of the table. Shares are of the ticks (flagged, known) and of the known ones (covered); the estimate over the
+error is the median over runs of their medians, in contact and apart"""
+FIELDS = ("penetration_depth", "gap", "contact_force", "femoral_height", "error_estimate", "force_error_estimate")
 
 
-class Key(NamedTuple):
-    """Key by which runs are counted."""
+class Row(NamedTuple):
+    """What a run is worth."""
 
-    family: str
-    loads: str
-    law: str
-    level: str
-    tolerance: float
-    force_tolerance: float
-
-
-class BadTick(NamedTuple):
-    """A tick to look at, with all that is needed to compute it again."""
-
-    severity: float
-    """Ratio of error to tolerance, or to estimate"""
-    quantity: str
-    seed: int
-    tick: int
-    key: Key
-    fidelity: int
-    error: float
-    estimate: float
-    said_right: bool
+    groups: tuple[str, ...]
+    """Groups that it counts in"""
+    name: str
+    """Names the run, so that it can be done again"""
+    ticks: int
+    flagged: int
+    known: int
+    covered: int
+    wrong: int
+    """Ticks with status OK that are known to be beyond the tolerance, or whose estimate is not finite"""
+    not_finite: int
+    forces: tuple[int, int, int]
+    """Known, covered and wrong ones"""
+    ratio: float
+    """Median of the estimate over the error, where that is above rounding; NaN if there is no such tick"""
+    evaluations: int
+    off: float
+    """Largest error [m] that is OK and wrong"""
 
 
-class Outcome(NamedTuple):
-    """Results of a study."""
-
-    tallies: dict[Key, Tally]
-    wrong: list[BadTick]
-    """Ticks said right and wrong, the worst first"""
-    uncovered: list[BadTick]
-    """Ticks whose error is beyond the estimate, the worst first"""
+def not_finite(series: np.recarray[Any, Any]) -> int:
+    """Count the ticks with a number that is not finite."""
+    return int(np.sum(~np.all([np.isfinite(series[field]) for field in FIELDS], axis=0)))
 
 
-def study(
-    seeds: Iterable[int],
-    levels: Sequence[str] = LEVELS,
-    settings: Sequence[tuple[float, float]] = SETTINGS,
-    told: Callable[[int], None] = lambda _: None,
-) -> Outcome:
-    """Judge all levels on the scenes of all seeds; `told` hears how many scenes are done."""
-    outcome, wanted, done = Outcome({}, [], []), list(seeds), 0
-    chunks = [wanted[i : i + CHUNK] for i in range(0, len(wanted), CHUNK)]
-    compiler.compiled_run()  # once, so that the workers do not both compile it
-    with ProcessPoolExecutor(WORKERS, multiprocessing.get_context("spawn")) as workers:
-        count = len(chunks)
-        for chunk, part in zip(
-            chunks, workers.map(_judge_all, chunks, [levels] * count, [settings] * count), strict=True
-        ):
-            merge(outcome, part)
-            done += len(chunk)
-            told(done)
-    return outcome
+def row(groups: Sequence[str], name: str, series: np.recarray[Any, Any], judged: Judged) -> Row:
+    """Count a run."""
+    depth, force = judged.depth, judged.force
+    forces = (0, 0, 0)
+    if force is not None:
+        forces = int(force.known.sum()), int(force.covered.sum()), int(force.wrong.sum())
+    ratio = float(np.median(depth.ratio[depth.large])) if depth.large.any() else np.nan
+    return Row(
+        tuple(groups), name, len(series), int((~judged.said_right).sum()), int(depth.known.sum()),
+        int(depth.covered.sum()), int(depth.wrong.sum()), not_finite(series), forces, ratio,
+        int(judged.evaluations.sum()), float(depth.error[depth.wrong].max(initial=0.0)),
+    )  # fmt: skip
 
 
-def merge(outcome: Outcome, part: Outcome) -> None:
-    """Add what other scenes gave."""
-    for key, tally in part.tallies.items():
-        outcome.tallies.setdefault(key, Tally()).add(tally)
-    for mine, theirs in ((outcome.wrong, part.wrong), (outcome.uncovered, part.uncovered)):
-        mine[:] = worst_of([*mine, *theirs])
+def table(study: str, rows: Iterable[Row]) -> list[tuple[str, ...]]:
+    """Add rows up by their groups, and write the counts as `COLUMNS`."""
+    groups: dict[str, list[Row]] = {}
+    for one in rows:
+        for group in ("all", *one.groups):
+            groups.setdefault(group, []).append(one)
+
+    def share(part: int, whole: int) -> str:
+        return f"{100.0 * part / whole:.3f} %" if whole else ""
+
+    lines: list[tuple[str, ...]] = []
+    for group, found in groups.items():
+        ticks, known = sum(one.ticks for one in found), sum(one.known for one in found)
+        forces = [sum(one.forces[i] for one in found) for i in range(3)]
+        ratios = [one.ratio for one in found if np.isfinite(one.ratio)]
+        lines.append((
+            study, group, str(len(found)), str(ticks), share(sum(one.flagged for one in found), ticks),
+            share(known, ticks), share(sum(one.covered for one in found), known),
+            str(sum(one.wrong for one in found)), str(sum(one.wrong > 0 for one in found)),
+            str(sum(one.not_finite for one in found)), share(forces[0], ticks), share(forces[1], forces[0]),
+            str(forces[2]), f"{np.median(ratios):.3g}" if ratios else "",
+            f"{sum(one.evaluations for one in found) / ticks:.1f}",
+        ))  # fmt: skip
+    return lines
 
 
-def worst_of(bad: list[BadTick]) -> list[BadTick]:
-    """The worst, one of each scene, level and quantity."""
-    kept: dict[tuple[int, str, str], BadTick] = {}
-    for one in sorted(bad, reverse=True):
-        kept.setdefault((one.seed, one.key.level, one.quantity), one)
-    return list(kept.values())[:WORST]
-
-
-def runs(
-    scene: Scene, levels: Sequence[str], settings: Sequence[tuple[float, float]]
-) -> dict[Key, tuple[np.recarray[Any, Any], Judged]]:
-    """All answers to a scene, and what they are worth."""
-    truth, found = reference(scene), {}
-    for level in levels:
-        for tolerance, force_tolerance in settings:
-            series = model(scene, level, tolerance, force_tolerance=force_tolerance)
-            key = Key(scene.family, scene.loads, scene.law, level, tolerance, force_tolerance)
-            found[key] = series, judge(series, truth, tolerance, force_tolerance)
-    return found
-
-
-def _judge_all(seeds: list[int], levels: Sequence[str], settings: Sequence[tuple[float, float]]) -> Outcome:
-    outcome = Outcome({}, [], [])
-    for seed in seeds:
-        scene = draw(seed)
-        merge(outcome, _judge_scene(scene, levels, settings))
-    return outcome
-
-
-def _judge_scene(scene: Scene, levels: Sequence[str], settings: Sequence[tuple[float, float]]) -> Outcome:
-    outcome = Outcome({}, [], [])
-    found = {key: judged for key, (_, judged) in runs(scene, levels, settings).items()}
-    for key, judged in found.items():
-        tally = outcome.tallies.setdefault(key, Tally())
-        tally.count(judged)
-        for name, verdict, tolerance in (
-            ("depth", judged.depth, key.tolerance),
-            ("force", judged.force, key.force_tolerance),
-        ):
-            if verdict is not None:
-                outcome.wrong.extend(_worst(scene, key, judged, name, verdict, verdict.wrong, tolerance))
-                missed = verdict.known & ~verdict.covered
-                outcome.uncovered.extend(_worst(scene, key, judged, name, verdict, missed, None))
-    for kept in (outcome.wrong, outcome.uncovered):
-        kept[:] = worst_of(kept)
-    return outcome
-
-
-def _worst(
-    scene: Scene, key: Key, judged: Judged, name: str, verdict: Verdict, bad: Any, tolerance: float | None
-) -> list[BadTick]:
-    """The worst of a run's bad ticks, as one."""
-    if not bad.any():
-        return []
-    with np.errstate(divide="ignore", invalid="ignore"):
-        allowed = verdict.estimate if tolerance is None else tolerance
-        severity = np.where(bad, np.nan_to_num(verdict.error / allowed, nan=np.inf), -1.0)
-    tick = int(np.argmax(severity))
-    return [
-        BadTick(
-            float(severity[tick]), name, scene.seed, tick, key, int(judged.fidelity[tick]), float(verdict.error[tick]),
-            float(verdict.estimate[tick]), bool(judged.said_right[tick]),
-        )
-    ]  # fmt: skip
+def save(path: Path, lines: Sequence[tuple[str, ...]]) -> None:
+    """Put the lines of a study into a table, in the place of those that it had there."""
+    old = []
+    if path.exists():
+        with path.open(encoding="utf-8", newline="") as file:
+            old = [tuple(one) for one in csv.reader(file)][1:]
+    with path.open("w", encoding="utf-8", newline="") as file:
+        kept = [one for one in old if one[0] != lines[0][0]]
+        csv.writer(file, lineterminator="\n").writerows([COLUMNS, *kept, *lines])
