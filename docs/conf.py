@@ -43,7 +43,7 @@ CONTENTS = {
     ],
     "Model": [
         "docs/model", "docs/choosing-fidelity", "docs/reproduction", "docs/osteoarthritis-study", "docs/validation",
-        "docs/load-validation", "docs/assistance", "docs/studies/README",
+        "docs/assistance", "docs/studies/README",
     ],
     "Reference": [
         "docs/reference/README", "docs/reference/parameters", "docs/reference/commands", "docs/reference/messages",

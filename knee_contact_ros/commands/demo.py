@@ -213,7 +213,7 @@ BAG, RECORDED = "gait2354_right_sensors", "gait2354_right"
 """Bundled bags: a leg's sensors, and the joint reaction of the same gait by a musculoskeletal model"""
 LOAD_FILE = "load/gait2354.yaml"
 """Parameter file of the load node for `BAG`"""
-FORCE_LIMIT = 900.0
+FORCE_LIMIT = 700.0
 """Contact force [N] above which the companion lowers its torque; its default is above what the estimate reaches"""
 NOT_KNOWN = (
     "with an actuator's help people pull their muscles against each other otherwise than without, and nothing here "

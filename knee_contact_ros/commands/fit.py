@@ -115,26 +115,37 @@ def fit_profile(mesh: Path, side: str, compartment: str, tolerance: float, slab:
     help="Body weight [N]; once, or once per trial.",
 )
 @click.option(
+    "--moment", default="", metavar="SUM", help="Frontal moment torque.x [N m]: fits the compartments' spacing."
+)
+@click.option(
+    "--form",
+    type=click.Choice(["auto", "curve", "table"]),
+    default="auto",
+    show_default=True,
+    help="A curve over the load, a table over flexion and load, or what is better on trials that are left out.",
+)
+@click.option(
     "--smoothing",
     type=click.FloatRange(1e-8, 1e3),
-    default=1e-3,
-    show_default=True,
-    help="[BW^2] that a step of 1 between neighbours in the table costs, beside the mean square of the error.",
+    metavar="BW^2",
+    help="What a step of 1 between neighbours in the table costs, beside the mean square of the error; by default what "
+    "is best on trials that are left out.",
 )
 @click.option("--source", default="", help="Whose data these are: goes into the file.")
 @click.option("--output", type=Output(".csv"), required=True, metavar="OUT.csv", help="Table to write.")
 @click.option("--overwrite", is_flag=True, help="Replace OUT.csv if it exists.")
 def fit_share(
-    trials: tuple[str, ...], time: str, axial: str, medial: str, flexion: str, angle_unit: str, **rest: Any
+    trials: tuple[str, ...], time: str, axial: str, medial: str, flexion: str, moment: str, angle_unit: str, **rest: Any
 ) -> None:
     """From what an instrumented knee measured to the medial share.
 
-    Fits the medial share of the axial load over flexion and load to trials of walking, prints its RMS errors in
-    every trial when fitted to all, and when fitted to the others, and writes it as load.share_file takes it.
+    Fits the medial share of the axial load to trials of walking: a curve over the load with two constants, and a table
+    over flexion and load. Prints their RMS errors in every trial when fitted to the others, and writes the curve, or
+    the table if it is clearly better there, as load.share_file takes it.
     """
     from knee_contact_ros.lab.shares import Wanted, run_fit_share
 
-    wanted = Wanted(time, axial, medial, flexion, degrees=angle_unit == "deg")
+    wanted = Wanted(time, axial, medial, flexion, degrees=angle_unit == "deg", moment=moment)
     run_fit_share([[Path(name.strip()) for name in trial.split(",")] for trial in trials], wanted, **rest)
 
 

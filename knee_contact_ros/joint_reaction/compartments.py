@@ -24,6 +24,8 @@ SPLITS = RULES[1:]
 """Names of the rules that leave a load to the lateral compartment"""
 LARGEST_LOAD_IN_BW = 30.0
 """Largest axial load of a knee [BW]; larger numbers must be in N"""
+LOADED = 0.5
+"""Axial compression [BW] from which a leg is taken to stand; below it a share says little"""
 BOTH = "both"
 """Value of `load.compartment` for medial and lateral contact at once; a rule of `SPLITS` gives the medial load"""
 
@@ -129,6 +131,8 @@ class LoadRule:
     """Distance of the compartments [m], for moment_balance"""
     table: MeasuredShare | None
     """Medial share by load and flexion, for measured_share; None for the other rules"""
+    body_weight: float
+    """Body weight [N]"""
 
     def __call__(self, axial: Any, moment: Any, flexion: Any) -> Any:
         """Load of the compartment [N] from axial compression [N], frontal moment [N m] and flexion angle [rad].
@@ -150,6 +154,13 @@ class LoadRule:
     def varies(self) -> bool:
         """Whether the share varies from tick to tick."""
         return self.by_moment or self.table is not None
+
+    def fails(self, axial: Any, load: Any) -> Any:
+        """Whether a compartment would have to pull while the leg stands, from axial compression and medial load [N].
+
+        Takes numbers or arrays of one shape.
+        """
+        return (axial >= LOADED * self.body_weight) & ((load < 0.0) | (load > axial))
 
     def beyond(self, axial: Any, flexion: Any) -> Any:
         """Whether load or flexion lie beyond the table of shares: numbers, or arrays of one shape."""

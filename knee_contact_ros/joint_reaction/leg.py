@@ -66,8 +66,10 @@ the ground half a foot's length ahead"""
 
 
 class Leg(NamedTuple):
-    """Lengths, masses and inertias of thigh, shank and foot."""
+    """Lengths, masses and inertias of thigh, shank and foot, and what they carry."""
 
+    body_weight: float
+    """Weight of the person [N]"""
     thigh_length: float
     """Distance from hip to knee [m]"""
     shank_length: float
@@ -94,13 +96,19 @@ class Leg(NamedTuple):
         """Weight of shank and foot [N]."""
         return (self.shank_mass + self.foot_mass) * GRAVITY
 
+    @property
+    def inertia_below(self) -> float:
+        """Moment of inertia of shank and foot about the knee [kg m^2]."""
+        own = self.shank_inertia + self.foot_inertia
+        return own + self.shank_mass * self.shank_centre**2 + self.foot_mass * self.shank_length**2
+
 
 def leg_of(mass: float, height: float) -> Leg:
     """Estimate the leg of a person from mass [kg] and height [m]."""
     shank, shank_mass, foot_mass = SHANK_LENGTH * height, SHANK_MASS * mass, FOOT_MASS * mass
     forward, below = 0.5 * FOOT_LENGTH * height, ANKLE_HEIGHT * height
     return Leg(
-        THIGH_LENGTH * height, shank, KNEE_OFFSET * height,
+        mass * GRAVITY, THIGH_LENGTH * height, shank, KNEE_OFFSET * height,
         shank_mass, SHANK_CENTRE * shank, shank_mass * (SHANK_GYRATION * shank) ** 2,
         foot_mass, FOOT_CENTRE * forward, FOOT_CENTRE * below,
         foot_mass * (FOOT_GYRATION * math.hypot(forward, below)) ** 2,

@@ -2,7 +2,9 @@
 
 One moment does not determine several forces, so there is a rule: the gastrocnemius bears a fixed share of the
 plantarflexion moment. Extensors and flexors each pull with at least half of a floor, by which antagonists pull without
-need (tone, and co-contraction that grows with the ground force). Beyond that, only the side that is needed pulls.
+need (tone, and co-contraction that grows with the ground force). Beyond that, only the side that is needed pulls. A
+muscle's force follows with a first-order lag (electromechanical delay, activation dynamics: Winters & Stark 1987,
+doi:10.1109/TBME.1987.5325892; measured here on two instrumented knees, docs/validation.md).
 
 Moment arms are polynomials [m] of angles [rad], fitted to the musculoskeletal model gait2354 (Delp et al. 1990,
 doi:10.1109/10.102791; knee: Yamaguchi & Zajac 1989, doi:10.1016/0021-9290(89)90179-6) from -10 to 110 degrees of
@@ -16,7 +18,7 @@ from __future__ import annotations
 import math
 from typing import NamedTuple
 
-from knee_contact_ros.joint_reaction.leg import GRAVITY, Joints, NetMoments
+from knee_contact_ros.joint_reaction.leg import GRAVITY, NANOSECOND, Joints, NetMoments
 
 LEAST_FLEXION, MOST_FLEXION = -0.1745, 1.9199
 """Range of flexion [rad] beyond which the moment arms stay constant"""
@@ -102,6 +104,8 @@ class Person(NamedTuple):
     """The part of the least muscle force that grows with the vertical ground force, relative to that"""
     tone: float
     """The constant part of the least muscle force, relative to the body weight"""
+    electromechanical_delay: float
+    """Time constant [s] with which a muscle's force follows what is needed; 0: at once"""
 
     @property
     def weight(self) -> float:
@@ -111,6 +115,39 @@ class Person(NamedTuple):
     def floor(self, vertical: float) -> float:
         """Give the least force [N] of extensors and flexors together, at a vertical ground force [N]."""
         return self.co_contraction * max(vertical, 0.0) + self.tone * self.weight
+
+
+class Lag:
+    """First-order lag of the muscle forces behind what is needed of them.
+
+    Exact for a need that is linear in time between two samples, so it is stable at any rate and after any gap, and the
+    forces stay between those that were needed.
+    """
+
+    def __init__(self) -> None:
+        """Begin without a past: the first forces are those that are needed."""
+        self._last: tuple[int, Muscles, Muscles] | None = None
+
+    def forget(self) -> None:
+        """Forget the past."""
+        self._last = None
+
+    def at(self, stamp: int, needed: Muscles, time_constant: float, sure: bool = True) -> Muscles:
+        """Give the forces at a stamp [ns] for those that are needed then, and a time constant [s].
+
+        A stamp that is not later than the last one begins anew. What is not `sure` leaves no trace.
+        """
+        forces = needed
+        if self._last and stamp > self._last[0] and time_constant > 0.0:
+            since = (stamp - self._last[0]) * NANOSECOND / time_constant
+            left, ramp = math.exp(-since), -math.expm1(-since) / since
+            forces = Muscles(*[
+                new - (new - old) * ramp + (force - old) * left
+                for new, old, force in zip(needed, *self._last[1:], strict=True)
+            ])  # fmt: skip
+        if sure:
+            self._last = stamp, needed, forces
+        return forces
 
 
 class Reaction(NamedTuple):
@@ -126,7 +163,7 @@ class Reaction(NamedTuple):
 
 
 def reaction_of(person: Person, joints: Joints, net: NetMoments, vertical: float) -> Reaction:
-    """Compute the joint reaction of a knee.
+    """Compute the joint reaction of a knee whose muscles pull at once with what is needed.
 
     Args:
         person: Constants of the person.

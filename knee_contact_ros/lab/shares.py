@@ -2,16 +2,19 @@
 
 Trials are CSV files; forces and flexion are weighted sums of their columns. The force and not the share is fitted, so
 that a share counts by the square of the load that it divides. Every trial has the same weight, however long it is, as
-its strides are much alike. Differences between neighbours in the table are penalised (P-splines of first order: Eilers
-& Marx 1996, Statistical Science 11:89-121), so that a point without data gets the values of its neighbours; and shares
-are bounded. The method is linear least squares with bounds.
+its strides are much alike. Two forms are fitted. The curve a x / sqrt(1 + x^2), x = load / b, rises with the load and
+saturates; its constants are the large load's share a and the load b. The table over flexion and load is linear least
+squares with bounds, in which differences between neighbours are penalised (P-splines of first order: Eilers & Marx
+1996, Statistical Science 11:89-121). Penalty and form are chosen by leaving out trials, or quarters of the only one: a
+table that is not clearly better there would be fitted to noise, and the curve is written in its place.
 """
 
 from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -19,7 +22,7 @@ import numpy as np
 from rich import box
 from rich.console import Console
 from rich.table import Table
-from scipy.optimize import lsq_linear
+from scipy.optimize import least_squares, lsq_linear
 
 from knee_contact_ros import __version__
 from knee_contact_ros.joint_reaction.compartments import MeasuredShare, ShareTable
@@ -27,7 +30,7 @@ from knee_contact_ros.joint_reaction.estimator import LEAST_PEAK, MOST_PEAK, STI
 from knee_contact_ros.lab.tables import TableFormat, TimeColumn, header_of, read_columns
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_LOAD
 from knee_contact_ros.model.types import NANOSECOND, Floats
-from knee_contact_ros.parameters.files import SHARE_COLUMNS, read_share_table
+from knee_contact_ros.parameters.files import SHARE_COLUMNS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import refuse_existing, write_complete
 from knee_contact_ros.system.terminal import WIDTH, say, shown
@@ -38,11 +41,22 @@ FEWEST = 20
 """The least number of samples of a trial"""
 LEAST_FLEXION = -10.0
 """The least mean flexion [deg] of a trial: no knee is straighter on average"""
-LEAST_TOTAL, LARGEST_EXCESS = 50.0, 0.05
+LEAST_TOTAL, LARGEST_EXCESS = 50.0, 0.15
 """The least peak [N] of the axial force; and the part of that peak by which a medial force may be above the axial one
-or below 0, as load cells have noise"""
-SMOOTHING = 1e-3
-"""Penalty [BW^2] of a step of 1 between neighbours, relative to the mean square error of the medial force"""
+or below 0: load cells have noise, and in swing one implant's medial side pulled by a tenth"""
+SMOOTHINGS = tuple(10.0 ** (0.5 * power) for power in range(-8, 3))
+"""Penalties [BW^2] of a step of 1 between neighbours that are tried, relative to the mean square error of the force"""
+EARNED = 0.95
+"""RMS error of the table on what it was not fitted to, relative to the curve's, below which it is written"""
+LEAST_LOAD, MOST_LOAD = 0.05, 5.0
+"""Range of the load b [body weights]; at its end the share is a constant, or a line in the load"""
+QUARTERS, COLUMNS = 4, ("flexion", "load", "medial", "moment")
+CURVE_FLEXION, CURVE_STEP, CURVE_END = (-0.5, 2.7), 0.1, 6.0
+"""Flexion [rad] of a written curve's two rows, and step and last of its loads [body weights]"""
+OUTLIER = 0.1
+"""Error of the medial force [body weights] beyond which a sample counts less in the fit of the spacing"""
+LARGEST_MOMENT = 0.12
+"""Largest frontal moment [m times the body weight]; larger ones are spikes where feet change plates, and left out"""
 FLEXION = (-10.0, 0.0, 10.0, 20.0, 40.0, 70.0, 100.0, 130.0)
 """Flexion [deg] of the table's rows, as far as there are data: denser where the knee is in stance"""
 LOAD = (0.0, 0.6, 1.2, 1.8, 2.4, 3.0, 3.6, 4.2, 4.8)
@@ -60,6 +74,8 @@ class Trial(NamedTuple):
     """Axial force [body weights], positive in compression"""
     medial: Floats
     """Medial force [body weights], positive in compression"""
+    moment: Floats
+    """Frontal moment [m times the body weight], as torque.x of the joint reaction; NaN where it is not known"""
     body_weight: float
     """Body weight [N]"""
 
@@ -77,11 +93,13 @@ class Wanted(NamedTuple):
     """Flexion angle, in radians or degrees"""
     degrees: bool
     """Whether flexion is in degrees"""
+    moment: str = ""
+    """Frontal moment [N m], as torque.x of the joint reaction; empty: it is not known"""
 
 
 def run_fit_share(
-    files: Sequence[Sequence[Path]], wanted: Wanted, body_weight: Sequence[float], smoothing: float, source: str,
-    output: Path, overwrite: bool,
+    files: Sequence[Sequence[Path]], wanted: Wanted, body_weight: Sequence[float], form: str, smoothing: float | None,
+    source: str, output: Path, overwrite: bool,
 ) -> None:  # fmt: skip
     """Fit a table to trials, write it, and print its errors.
 
@@ -89,7 +107,8 @@ def run_fit_share(
         files: Files of each trial.
         wanted: The columns of these files.
         body_weight: Body weight [N] of all trials, or of each.
-        smoothing: Penalty, see `SMOOTHING`.
+        form: curve, table, or auto: the one that is better on what it was not fitted to.
+        smoothing: Penalty of the table; None: the one of `SMOOTHINGS` that is.
         source: Source of the data, for the comments of the table.
         output: CSV file to write.
         overwrite: Whether to replace it.
@@ -103,10 +122,10 @@ def run_fit_share(
         raise UsageError(f"--body-weight: {len(body_weight)} for {len(files)} trials; give one, or one for each")
     weights = list(body_weight) * (len(files) // len(body_weight))
     trials = [read_trial(paths, wanted, weight) for paths, weight in zip(files, weights, strict=True)]
-    text = _csv(fit(trials, smoothing), trials, source, smoothing)
-    rows = errors(trials, smoothing, read_share_table(output.name, text))  # of the table as it is written
+    found = chosen(trials, form, smoothing)
+    text = _csv(found, trials, source)
     write_complete({output: text.encode()})
-    _show(trials, rows)
+    _show(trials, found)
     say(f"Written: {output}")
 
 
@@ -127,6 +146,7 @@ def read_trial(paths: Sequence[Path], wanted: Wanted, body_weight: float) -> Tri
     """
     name = paths[0].stem
     sums = {"--axial": wanted.axial, "--medial": wanted.medial, "--flexion": wanted.flexion}
+    sums |= {"--moment": wanted.moment} if wanted.moment else {}
     terms = {option: _terms(option, text) for option, text in sums.items()}
     needed = list(dict.fromkeys(column for each in terms.values() for _, column in each))
     times: list[Any] = []
@@ -156,14 +176,16 @@ def read_trial(paths: Sequence[Path], wanted: Wanted, body_weight: float) -> Tri
         for _, column in each:
             if column not in found:
                 raise UsageError(f"{option}: trial {name} has no column {column}; it has {', '.join(known)}")
-    axial, medial, flexion = (
+    axial, medial, flexion, *moments = (
         sum((weight * np.interp(kept, *found[column]) for weight, column in each), np.zeros(len(kept)))
         for each in terms.values()
     )
     flexion = np.radians(flexion) if wanted.degrees else flexion
     hint = "" if wanted.degrees else "; --angle-unit deg, if it is in degrees"
     _refuse_impossible(name, flexion, axial, medial, body_weight, hint)
-    return Trial(name, flexion, axial / body_weight, medial / body_weight, body_weight)
+    moment = moments[0] / body_weight if moments else np.full(len(axial), np.nan)
+    moment = np.where(np.abs(moment) <= LARGEST_MOMENT, moment, np.nan)
+    return Trial(name, flexion, axial / body_weight, medial / body_weight, moment, body_weight)
 
 
 def _terms(option: str, text: str) -> list[tuple[float, str]]:
@@ -203,12 +225,12 @@ def _refuse_impossible(trial: str, flexion: Floats, axial: Floats, medial: Float
             raise UsageError(f"trial {trial}: {reason}")
 
 
-def fit(trials: Sequence[Trial], smoothing: float = SMOOTHING) -> ShareTable:
+def fit_table(trials: Sequence[Trial], smoothing: float) -> ShareTable:
     """Fit the table to some trials; its places are the standard ones between those nearest to the data's ends.
 
     Args:
         trials: The trials.
-        smoothing: Penalty, see `SMOOTHING`.
+        smoothing: Penalty, see `SMOOTHINGS`.
     """
     flexion = _within(np.radians(FLEXION), np.concatenate([trial.flexion for trial in trials]))
     load = _within(np.array(LOAD), np.concatenate([trial.load for trial in trials]))
@@ -238,34 +260,140 @@ def _hats(places: Floats, values: Floats) -> Floats:
     return np.array([np.interp(values, places, unit) for unit in np.eye(len(places))]).T
 
 
+class Curve(NamedTuple):
+    """A share that rises with the load and saturates."""
+
+    share: float
+    """Medial share of a large load"""
+    load: float
+    """Load [body weights] at which the share is 0.71 of that"""
+
+    def at(self, load: Floats) -> Floats:
+        """Give the shares at loads [body weights]."""
+        ratio = np.maximum(load, 0.0) / self.load
+        return np.asarray(self.share * ratio / np.sqrt(1.0 + ratio * ratio))
+
+    @property
+    def table(self) -> ShareTable:
+        """The curve as a table that has no slope along flexion."""
+        load = np.round(np.arange(0.0, CURVE_END + 0.5 * CURVE_STEP, CURVE_STEP), 3)
+        return ShareTable(np.array(CURVE_FLEXION), load, np.stack([self.at(load)] * 2))
+
+
+def fit_curve(trials: Sequence[Trial], weights: Sequence[float] | None = None) -> Curve:
+    """Fit the curve to some trials, which have `weights`, or one weight each."""
+    parts = np.sqrt(np.ones(len(trials)) if weights is None else np.asarray(weights))
+
+    def misfit(constants: Floats) -> Floats:
+        curve = Curve(*constants)
+        each = [part / np.sqrt(len(trial.load)) * (curve.at(trial.load) * trial.load - trial.medial)
+                for part, trial in zip(parts, trials, strict=True)]  # fmt: skip
+        return np.concatenate(each)
+
+    found = least_squares(misfit, (0.6, 0.5), bounds=((0.0, LEAST_LOAD), (1.0, MOST_LOAD)))
+    return Curve(*found.x.tolist())
+
+
 def constant(trials: Sequence[Trial]) -> float:
     """Give the constant share that fits the medial forces best, where all trials have the same weight."""
     above = sum(float((trial.medial * trial.load).mean()) for trial in trials)
     return above / sum(float((trial.load**2).mean()) for trial in trials)
 
 
-class Errors(NamedTuple):
-    """RMS errors of the medial force [N] in a trial, by several rules for the share."""
+def spacing(trials: Sequence[Trial]) -> float:
+    """Give the distance [m] of the compartments by which their frontal moments fit best; NaN if none are known.
 
-    half: float
-    """Error with a share of one half"""
-    constant: float
-    """Error with the best constant share of the other trials; not a number if there are none"""
-    left_out: float
-    """Error with the table that is fitted to the other trials; not a number if there are none"""
-    fitted: float
-    """Error with the table that is fitted to all trials"""
+    The medial force is half of the load less the moment over the spacing. Spikes of moments, where feet change plates,
+    count little (a loss that is linear beyond `OUTLIER`).
+    """
+    known = [np.isfinite(trial.moment) for trial in trials]
+    counts = [int(seen.sum()) for seen in known]
+    if not all(counts):
+        return math.nan
+    mean = sum(counts) / len(counts)
+
+    def misfit(inverse: Floats) -> Floats:
+        each = [(0.5 * trial.load - trial.moment * inverse - trial.medial)[seen] * math.sqrt(mean / count)
+                for trial, seen, count in zip(trials, known, counts, strict=True)]  # fmt: skip
+        return np.concatenate(each)
+
+    found = least_squares(misfit, 15.0, loss="soft_l1", f_scale=OUTLIER)
+    return 1.0 / float(found.x[0])
 
 
-def errors(trials: Sequence[Trial], smoothing: float, table: ShareTable) -> list[Errors]:
-    """Compute the errors in every trial, with what is fitted to the other trials, and with the `table` for all."""
-    rows = []
-    for place, trial in enumerate(trials):
-        others = [*trials[:place], *trials[place + 1 :]]
-        best, left_out = (constant(others), _shares(fit(others, smoothing), trial)) if others else (np.nan, np.nan)
-        shares = (0.5, best, left_out, _shares(table, trial))
-        rows.append(Errors(*(_rms(trial, share) for share in shares)))
-    return rows
+class Found(NamedTuple):
+    """Result of a fit."""
+
+    table: ShareTable
+    """Shares that are written"""
+    curve: Curve | None
+    """The curve that they are of; None: they are of a table"""
+    smoothing: float
+    """Penalty of the table"""
+    errors: dict[str, list[float]]
+    """RMS error of the medial force [body weights] in every trial, by the rule for the share. Of rules that are fitted:
+    to the other trials, or to the rest of the only one"""
+    spacing: float
+    """Distance of the compartments [m] for moment_balance; not a number if no moment is known"""
+
+    @property
+    def form(self) -> str:
+        """Words for what is written."""
+        if self.curve:
+            return f"the curve {self.curve.share:.3f} x / sqrt(1 + x^2), x = load / {self.curve.load:.3f} BW"
+        return f"a table, smoothing {self.smoothing:.3g}"
+
+
+def chosen(trials: Sequence[Trial], form: str, smoothing: float | None) -> Found:
+    """Fit curve and table, and choose by what they miss of trials that they were not fitted to; see `run_fit_share`."""
+    folds = [([*trials[:place], *trials[place + 1 :]], [trial], place) for place, trial in enumerate(trials)]
+    if len(trials) == 1:
+        folds = [(*_without_quarter(trials[0], quarter), 0) for quarter in range(QUARTERS)]
+
+    def missed(rule: Callable[[Sequence[Trial]], Callable[[Trial], Any]]) -> list[float]:
+        squares: list[list[float]] = [[] for _ in trials]
+        for known, left_out, place in folds:
+            share = rule(known)
+            squares[place].append(float(np.mean([_rms(trial, share(trial)) ** 2 for trial in left_out])))
+        return [math.sqrt(sum(each) / len(each)) for each in squares]
+
+    def tabled(penalty: float) -> Callable[[Sequence[Trial]], Callable[[Trial], Any]]:
+        return lambda known: partial(_shares, fit_table(known, penalty))
+
+    def curved(known: Sequence[Trial]) -> Callable[[Trial], Any]:
+        return partial(_on_curve, fit_curve(known))
+
+    def constantly(known: Sequence[Trial]) -> Callable[[Trial], Any]:
+        share = constant(known)
+        return lambda trial: np.full(len(trial.load), share)
+
+    def balanced(known: Sequence[Trial]) -> Callable[[Trial], Any]:
+        apart = spacing(known)
+        return lambda trial: 0.5 - trial.moment / (apart * np.maximum(trial.load, 1e-9))
+
+    errors = {"share of 1/2": [_rms(trial, 0.5) for trial in trials], "constant": missed(constantly)}
+    errors["curve"] = missed(curved)
+    tried = {penalty: missed(tabled(penalty)) for penalty in ([smoothing] if smoothing else SMOOTHINGS)}
+    best = min(tried, key=lambda penalty: float(np.mean(np.square(tried[penalty]))))
+    errors["table"] = tried[best]
+    if not any(np.isnan(trial.moment).all() for trial in trials):
+        errors["moment\nbalance"] = missed(balanced)
+    earned = np.mean(np.square(errors["table"])) < EARNED**2 * np.mean(np.square(errors["curve"]))
+    if form == "table" or (form == "auto" and earned):
+        return Found(fit_table(trials, best), None, best, errors, spacing(trials))
+    curve = fit_curve(trials)
+    return Found(curve.table, curve, best, errors, spacing(trials))
+
+
+def _without_quarter(trial: Trial, quarter: int) -> tuple[list[Trial], list[Trial]]:
+    """Divide a trial into what is left without a quarter of its samples, and that quarter."""
+    place = QUARTERS * np.arange(len(trial.load)) // len(trial.load) == quarter
+    both = [trial._replace(**{name: getattr(trial, name)[kept] for name in COLUMNS}) for kept in (~place, place)]
+    return [both[0]], [both[1]]
+
+
+def _on_curve(curve: Curve, trial: Trial) -> Floats:
+    return curve.at(trial.load)
 
 
 def _shares(table: ShareTable, trial: Trial) -> Any:
@@ -273,12 +401,27 @@ def _shares(table: ShareTable, trial: Trial) -> Any:
 
 
 def _rms(trial: Trial, share: Floats | float) -> float:
-    return float(trial.body_weight * np.sqrt(np.mean((share * trial.load - trial.medial) ** 2)))
+    """RMS error of the medial force [body weights], where the share is known."""
+    return float(np.sqrt(np.nanmean((share * trial.load - trial.medial) ** 2)))
 
 
-def _csv(table: ShareTable, trials: Sequence[Trial], source: str, smoothing: float) -> str:
+def _csv(found: Found, trials: Sequence[Trial], source: str) -> str:
     """Write the table as the text of a CSV file; four digits of a share are a tenth of a newton."""
     names = ", ".join(f"{trial.name} ({len(trial.load)} samples, {trial.body_weight:g} N)" for trial in trials)
+    written = "curve" if found.curve else "table"
+    missed = ", ".join(f"{error:.3f}" for error in found.errors[written])
+    left_out = "the trial was left out" if len(trials) > 1 else "quarters of it were left out"
+    notes = [f"Fitted by knee-contact fit-share {__version__} to {names}: {found.form}.",
+             f"RMS error of the medial force where {left_out} [BW]: {missed}."]  # fmt: skip
+    if not math.isnan(found.spacing):
+        notes.append(f"Its frontal moments fit load.compartment_spacing {found.spacing:.4f} m.")
+    return share_csv(
+        found.table, [*(f"Source: {line.strip()}" for line in source.splitlines() if line.strip()), *notes]
+    )
+
+
+def share_csv(table: ShareTable, notes: Sequence[str]) -> str:
+    """Text of a CSV file with a table, and `notes` as comments."""
     rows = [
         f"{angle:.6f},{load:g},{share:.4f}"
         for angle, shares in zip(table.flexion, table.share, strict=True)
@@ -287,23 +430,26 @@ def _csv(table: ShareTable, trials: Sequence[Trial], source: str, smoothing: flo
     lines = [
         "# Medial share of the axial knee load over flexion [rad] and axial load [BW]; between the points bilinear,",
         "# beyond them as at the edge. For load.compartment: measured_share (load.share_file).",
-        *(f"# Source: {line.strip()}" for line in source.splitlines() if line.strip()),
-        f"# Fitted by knee-contact fit-share {__version__}, smoothing {smoothing:g}, to {names}.",
+        *(f"# {note}" for note in notes),
         ",".join(SHARE_COLUMNS),
     ]
     return "\n".join([*lines, *rows]) + "\n"
 
 
-def _show(trials: Sequence[Trial], rows: Sequence[Errors]) -> None:
-    """Print the RMS errors of the medial force in every trial, in N and in body weights."""
+def _show(trials: Sequence[Trial], found: Found) -> None:
+    """Print the RMS errors of the medial force in every trial, in N and in body weights, and what was chosen."""
     console = Console(width=WIDTH, emoji=False)
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, title="RMS error of the medial force", title_justify="left")
+    fitted_to = "the others" if len(trials) > 1 else "other quarters"
+    title = f"RMS error of the medial force; what is fitted is fitted to {fitted_to}"
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, title=title, title_justify="left")
     table.add_column("trial", overflow="fold")
-    for name in ("share of 1/2", "constant of\nthe others", "table of\nthe others", "table of\nall trials"):
+    for name in found.errors:
         table.add_column(name, justify="right")
-    for trial, row in zip(trials, rows, strict=True):
-        cells = ["-" if math.isnan(force) else f"{force:.1f} N\n{force / trial.body_weight:.3f} BW" for force in row]
+    for place, trial in enumerate(trials):
+        rows = [errors[place] for errors in found.errors.values()]
+        cells = [f"{error * trial.body_weight:.1f} N\n{error:.3f} BW" for error in rows]
         table.add_row(shown(trial.name), *cells)
     console.print(table)
-    if len(trials) == 1:
-        console.print("One trial: nothing says how well the table holds on another.", highlight=False)
+    say(f"Fitted to all: {found.form}")
+    if not math.isnan(found.spacing):
+        say(f"For moment_balance: load.compartment_spacing: {found.spacing:.4f}")

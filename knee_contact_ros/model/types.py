@@ -72,12 +72,16 @@ class Status(IntFlag):
     IMPLAUSIBLE = 32
     """No knee is so deep, so far apart or so bent, or touches there: see `KneeModel.plausible_depth`, and in `ticks`
     `FARTHEST_GAP`, `EXTENDS`, `FLEXES` and `FARTHEST_POINT`."""
+    DOUBTFUL_LOAD = 64
+    """Of a contact: the frontal moment cannot be split between the compartments. Of an estimated load: a movement for
+    which no constants were measured."""
 
 
 NANOSECOND = 1e-9
 """Unit of stamps [s]"""
 UNUSABLE = Status.STALE_INPUT | Status.TIME_RESET | Status.INPUT_HELD | Status.NOT_CONVERGED | Status.IMPLAUSIBLE
-"""An answer with any of these flags must not control anything. A rejected sample does not count, as it was not used."""
+"""An answer with any of these flags must not control anything. A rejected sample does not count, as it was not used;
+whether a doubtful load is good enough is for the user to say."""
 
 
 class Row(np.record):  # type: ignore[misc]  # final to the stubs alone

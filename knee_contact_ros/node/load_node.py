@@ -35,8 +35,9 @@ from knee_contact_ros.streams.topics import (
 )
 
 LIVE = frozenset({
-    "person.mass", "person.height", "person.moment_arm_scale", "person.co_contraction", "person.tone", "calibrated",
-    "standard_deviation", "deadline", "record.path", "knee.offset", "hip.offset", "ankle.offset",
+    "person.mass", "person.height", "person.moment_arm_scale", "person.co_contraction", "person.tone",
+    "person.electromechanical_delay", "calibrated", "standard_deviation", "deadline", "record.path", "knee.offset",
+    "hip.offset", "ankle.offset",
 })  # fmt: skip
 """Parameters that may change while the node is configured: numbers of the person, and the next recording's name"""
 

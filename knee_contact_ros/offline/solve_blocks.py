@@ -26,7 +26,13 @@ from knee_contact_ros.streams.columns import (
     pair,
     steps_of,
 )
-from knee_contact_ros.streams.contact_stream import ContactStream, angle_sample, load_sample, summed_wrenches
+from knee_contact_ros.streams.contact_stream import (
+    DOUBTFUL_LOAD,
+    ContactStream,
+    angle_sample,
+    load_sample,
+    summed_wrenches,
+)
 from knee_contact_ros.streams.messages import JOINT_STATE, LAST_STAMP, WRENCH, Stamps
 from knee_contact_ros.streams.pairing import STEPS, AngleSample, LoadSample, Steady
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT_WRENCH, NANOSECONDS
@@ -154,8 +160,11 @@ def _computed(pipeline: ContactStream, samples: _Samples, paired: PairedSamples,
     stamps, frame_id = samples.wrenches.stamps[:number], samples.wrenches.shape[0]
     axial = samples.axial[:number]
     medial = pipeline.rule(axial, samples.moment[:number], paired.angle)
+    status = paired.status
+    if pipeline.by_moment:
+        status = np.where(pipeline.by_moment.fails(axial, medial), status | DOUBTFUL_LOAD, status)
     rows = tuple(
-        compartment.advance_all(stamps, paired.angle, loads, paired.height, paired.status)
+        compartment.advance_all(stamps, paired.angle, loads, paired.height, status)
         for compartment, loads in zip(pipeline.compartments, (medial, axial - medial), strict=False)
     )
     pipeline.ticks += number

@@ -187,7 +187,7 @@ def load_rule(parameters: Parameters, texts: Mapping[str, str]) -> LoadRule:
     load, table = parameters.load, None
     if load.rule == "measured_share":
         table = MeasuredShare(read_share_table(load.share_file, texts[SHARE_FILE]), parameters.body_weight)
-    return LoadRule(load.rule, load.share, load.compartment_spacing, table)
+    return LoadRule(load.rule, load.share, load.compartment_spacing, table, parameters.body_weight)
 
 
 def parameter_doubts(parameters: Parameters, model: KneeModel) -> list[str]:

@@ -287,7 +287,7 @@ class Load(Section):
         "share_medial.csv", "CSV of flexion_angle [rad], axial_load [BW], medial_share; measured_share"
     )
     compartment_spacing: float = parameter(
-        0.04, "[m] from the medial to the lateral compartment; moment_balance, both", ge=0.005, le=0.2
+        0.07, "[m] from the medial to the lateral compartment; moment_balance, both", ge=0.005, le=0.2
     )
 
     @property
@@ -597,16 +597,21 @@ class PersonParameters(Section):
 
     mass: float = parameter(75.16, "[kg] body mass", ge=10.0, le=400.0)
     height: float = parameter(1.75, "[m] body height", ge=0.8, le=2.5)
-    moment_arm_scale: float = parameter(1.5, "factor for the published moment arms of the muscles", ge=0.3, le=3.0)
+    moment_arm_scale: float = parameter(1.75, "factor for the published moment arms of the muscles", ge=0.3, le=3.0)
     co_contraction: float = parameter(
-        0.2, "least pull of antagonists, as a part of the vertical ground force", ge=0.0, le=3.0
+        0.39, "least pull of antagonists, as a part of the vertical ground force", ge=0.0, le=3.0
     )
-    tone: float = parameter(0.3, "least pull of antagonists, as a part of the body weight", ge=0.0, le=2.0)
+    tone: float = parameter(0.27, "least pull of antagonists, as a part of the body weight", ge=0.0, le=2.0)
+    electromechanical_delay: float = parameter(
+        0.025, "[s] time constant with which muscle forces follow what is needed of them; 0: at once", ge=0.0, le=0.2
+    )
 
     @property
     def constants(self) -> Person:
         """Constants of the person for the estimator."""
-        return Person(self.mass, self.height, self.moment_arm_scale, self.co_contraction, self.tone)
+        return Person(
+            self.mass, self.height, self.moment_arm_scale, self.co_contraction, self.tone, self.electromechanical_delay
+        )
 
 
 class LoadParameters(NodeSection):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.joint_reaction.compartments import LoadRule
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD, KneeModel, degrees_hint
-from knee_contact_ros.model.types import FLAT, ROW, WRENCH, Rows
+from knee_contact_ros.model.types import FLAT, ROW, WRENCH, Rows, Status
 from knee_contact_ros.parameters.build import build_model, load_rule, retuned
 from knee_contact_ros.parameters.files import curve_texts, lateral_texts
 from knee_contact_ros.parameters.schema import Knee, Parameters, has_both, lateral_knee
@@ -45,6 +45,7 @@ from knee_contact_ros.streams.topics import (
 from knee_contact_ros.streams.watch import Doubts, Split, doubts_about
 
 Floats = NDArray[np.float64]
+DOUBTFUL_LOAD = int(Status.DOUBTFUL_LOAD)  # a plain number: combining flags of an enumeration takes long
 SIX = struct.Struct("<6d")
 """Force and torque in the bytes of a row"""
 WRENCH_FIELDS = [f"contact_wrench_{part}_{axis}" for part in ("force", "torque") for axis in "xyz"]
@@ -183,11 +184,13 @@ class ContactStream(PairedStreams):
         """Compute a tick; return the answer of each compartment as the bytes of a `KneeContact`."""
         load = pair.load
         medial = self.rule(load.axial, load.moment, pair.angle)
-        messages = []
+        messages, status = [], pair.status
+        if self.by_moment and self.by_moment.fails(load.axial, medial):
+            status |= DOUBTFUL_LOAD
         for compartment, part in zip(self.compartments, (medial, load.axial - medial), strict=False):
             if pair.status & TIME_RESET:
                 compartment.start_anew()
-            compartment.advance(load.stamp, pair.angle, part, pair.height, pair.status)
+            compartment.advance(load.stamp, pair.angle, part, pair.height, status)
             messages.append(encode_answer(load.stamp, load.frame_id, compartment.row.tobytes()))
         self.ticks += 1
         if self.varies:

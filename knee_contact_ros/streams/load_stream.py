@@ -176,7 +176,7 @@ class LoadStream(PairedStreams):
     def compute(self, pair: PairedSample) -> list[bytes]:
         """Estimate the joint reaction; return the bytes of its WrenchStamped and of its `LoadEstimate`."""
         load = pair.load
-        self.estimate = estimate = self._estimator.at(*self.sense(pair), pair.status)
+        self.estimate = estimate = self._estimator.at(load.stamp, *self.sense(pair), pair.status)
         self.ticks += 1
         frame = self.parameters.frame.tibia
         force, torque = (0.0, -estimate.axial_force, 0.0), (estimate.frontal_moment, 0.0, 0.0)
@@ -200,8 +200,9 @@ class LoadStream(PairedStreams):
         """Continue with other numbers among the parameters, between two ticks."""
         if _offsets(parameters) != _offsets(self.parameters):  # the jump of the angles is no motion
             self._motion.forget()
+            self._estimator.forget()
         self.parameters, self.level = parameters, parameters.chosen_level
-        self._estimator = Estimator(self.level, parameters.person.constants, parameters.trust)
+        self._estimator.configure(self.level, parameters.person.constants, parameters.trust)
 
 
 def encode_estimate(stamp: int, frame_id: str, estimate: Estimate) -> bytes:

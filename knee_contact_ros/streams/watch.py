@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from knee_contact_ros.joint_reaction.compartments import LOADED
 from knee_contact_ros.joint_reaction.estimator import weight_doubt
 from knee_contact_ros.model.inputs import Axes, Inputs
 from knee_contact_ros.model.knee import KneeModel
@@ -21,8 +22,6 @@ from knee_contact_ros.model.types import FLAT, Rows, Status
 from knee_contact_ros.parameters.build import beyond_words, parameter_doubts
 from knee_contact_ros.parameters.schema import Parameters
 
-LOADED = 0.5
-"""Axial compression [BW] from which a leg is taken to stand; below it a share says little"""
 MOST_BEYOND = 0.1
 """Largest part of the samples under load that may lie beyond a table of shares without a warning"""
 MM = 1e3

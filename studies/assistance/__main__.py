@@ -124,7 +124,7 @@ def text(torques: Sequence[float], found: Mapping[str, Sequence[Walk]]) -> str:
         "deviation": f"{deviation.at(constant[0].axial.max(), weight):.0f}",
         "shown": f"{torques[SHOWN]:g}",
         "rows": "\n".join(f"| {torques[i]:g} | {cells(constant[i])} | {cells(law[i])} |" for i in TABLE),
-        "slope": f"{(middle[0] - middle[SHOWN]) / torques[SHOWN]:.1f}",
+        "slope": f"{(middle[0] - middle[best]) / max(torques[best], 1.0):.1f}",
         "least": f"{middle[best]:.0f}", "best": f"{torques[best]:g}",
         "law": f"{middle[0] - min(walk.peaks.force[1] for walk in law):.0f}",
         "effect": f"{middle[0] - middle[best]:.0f}", "band": f"{forces[best, 2] - middle[best]:.0f}",

@@ -14,7 +14,7 @@ from examples.assist_as_needed import AssistLaw, Settings
 from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.commands.demo import BAG, FORCE_LIMIT, LOAD_FILE
 from knee_contact_ros.joint_reaction.estimator import Estimator
-from knee_contact_ros.joint_reaction.leg import STILL, UNKNOWN, Ground, Joints
+from knee_contact_ros.joint_reaction.leg import UNKNOWN, Ground, Joints, MotionFilter
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
@@ -118,12 +118,14 @@ def walk(samples: Sequence[Sample], law: Law, model: KneeModel, parameters: Load
     estimate alone. What muscles do at rest presses on (`person.tone`): no load falls below that by a deviation.
     """
     estimator = Estimator(parameters.chosen_level, parameters.person.constants, parameters.trust)
-    stream, contact = model.stream(), 0.0
+    stream, contact, motion = model.stream(), 0.0, MotionFilter(parameters.motion_window)
     torques, axial, force, off = [], [], [], []
     for sample in samples:
         torques.append(law(sample, contact))
         joints = Joints(sample.flexion, UNKNOWN, UNKNOWN, knee_assistance=torques[-1])
-        estimate = estimator.at(joints, STILL, Ground((0.0, sample.vertical, 0.0), NO_TORQUE))
+        estimate = estimator.at(
+            sample.stamp, joints, motion.see(sample.stamp, joints), Ground((0.0, sample.vertical, 0.0), NO_TORQUE)
+        )
         stream.advance(sample.stamp, sample.flexion, SHARE * estimate.axial_force)
         contact = float(stream.answer["contact_force"][0])
         axial.append(estimate.axial_force)

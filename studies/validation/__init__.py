@@ -1,4 +1,4 @@
-"""The model and its shares held against an instrumented knee, as docs/validation.md.
+"""Estimated loads and their split held against two instrumented knees, as docs/validation.md.
 
 python -m studies.validation --data FOLDER
 """

@@ -1,4 +1,4 @@
-"""Two trials of an instrumented knee, read from files that are not part of the project."""
+"""Walking trials of two instrumented knees, read from files that are not part of the project."""
 
 from __future__ import annotations
 
@@ -8,77 +8,204 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from knee_contact_ros.joint_reaction.compartments import LOADED
+from knee_contact_ros.joint_reaction.estimator import LEVELS
+from knee_contact_ros.joint_reaction.leg import (
+    GRAVITY,
+    UNKNOWN,
+    Ground,
+    Joints,
+    Leg,
+    Motion,
+    MotionFilter,
+    NetMoments,
+    leg_of,
+)
 from knee_contact_ros.lab.shares import Trial
+from knee_contact_ros.lab.tables import read_storage
 
 Floats = NDArray[np.float64]
-BODY_WEIGHT = 654.3
-"""Body weight [N]"""
-TRIALS = {"overground": "ngait_og5", "treadmill": "ngait_tm_fast1"}
+Flags = NDArray[np.bool_]
 MEDIAL = {"am_n": 0.9871, "pm_n": 0.9683, "al_n": 0.0387, "pl_n": 0.0211}
-"""Weights of the tray's cells in the medial force: its published regression"""
+"""Weights of JW's cells in the medial force: the tray's published regression"""
 ON_PLATE = 30.0
-"""Vertical ground reaction [N] of a foot on the plate, above the noise of the plates in swing (19 and 23 N)"""
+"""Vertical ground force [N] of a foot on the plate, above the noise of the plates in swing (19 and 23 N)"""
+KNEE_SPIKE, ANKLE_SPIKE, MARGIN = 0.12, 0.23, 0.1
+"""Moments [m times the body weight] beyond which a sample is a spike where feet change plates (the others reach 0.075
+and 0.22), and the time [s] on both sides that is left out with it"""
+MISSED_LOAD, MISSED_TIME = 0.75, 0.25
+"""A plate is missing where the implant bears so many body weights for so long [s] and the plate nothing: all from
+`MARGIN` before that to the next contact is left out"""
+SHORT, STRIKE = 0.3, 0.3
+"""Time [s] that a whole stance takes at least, and the ground force [body weights] below which it begins"""
+WINDOW = 0.05
+"""Time [s] over which the motion is estimated: the parameters' default"""
+SECOND = 1e9
 
 
-class Measured(NamedTuple):
-    """Measured series of a trial, at the cells' samples, shape (n,)."""
+class Person(NamedTuple):
+    """A person with an instrumented knee."""
 
     name: str
+    body_weight: float
+    """Body weight [N]"""
+    height: float
+    """Height [m]"""
+    pattern: str
+    """Pattern of the names of the files with forces; `_motion.csv` and `_ground_force.csv` lie beside them"""
+
+
+PERSONS = (
+    Person("JW", 654.3, 1.70, "ngait_*_tibia_cells.csv"),
+    Person("PS", 735.75, 1.80, "PS_ngait_*_tibia_force.csv"),
+)
+"""JW: right knee (fourth Grand Challenge); PS: left knee, mirrored (fifth). JW's height is assumed"""
+
+
+class Walk(NamedTuple):
+    """One leg in one trial, at n samples."""
+
+    person: Person
+    name: str
     time: Floats
-    """Times [s]"""
-    flexion: Floats
-    """Flexion angle [rad] by inverse kinematics of markers"""
+    """Times [s], shape (n,)"""
+    vertical: Floats
+    """Vertical ground force [N], shape (n,)"""
     total: Floats
-    """Total force [N], the sum of the cells"""
+    """Measured total force [N], shape (n,)"""
     medial: Floats
-    """Medial force [N]"""
-    front: Floats
-    """Part of the two medial cells' force that the anterior one bears [1]"""
-    moment: Floats
-    """Moment of inverse dynamics [N m] about x of the tibia, acting on it from above: adduction positive"""
-    plate_time: Floats
-    """Times of the plates' samples [s]"""
-    plate: Floats
-    """Vertical ground reaction of this leg [N]"""
+    """Measured medial force [N], shape (n,)"""
+    frontal: Floats
+    """Frontal moment [N m] as torque.x, shape (n,): JW's of inverse dynamics, PS's with the muscles of OpenSim"""
+    external: Floats
+    """The same [N m] without muscles, shape (n,)"""
+    joints: list[Joints]
+    """Joint angles, length n"""
+    motions: list[Motion]
+    """Motion of the joints as the node sees it, length n"""
+    moments: list[NetMoments]
+    """Net moments by inverse dynamics with motion capture, length n"""
+    used: Flags
+    """Samples that are judged and fitted to, shape (n,)"""
+
+    @property
+    def flexion(self) -> Floats:
+        """Flexion angles [rad], shape (n,)."""
+        return np.array([joints.flexion for joints in self.joints])
+
+    @property
+    def stance(self) -> Flags:
+        """Whether the foot is on the ground, shape (n,)."""
+        return np.asarray(self.vertical > ON_PLATE)
+
+    @property
+    def leg(self) -> Leg:
+        """The leg by its proportions."""
+        return leg_of(self.person.body_weight / GRAVITY, self.person.height)
 
     @property
     def trial(self) -> Trial:
         """The trial in the form that `fit-share` takes."""
-        return Trial(self.name, self.flexion, self.total / BODY_WEIGHT, self.medial / BODY_WEIGHT, BODY_WEIGHT)
+        weight = self.person.body_weight
+        moment = np.where(self.used, self.frontal, UNKNOWN) / weight
+        return Trial(self.name, self.flexion, self.total / weight, self.medial / weight, moment, weight)
 
-    def contacts(self) -> tuple[list[float], list[float]]:
-        """Times [s] of heel strikes and toe-offs on the plate, without contacts that the trial's ends cut off."""
-        on = self.plate > ON_PLATE
-        changes = [
-            self.plate_time[1:][now & ~before].tolist()
-            for now, before in ((on[1:], on[:-1]), (~on[1:], ~on[:-1]))
-        ]  # fmt: skip
-        return changes[0], changes[1]
+    def nets(self, level: str) -> list[NetMoments]:
+        """Net moments as a level knows them, length n."""
+        if level == "ankle_moment":
+            return self.moments
+        if level == "knee_moment":
+            return [net._replace(plantarflexion=UNKNOWN) for net in self.moments]
+        dynamics, leg = LEVELS[level].dynamics, self.leg
+        grounds = [Ground((0.0, force, 0.0), (UNKNOWN,) * 3) for force in self.vertical.tolist()]
+        return [dynamics(leg, *each) for each in zip(self.joints, self.motions, grounds, strict=True)]
+
+    def steps(self) -> list[tuple[int, int]]:
+        """First sample of every stance and the first one behind it, for whole stances whose samples are all used."""
+        return [
+            (first, last)
+            for first, last in runs(self.stance)
+            if last < len(self.time)
+            and self.used[first:last].all()
+            and self.time[last] - self.time[first] > SHORT
+            and self.vertical[first] < STRIKE * self.person.body_weight
+        ]
 
 
-def is_there(folder: Path) -> bool:
-    """Whether a folder has the trials."""
-    return all((folder / f"{name}_tibia_cells.csv").is_file() for name in TRIALS.values())
+def walks(folder: Path) -> list[Walk]:
+    """All trials in a folder and those below it, JW's first; empty if there are none."""
+    return [_walk(person, path) for person in PERSONS for path in sorted(folder.rglob(person.pattern))]
 
 
-def read(folder: Path) -> list[Measured]:
-    """Read both trials, each where cells and motion were measured."""
-    return [_read(folder, name, stem) for name, stem in TRIALS.items()]
+def of(all_walks: list[Walk], name: str) -> list[Walk]:
+    """Walks of a person."""
+    return [walk for walk in all_walks if walk.person.name == name]
 
 
-def _read(folder: Path, name: str, stem: str) -> Measured:
-    cells, motion, ground = (
-        np.genfromtxt(folder / f"{stem}_{part}.csv", delimiter=",", names=True)
-        for part in ("tibia_cells", "motion", "ground_force")
+def _walk(person: Person, path: Path) -> Walk:
+    stem = path.name.rsplit("_tibia_", 1)[0]
+    forces, motion, ground = (
+        np.genfromtxt(each, delimiter=",", names=True)
+        for each in (path, path.with_name(f"{stem}_motion.csv"), path.with_name(f"{stem}_ground_force.csv"))
     )
-    first = max(cells["time_s"][0], motion["time_s"][0])
-    cells = cells[(cells["time_s"] >= first) & (cells["time_s"] <= motion["time_s"][-1])]
-    degrees, moment = (
-        np.interp(cells["time_s"], motion["time_s"], motion[column])
-        for column in ("knee_flexion_deg", "knee_adduction_moment_nm")
+    steady = forces if person.name == "JW" else motion  # the denser one
+    first, last = (pick(forces["time_s"][end], motion["time_s"][end]) for pick, end in ((max, 0), (min, -1)))
+    time = steady["time_s"][(steady["time_s"] >= first) & (steady["time_s"] <= last)]
+
+    def at(table: NDArray[np.void], column: str) -> Floats:
+        return np.asarray(np.interp(time, table["time_s"], table[column]))
+
+    if person.name == "JW":
+        total = np.sum([at(forces, cell) for cell in MEDIAL], axis=0)
+        medial = np.sum([factor * at(forces, cell) for cell, factor in MEDIAL.items()], axis=0)
+    else:
+        total, medial = at(forces, "total_n"), at(forces, "medial_n")
+    vertical, flexion = at(ground, "f2_y_n"), np.radians(-at(motion, "knee_flexion_deg"))
+    extension, plantarflexion = at(motion, "knee_flexion_moment_nm"), -at(motion, "ankle_moment_nm")
+    external = frontal = at(motion, "knee_adduction_moment_nm")
+    reaction = path.parent / "opensim" / f"{stem}_JointReaction_ReactionLoads.sto"
+    if reaction.is_file():
+        table = read_storage(reaction)
+        column = next(name for name in table.names if name.endswith("knee_l_on_tibia_l_in_tibia_l_mx"))
+        frontal = np.interp(time, table.stamps / SECOND, -table.column(column))
+    joints = [Joints(angle, UNKNOWN, UNKNOWN) for angle in flexion.tolist()]
+    seen = MotionFilter(WINDOW)
+    motions = [seen.see(round(stamp * SECOND), each) for stamp, each in zip(time.tolist(), joints, strict=True)]
+    without_muscles = np.maximum(vertical, 0.0) - leg_of(person.body_weight / GRAVITY, person.height).weight_below
+    columns = zip(extension.tolist(), plantarflexion.tolist(), without_muscles.tolist(), strict=True)
+    moments = [NetMoments(knee, ankle, force, UNKNOWN) for knee, ankle, force in columns]
+    spikes = (np.abs(extension) > KNEE_SPIKE * person.body_weight) | (
+        np.abs(plantarflexion) > ANKLE_SPIKE * person.body_weight
     )
-    return Measured(
-        name, cells["time_s"], np.radians(-degrees), sum(cells[cell] for cell in MEDIAL),
-        sum(factor * cells[cell] for cell, factor in MEDIAL.items()),
-        cells["am_n"] / np.maximum(cells["am_n"] + cells["pm_n"], 1.0), moment, ground["time_s"], ground["f2_y_n"],
-    )  # fmt: skip
+    used = ~near(time, spikes) & ~missed(time, vertical > ON_PLATE, total > MISSED_LOAD * person.body_weight)
+    return Walk(person, stem, time, vertical, total, medial, frontal, external, joints, motions, moments, used)
+
+
+def near(time: Floats, spikes: Flags) -> Flags:
+    """Samples that are within `MARGIN` of a spike, shape (n,)."""
+    found = np.zeros(len(time), dtype=bool)
+    for spike in time[spikes].tolist():
+        found |= np.abs(time - spike) <= MARGIN
+    return found
+
+
+def missed(time: Floats, on_plate: Flags, bears: Flags) -> Flags:
+    """Samples of steps on a plate that is not in the data, shape (n,); see `MISSED_LOAD`."""
+    found, off = np.zeros(len(time), dtype=bool), ~on_plate
+    for begin, end in runs(off):
+        for rise, fall in runs(bears & off):
+            if begin <= rise < end and time[fall - 1] - time[rise] > MISSED_TIME:
+                found[begin:end] |= time[begin:end] >= time[rise] - MARGIN
+    return found
+
+
+def runs(flags: Flags) -> list[tuple[int, int]]:
+    """First samples of all runs, and the first ones behind them."""
+    padded = np.concatenate(([False], flags, [False]))
+    begins, ends = np.flatnonzero(padded[1:] & ~padded[:-1]), np.flatnonzero(~padded[1:] & padded[:-1])
+    return list(zip(begins.tolist(), ends.tolist(), strict=True))
+
+
+def stands(walk: Walk) -> Flags:
+    """Samples while the leg stands, shape (n,)."""
+    return np.asarray(walk.total > LOADED * walk.person.body_weight)

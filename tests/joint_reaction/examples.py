@@ -8,7 +8,8 @@ from random import Random
 from knee_contact_ros.joint_reaction.leg import STANDING, Ground, Joints, Motion, Turning, leg_of
 from knee_contact_ros.joint_reaction.muscles import Person
 
-PERSON = Person(75.0, 1.8, 0.9, 0.2, 0.05)
+PERSON = Person(75.0, 1.8, 0.9, 0.2, 0.05, 0.0)
+"""Of muscles that pull at once"""
 LEG = leg_of(PERSON.mass, PERSON.height)
 MS = 1_000_000
 """[ns]"""

@@ -13,7 +13,16 @@ from hypothesis import strategies as st
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from knee_contact_ros.joint_reaction.estimator import LEVELS, PACKING, Estimate, Estimator, Level, Trust
-from knee_contact_ros.joint_reaction.leg import STANDING, UNKNOWN, Ground, Joints, Motion, MotionFilter, net_moments
+from knee_contact_ros.joint_reaction.leg import (
+    STANDING,
+    UNKNOWN,
+    Ground,
+    Joints,
+    Motion,
+    MotionFilter,
+    Turning,
+    net_moments,
+)
 from knee_contact_ros.model.types import UNUSABLE, Status
 from tests import ROOT
 from tests.joint_reaction.examples import EPOCH, LEG, MS, PERSON, STANDING_STILL, angles, ground, motion
@@ -43,7 +52,7 @@ class Seeing:
         self.estimator, self.motion = Estimator(level, PERSON, trust), MotionFilter(WINDOW)
 
     def at(self, stamp: int, joints: Joints, sensed: Ground, status: int = 0) -> Estimate:
-        return self.estimator.at(joints, self.motion.see(stamp, joints), sensed, status)
+        return self.estimator.at(stamp, joints, self.motion.see(stamp, joints), sensed, status)
 
 
 def test_fields_and_constants_are_those_of_the_message(store: Any) -> None:
@@ -87,7 +96,7 @@ def test_levels_go_from_what_needs_least_to_what_knows_most() -> None:
 @pytest.mark.parametrize(
     ("flexion", "force", "extension"),
     [
-        (math.pi / 3.0, 500.0, 500.0 * 0.5 * 0.246 * 1.8),  # half a shank off the line from hip to ankle
+        (math.pi / 3.0, 500.0, 0.6 * 500.0 * 0.5 * 0.246 * 1.8),  # half a shank off the line from hip to ankle
         (0.0, 700.0, 0.0),
         (-0.1, 700.0, 0.0),
         (1.0, 0.0, 0.0),
@@ -100,6 +109,14 @@ def test_the_weight_above_a_bent_knee_by_hand(flexion: float, force: float, exte
     compression = max(force, 0.0) - 0.061 * 75.0 * 9.80665  # without shank and foot
     expected = (extension, UNKNOWN, compression, UNKNOWN)
     assert found == pytest.approx(expected, abs=FEW, nan_ok=True)
+    turning = STANDING_STILL._replace(
+        flexion=Turning(3.0, 100.0)
+    )  # half of it stopped by flexors, where nothing is borne
+    stopped = LEVELS["ground_force"].dynamics(LEG, Joints(flexion, UNKNOWN, UNKNOWN), turning, under)
+    inertia = 0.0465 * 75.0 * (0.302**2 + 0.433**2) * (0.246 * 1.8) ** 2 + 0.0145 * 75.0 * (0.246 * 1.8) ** 2
+    inertia += 0.0145 * 75.0 * 0.475**2 * ((0.5 * 0.152 * 1.8) ** 2 + (0.039 * 1.8) ** 2)
+    free = 1.0 - max(force, 0.0) / (75.0 * 9.80665)
+    assert found.extension - stopped.extension == pytest.approx(0.5 * inertia * 100.0 * free, rel=1e-9)
 
 
 @given(draw=draws)
@@ -112,7 +129,7 @@ def test_what_each_level_looks_at(draw: Random) -> None:
 
     bare = (
         Joints(joints.flexion, UNKNOWN, UNKNOWN),
-        STANDING_STILL,
+        STANDING_STILL._replace(flexion=moving.flexion),
         Ground((UNKNOWN, sensed.force[1], UNKNOWN), NOT_MEASURED),
     )
     assert by("ground_force", joints) == by("ground_force", *bare)

@@ -47,7 +47,7 @@ bodies = st.builds(leg_of, st.floats(30.0, 200.0), st.floats(1.2, 2.2))
 def test_a_leg_of_100_kg_and_2_m() -> None:
     """Winter 2009: table 4.1 (leg and foot; the foot from ankle to second metatarsal), figure 4.1 (lengths)."""
     foot = (0.152**2 + 0.078**2) ** 0.5  # [m] half a foot's length ahead, an ankle's height down
-    expected = (0.490, 0.492, 0.016, 4.65, 0.433 * 0.492, 4.65 * (0.302 * 0.492) ** 2, 1.45, 0.076, 0.039,
+    expected = (980.665, 0.490, 0.492, 0.016, 4.65, 0.433 * 0.492, 4.65 * (0.302 * 0.492) ** 2, 1.45, 0.076, 0.039,
                 1.45 * (0.475 * foot) ** 2)  # fmt: skip
     assert leg_of(100.0, 2.0) == pytest.approx(expected, rel=1e-14)  # roundings, here as below
 
@@ -56,7 +56,9 @@ def test_a_leg_of_100_kg_and_2_m() -> None:
 def test_lengths_grow_with_the_height_and_masses_with_the_mass(mass: float, height: float, factor: float) -> None:
     one, taller, heavier = leg_of(mass, height), leg_of(mass, factor * height), leg_of(factor * mass, height)
     for name, value in one._asdict().items():
-        by_height, by_mass = (0, 1) if name.endswith("mass") else (2, 1) if name.endswith("inertia") else (1, 0)
+        by_height, by_mass = (
+            (0, 1) if name.endswith(("mass", "weight")) else (2, 1) if name.endswith("inertia") else (1, 0)
+        )
         assert getattr(taller, name) == pytest.approx(value * factor**by_height, rel=1e-14)
         assert getattr(heavier, name) == pytest.approx(value * factor**by_mass, rel=1e-14)
 

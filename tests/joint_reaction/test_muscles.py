@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 
 from knee_contact_ros.joint_reaction import muscles as package
 from knee_contact_ros.joint_reaction.leg import UNKNOWN, Joints, NetMoments
-from knee_contact_ros.joint_reaction.muscles import Muscles, Person, arm, gastrocnemius_of, muscles_of, reaction_of
+from knee_contact_ros.joint_reaction.muscles import Lag, Muscles, arm, gastrocnemius_of, muscles_of, reaction_of
 from tests.joint_reaction.examples import PERSON
 
 MUSCLES = {
@@ -125,6 +125,43 @@ def test_forces_by_hand(moment: float, calf: float, floor: float, scale: float, 
     assert muscles_of(moment, 0.0, calf, floor, scale) == pytest.approx(forces, rel=ROUNDINGS)
 
 
+MS = 1_000_000
+"""[ns]"""
+
+
+@given(
+    gaps=st.lists(st.integers(1, 10**12), min_size=1, max_size=30),
+    constant=st.floats(1e-3, 0.2),
+    needs=st.lists(st.floats(0.0, 1e4), min_size=31, max_size=31),
+)
+def test_lagging_forces_stay_between_those_needed_at_any_rate_and_gap(
+    gaps: list[int], constant: float, needs: list[float]
+) -> None:
+    lag, stamp, seen = Lag(), 0, [needs[0]]
+    assert lag.at(stamp, Muscles(needs[0], 0.0, 1.0), constant) == (needs[0], 0.0, 1.0)
+    for gap, need in zip(gaps, needs[1:], strict=False):
+        stamp += gap
+        seen.append(need)
+        found = lag.at(stamp, Muscles(need, 0.0, 1.0), constant)
+        slack = ROUNDINGS * max(seen)
+        assert min(seen) - slack <= found.quadriceps <= max(seen) + slack
+        assert (found.hamstrings, found.gastrocnemius) == pytest.approx((0.0, 1.0), rel=ROUNDINGS)
+
+
+@pytest.mark.parametrize("step", [MS // 7, MS, 20 * MS, 500 * MS])
+def test_the_lag_is_that_of_a_first_order_at_any_rate(step: int) -> None:
+    """Of a need that rises by 1000 N/s from 200 N on: it is behind by 25 ms of that, once e^(-t / 25 ms) has faded."""
+    lag = Lag()
+    for stamp in range(0, 1000 * MS + 1, step):
+        found = lag.at(stamp, Muscles(200.0 + 1e-6 * stamp, 0.0, 0.0), 0.025).quadriceps
+        expected = 200.0 + 1e-6 * stamp - 25.0 * (1.0 - math.exp(-1e-9 * stamp / 0.025))
+        assert found == pytest.approx(expected, rel=1e-9)  # sums of up to 7000 roundings
+    assert lag.at(stamp, Muscles(7.0, 8.0, 9.0), 0.025) == (7.0, 8.0, 9.0)  # a stamp that is not later begins anew
+    assert lag.at(stamp + MS, Muscles(1.0, 2.0, 3.0), 0.0) == (1.0, 2.0, 3.0)
+    lag.forget()
+    assert lag.at(stamp + 2 * MS, Muscles(4.0, 5.0, 6.0), 0.025) == (4.0, 5.0, 6.0)
+
+
 def test_the_gastrocnemius_by_hand() -> None:
     """A third of 100 N m, rather 0.342, at 45.73 mm; it does not push."""
     assert gastrocnemius_of(100.0, 0.0, 1.0) == pytest.approx(34.2 / 0.04573, rel=ROUNDINGS)
@@ -173,6 +210,6 @@ def test_a_persons_constants() -> None:
     assert PERSON.weight == pytest.approx(WEIGHT, rel=ROUNDINGS)
     for vertical, floor in ((1000.0, 200.0 + 0.05 * WEIGHT), (0.0, 0.05 * WEIGHT), (-5.0, 0.05 * WEIGHT)):
         assert PERSON.floor(vertical) == pytest.approx(floor, rel=ROUNDINGS)  # the ground does not pull
-    weak, strong = (Person(75.0, 1.8, scale, 0.0, 0.0) for scale in (0.8, 1.6))
+    weak, strong = (PERSON._replace(moment_arm_scale=scale, co_contraction=0.0, tone=0.0) for scale in (0.8, 1.6))
     one, other = (reaction_of(person, Joints(0.4, 0.1, 0.1), net(30.0, 60.0), 0.0).muscles for person in (weak, strong))
     assert tuple(one) == pytest.approx([2.0 * force for force in other], rel=ROUNDINGS)

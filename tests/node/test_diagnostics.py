@@ -156,7 +156,7 @@ def test_usable_is_said_of_the_newest_answer(bit: Status, monkeypatch: pytest.Mo
     meter.answers.append((0, bit, 1e-4, False, clock.now))
     meter.take()
     values, problem = meter.usability(1.0)
-    harmless = bit is Status.INPUT_REJECTED
+    harmless = bit in (Status.INPUT_REJECTED, Status.DOUBTFUL_LOAD)
     assert values["usable"] == ("true" if harmless else "false")
     assert values["because"] == ("" if harmless else bit.name)
     assert problem.level == (DiagnosticStatus.OK if harmless else DiagnosticStatus.WARN)

@@ -12,8 +12,9 @@ from knee_contact_ros.commands.main import main
 
 pytest.importorskip("tabulate", reason="the studies' tables")
 
-from studies.validation.data import TRIALS, is_there, read
+from studies.validation.data import walks
 
+TRIALS = {"overground": "ngait_og5", "treadmill": "ngait_tm_fast1"}
 MAP = """
 time: {column: time_s, offset: 1.0}
 angle: {column: knee_flexion_deg, unit: deg, sign: -1}
@@ -33,7 +34,7 @@ def test_both_compartments_of_a_trial_by_the_shares_of_the_other(
     tried: str, known: str, reference_data: Path, tmp_path: Path
 ) -> None:
     folder = reference_data / "instrumented_knee"
-    if not is_there(folder):
+    if not folder.is_dir():
         pytest.skip("the measurements of the instrumented knee are not on this machine")
     files = {
         name: [str(folder / f"{stem}_{part}.csv") for part in ("tibia_cells", "motion")]
@@ -50,7 +51,7 @@ def test_both_compartments_of_a_trial_by_the_shares_of_the_other(
     given = [part for name, value in values.items() for part in ("-p", f"{name}:={value}")]
     assert main(["solve", str(bag), *given, "--output", str(out)]) == 0
 
-    measured = next(each for each in read(folder) if each.name == tried)
+    measured = next(walk for walk in walks(folder) if walk.name == TRIALS[tried])
     medial, lateral = (read_answers(out, f"/knee_contact{end}") for end in ("", "/lateral"))
     assert len(medial) == len(lateral) == len(measured.time)
     np.testing.assert_allclose(medial["load"] + lateral["load"], measured.total, rtol=1e-15, atol=1e-12)

@@ -11,8 +11,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 
+from knee_contact_ros.bags.reader import read_answers, read_bag
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.joint_reaction.compartments import RULES
+from knee_contact_ros.model.types import Status
 from knee_contact_ros.parameters.build import load_rule
 from knee_contact_ros.parameters.files import curve_texts, load_parameters
 from knee_contact_ros.streams.contact_stream import load_sample
@@ -20,6 +22,7 @@ from knee_contact_ros.streams.messages import RefusedSampleError, WrenchStamped
 from knee_contact_ros.streams.watch import Split
 
 WEIGHT = 737.068
+WRENCH = "geometry_msgs/msg/WrenchStamped"
 
 
 def wrench(force_y: float, moment_x: float) -> WrenchStamped:
@@ -41,8 +44,8 @@ def answers_in(path: Path) -> list[bytes]:
 def test_every_compartment_by_hand() -> None:
     assert part(-1000.0, 12.0, compartment="total") == 1000.0
     assert part(-1000.0, 12.0, compartment="fixed_share", share=0.6) == pytest.approx(600.0)
-    # 500 N each, and 12 N m between two compartments 40 mm apart take 300 N from the medial one.
-    assert part(-1000.0, 12.0, compartment="moment_balance") == pytest.approx(200.0)
+    # 500 N each, and 21 N m between two compartments 70 mm apart take 300 N from the medial one.
+    assert part(-1000.0, 21.0, compartment="moment_balance") == pytest.approx(200.0)
     assert part(-1000.0, -12.0, compartment="moment_balance", compartment_spacing=0.06) == pytest.approx(700.0)
 
 
@@ -116,18 +119,28 @@ def test_a_recording_has_the_table_of_shares_that_it_was_made_with(
     assert "parameter load.share_file: cannot read" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("leg", "least"), [("right", 10.0), ("left", 10.0)])
-def test_the_split_of_gait2354_is_told_to_be_unusable(
-    leg: str, least: float, right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+@pytest.mark.parametrize("leg", ["right", "left"])
+def test_a_split_that_no_knee_has_is_told_and_flagged(
+    leg: str, right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    bag = right_bag.with_name(f"gait2354_{leg}")
-    arguments = ["solve", str(bag), "-p", "load.compartment:=moment_balance", "--output", str(tmp_path / "out.mcap")]
-    assert main(arguments) == 0
+    """Of gait2354's moments between compartments 40 mm apart; between the default 70 mm nothing is wrong."""
+    output = tmp_path / "out.mcap"
+    balance = ["solve", str(right_bag.with_name(f"gait2354_{leg}")), "-p", "load.compartment:=moment_balance"]
+    assert main([*balance, "--output", str(output)]) == 0
     said = capsys.readouterr()
     assert "share of the load" in said.out
-    flight, line = said.err.splitlines()
+    assert said.err == ""
+    assert not read_answers(output, "/knee_contact")["status"].any()
+    narrow = [*balance, "-p", "load.compartment_spacing:=0.04", "--overwrite"]
+    assert main([*narrow, "--output", str(output)]) == 0
+    flight, line = capsys.readouterr().err.splitlines()
     assert "above the tibia" in flight
     assert "load.compartment fixed_share needs no moment" in line
-    above = float(line.split("above 1 in ")[1].split(" %")[0])
-    assert above > least
-    assert load_parameters({}).load.compartment == "fixed_share"
+    wrong = sum(float(line.split(f"{side} in ")[1].split(" %")[0]) for side in ("above 1", "below 0"))
+    assert wrong > 10.0
+    answers = read_answers(output, "/knee_contact")
+    flagged = (answers["status"] & Status.DOUBTFUL_LOAD) != 0
+    forces = [-m.message.wrench.force.y for m in read_bag(output, {"/joint_reaction_force": WRENCH})]
+    stands = np.array(forces) >= 0.5 * WEIGHT
+    assert np.array_equal(flagged, stands & ((answers["load"] < 0.0) | (answers["load"] > forces)))
+    assert 100.0 * flagged.sum() / stands.sum() == pytest.approx(wrong, abs=0.1)

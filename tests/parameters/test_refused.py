@@ -15,7 +15,7 @@ from knee_contact_ros.system.errors import UsageError
 CONTRACT: dict[type[NodeSection], dict[str, Any]] = {
     Parameters: {
         "knee.joint_name": "knee", "knee.flexion_sign": 1.0, "knee.flexion_offset": 0.0, "load.share": 0.5,
-        "load.compartment": "fixed_share", "load.share_file": "share_medial.csv", "load.compartment_spacing": 0.04,
+        "load.compartment": "fixed_share", "load.share_file": "share_medial.csv", "load.compartment_spacing": 0.07,
         "drive": "force", "femur.mass": 9.3014, "femur.geometry": "circle", "femur.radius": 0.034, "femur.profile": "",
         "tibia.geometry": "plane", "tibia.slope": 0.0, "tibia.radius": 0.095, "translation.mechanism": "hinge",
         "contact.law": "kelvin_voigt", "contact.stiffness": 7.905694e7, "contact.exponent": 1.5, "contact.damping": 5e3,
@@ -32,7 +32,8 @@ CONTRACT: dict[type[NodeSection], dict[str, Any]] = {
         "ankle.joint_name": "", "ankle.sign": 1.0, "ankle.offset": 0.0, "ankle.assisted": False, "hip.joint_name": "",
         "hip.sign": 1.0, "hip.offset": 0.0, "ground.components": "vertical", "ground.axes": "ground",
         "ground.ankle_x": 0.0, "ground.ankle_y": 0.0, "frame.ground": "", "frame.tibia": "tibia", "person.mass": 75.16,
-        "person.height": 1.75, "person.moment_arm_scale": 1.5, "person.co_contraction": 0.2, "person.tone": 0.3,
+        "person.height": 1.75, "person.moment_arm_scale": 1.75, "person.co_contraction": 0.39, "person.tone": 0.27,
+        "person.electromechanical_delay": 0.025,
         "calibrated": False, "standard_deviation": 0.0, "motion_window": 0.05, "pairing.wait": 0.1, "autostart": True,
         "record.path": "",
     },

@@ -9,8 +9,11 @@ pytest.importorskip("tabulate", reason="the studies' tables")
 pytest.importorskip("rclpy", reason="the companion's law is in its node")
 
 import knee_contact_ros
+from knee_contact_ros.commands.demo import LOAD_FILE
 from knee_contact_ros.joint_reaction.estimator import LEVELS
 from knee_contact_ros.joint_reaction.muscles import QUADRICEPS, arm
+from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.schema import LoadParameters
 from studies.assistance.__main__ import TABLE, TORQUES, cells
 from studies.assistance.walks import FORCE_LIMIT, LAWS, Sample, constant_in_stance, person, sensors, walk
 from tests import ROOT
@@ -22,7 +25,9 @@ def samples() -> list[Sample]:
 
 
 def test_a_torque_takes_off_the_load_what_it_takes_off_the_extensors(samples: list[Sample]) -> None:
-    parameters, model = person(), knee_contact_ros.load_model("healthy")
+    at_once = {"person.electromechanical_delay": 0.0}
+    parameters = load_parameters([LOAD_FILE, at_once], LoadParameters)
+    model = knee_contact_ros.load_model("healthy")
     alone, assisted = (walk(samples, constant_in_stance(torque), model, parameters) for torque in (0.0, 10.0))
     at = int(alone.axial.argmax())
     quadriceps = parameters.person.moment_arm_scale * arm(QUADRICEPS, samples[at].flexion)

@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.bags.provenance import bag_digest
 from knee_contact_ros.bags.reader import BagReader, Names, others_beside
-from knee_contact_ros.joint_reaction.estimator import LEVELS, EstimationLevel
+from knee_contact_ros.joint_reaction.estimator import LEVELS, EstimationLevel, Estimator
 from knee_contact_ros.joint_reaction.leg import NetMoments, leg_of
-from knee_contact_ros.joint_reaction.muscles import Person, reaction_of
+from knee_contact_ros.joint_reaction.muscles import Person
 from knee_contact_ros.lab.calibrate.problem import STEP, Data, Fittable, Problem, Unknown
 from knee_contact_ros.model.types import UNUSABLE, Floats
 from knee_contact_ros.offline.estimate_load import Sensed, sensed_in
@@ -184,8 +184,9 @@ class LoadProblem(Problem):
     def answers(self, place: Floats) -> dict[str, Floats]:
         """Compute the estimate `axial_force` [N] at every sample, shape (n,), with the bits of the estimator."""
         person = self.person(place)
+        estimator = Estimator(self.parameters.chosen_level, person, self.parameters.trust)
         both = zip(self.measured.samples, self.nets or _net_moments(self.level, person, self.measured), strict=True)
-        axial = [reaction_of(person, each.joints, net, each.ground.force[1]).axial for each, net in both]
+        axial = [estimator.react(each.stamp, each.joints, each.ground, net, each.status)[0].axial for each, net in both]
         return {AXIAL_FORCE: np.array(axial)}
 
     def predicted(self, place: Floats) -> dict[str, Floats]:
