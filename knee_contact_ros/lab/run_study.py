@@ -42,11 +42,12 @@ from distributed import Client, LocalCluster, as_completed, get_worker
 from distributed.scheduler import KilledWorker
 from fsspec.implementations.local import LocalFileSystem
 
-from knee_contact_ros.bags.provenance import bag_digest, model_digest
+from knee_contact_ros.bags.provenance import bag_digest, model_digest, weight_of
 from knee_contact_ros.lab.study import Case, Study, read_study
 from knee_contact_ros.lab.sweep import LATERAL, OUTCOMES, Computed, Knees, compute, file_texts, may_vary, read_recording
 from knee_contact_ros.model.compiler import worth_compiling
 from knee_contact_ros.model.types import FLAT, TOLD
+from knee_contact_ros.offline.solve import with_weight
 from knee_contact_ros.parameters.files import all_values, known_parameters, load_parameters, read_curve, variations_of
 from knee_contact_ros.parameters.schema import LATERAL as LATERAL_KNEE
 from knee_contact_ros.parameters.schema import Parameters, has_both
@@ -492,8 +493,12 @@ class Plan:
         self.there = 0
         """Number of cases so far that were finished already, or are the same as another case"""
         self._bags = {bag: _bag(bag) for bag in study.bags}
-        self._parameters = {params: load_parameters([*params, study.values]) for params in study.params}
-        self._varied = {params: variations_of(one) for params, one in self._parameters.items()}
+        self._parameters = {
+            (bag, params): with_weight([*params, study.values], self._bags[bag].weight)
+            for bag in study.bags
+            for params in study.params
+        }
+        self._varied = {place: variations_of(one) for place, one in self._parameters.items()}
         self._files: dict[str, str] = {}
         for one in self._parameters.values():
             file_texts(one, self._files)
@@ -502,12 +507,12 @@ class Plan:
 
     def key(self, case: Case) -> str:
         """Give the key of a case, also of one whose parameters are not allowed."""
-        _, digest, _ = self._bags[case.bag]
+        digest, place = self._bags[case.bag].digest, (case.bag, case.params)
         try:
-            parameters = self._varied[case.params](case.values)
+            parameters = self._varied[place](case.values)
             return case_key(digest, parameters, file_texts(parameters, self._files))
         except UsageError:
-            common = case_key(digest, self._parameters[case.params], {})
+            common = case_key(digest, self._parameters[place], {})
             return _digest(f"{common} {sorted(case.values.items())!r}")
 
     def blocks(self, shards: Shards) -> Iterator[Block]:
@@ -515,14 +520,14 @@ class Plan:
         study, note, known = self.study, note_of(self.study)[0], shards.finished(series=self.study.series)
         for first in range(0, study.number, study.variants):
             bag, params, _ = study.case(first)
-            place, digest, ticks = self._bags[bag]
+            place, digest, ticks, _ = self._bags[bag]
             size = max(1, min(max(-(-study.variants // PARTS), LEAST), TICKS_A_BLOCK // ticks))
             missing = self._missing(range(first, first + study.variants), known)
             while cases := list(itertools.islice(missing, size)):
                 keys, rows = zip(*cases, strict=True)
                 yield Block(
                     shards.url, note, shards.run, study.series, study.number, what_answers(), bag, params, place,
-                    digest, json.dumps(all_values(self._parameters[params])), tuple(sorted(self._files.items())),
+                    digest, json.dumps(all_values(self._parameters[bag, params])), tuple(sorted(self._files.items())),
                     tuple(study.names), rows, keys,
                 )  # fmt: skip
 
@@ -537,12 +542,23 @@ class Plan:
                 yield key, tuple(case.values.values())
 
 
-def _bag(name: str) -> tuple[str, str, int]:
-    """Give place, digest and approximate number of ticks of a bag."""
+class Bag(NamedTuple):
+    """A bag of a study."""
+
+    place: str
+    digest: str
+    ticks: int
+    """Approximate number of ticks"""
+    weight: float | None
+    """Body weight [N] that it was imported with"""
+
+
+def _bag(name: str) -> Bag:
     place = absolute(name)
     with here(place, name) as (path, digest):
         files = [file for file in path.rglob("*") if file.is_file()] if path.is_dir() else [path]
-        return place, digest, max(1, sum(file.stat().st_size for file in files) // BYTES_A_TICK)
+        ticks = max(1, sum(file.stat().st_size for file in files) // BYTES_A_TICK)
+        return Bag(place, digest, ticks, weight_of(path))
 
 
 @contextmanager

@@ -24,7 +24,7 @@ from knee_contact_ros.model.readouts import ContactPatch
 from knee_contact_ros.model.surfaces import ContactPair
 from knee_contact_ros.model.types import NANOSECOND, ROW, ContactState, Rows, Status
 from knee_contact_ros.offline.notebooks import Name, in_python_words
-from knee_contact_ros.offline.solve import parameters_in, solve
+from knee_contact_ros.offline.solve import parameters_for, parameters_in, solve
 from knee_contact_ros.parameters.build import build_model, contact_pair, load_rule
 from knee_contact_ros.parameters.files import (
     Source,
@@ -478,10 +478,12 @@ def sweep(
     """
     with in_python_words():
         cases = _cases(values)
-        parameters, files = load_parameters(params), dict[str, str]()
+        files = dict[str, str]()
         if isinstance(gait, Mapping):
-            recording = _recording(gait)
+            parameters, recording = load_parameters(params), _recording(gait)
         else:
+            sources = params if isinstance(params, (list, tuple)) else [params]
+            parameters = parameters_for(expanded(str(gait)), sources)
             names = names_in_bag([f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()], namespace)
             recording, _ = read_recording(expanded(str(gait)), parameters, file_texts(parameters, files), names)
         knees = Knees(recording, parameters, files)

@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.provenance import load_provenance_record
+from knee_contact_ros.bags.provenance import ORIGIN, load_provenance_record, weight_of
 from knee_contact_ros.bags.reader import OWN_NAMES, Names, refuse_input
 from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
 from knee_contact_ros.joint_reaction.estimator import Estimate
@@ -21,7 +21,7 @@ from knee_contact_ros.joint_reaction.leg import Ground, Joints, Motion
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms
 from knee_contact_ros.offline.solve import mark_damage
-from knee_contact_ros.parameters.schema import LoadParameters
+from knee_contact_ros.parameters.schema import LoadParameters, PersonParameters
 from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.load_stream import LoadStream
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
@@ -104,6 +104,9 @@ def estimate_load(
         recorder = None
         if output:
             writer = opened.enter_context(BagWriter(output, overwrite=overwrite, alone=True))
+            if weight_of(bag) or parameters.person != PersonParameters():
+                weight = f"{parameters.person.constants.weight:.7g} N"
+                writer.add_metadata(ORIGIN, {"source": "knee-contact estimate-load", "body_weight": weight})
             topics = {topic: f"/{topic}" for topic in LOAD_RECORDED}
             recorder = AnswerWriter(writer, load_provenance_record(parameters, bag), topics, LOAD_PROVENANCE)
         summary = LoadSummary(pipeline.level, parameters.calibrated)

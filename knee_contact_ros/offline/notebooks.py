@@ -19,9 +19,9 @@ from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import ROW, Rows
 from knee_contact_ros.offline.estimate_load import estimate_load as estimate
-from knee_contact_ros.offline.solve import Subject, basis_of, parameters_in, texts_of, weight_doubt
+from knee_contact_ros.offline.solve import Subject, basis_of, parameters_for, parameters_in, texts_of, weight_doubt
 from knee_contact_ros.offline.solve import solve as solve_bag
-from knee_contact_ros.parameters.files import Source, dotted, load_parameters
+from knee_contact_ros.parameters.files import Source, dotted
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters
 from knee_contact_ros.results import Records, Results
 from knee_contact_ros.streams.contact_stream import compartments_of
@@ -191,7 +191,7 @@ def estimate_load(
     with in_python_words():
         check_mappings(values, remap)
         sources = params if isinstance(params, (list, tuple)) else [] if params is None else [params]
-        parameters = load_parameters([*sources, dotted(values or {})], LoadParameters, namespace)
+        parameters = parameters_for(path, [*sources, dotted(values or {})], namespace, LoadParameters)
         rules = [f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()]
         names = names_in_bag(rules, namespace, LOAD_INPUTS)
         written = checked_output(Path(output), "output", ".mcap") if output else None

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack
 from dataclasses import dataclass
+from operator import attrgetter
 from pathlib import Path
 from typing import Any
 
@@ -34,8 +35,8 @@ from knee_contact_ros.model.types import ROW, Rows
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms
 from knee_contact_ros.offline.solve_blocks import take
 from knee_contact_ros.offline.summary import Summary
-from knee_contact_ros.parameters.files import Source, all_values, curve_texts, first_error, load_parameters
-from knee_contact_ros.parameters.schema import Parameters, Section, has_both, parameter
+from knee_contact_ros.parameters.files import Source, all_values, curve_texts, dotted, first_error, load_parameters
+from knee_contact_ros.parameters.schema import LoadParameters, Parameters, Section, has_both, parameter
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.topics import Answer, recorded_topics
@@ -278,28 +279,38 @@ def basis_of(
     if params is None:
         params = () if person else DEFAULT_PARAMETERS
     given = params if isinstance(params, Sequence) and not isinstance(params, str) else [params]
-    return parameters_for(bag, [*(person.sources() if person else ()), *given, values], namespace)
+    sources = [*(person.sources() if person else ()), *given, values]
+    parameters: Parameters = parameters_for(bag, sources, namespace)
+    return parameters
 
 
-def parameters_for(bag: Path, sources: Sequence[Any], namespace: str = "") -> Parameters:
+def parameters_for(bag: Path, sources: Sequence[Any], namespace: str = "", schema: Any = Parameters) -> Any:
     """Load parameters for a bag: the body weight that it was imported with is used, unless the sources set another one.
 
     Raises:
         UsageError: as for `load_parameters`.
     """
-    parameters, weight = load_parameters(list(sources), namespace=namespace), weight_of(bag)
-    said = any(isinstance(source, Mapping) and "body_weight" in source for source in sources)
-    if weight is None or said or parameters.body_weight != Parameters.model_fields["body_weight"].default:
+    return with_weight(sources, weight_of(bag), namespace, schema)
+
+
+def with_weight(sources: Sequence[Any], weight: float | None, namespace: str = "", schema: Any = Parameters) -> Any:
+    """Load parameters for a body weight [N], unless the sources set another one; see `parameters_for`."""
+    parameters, default = load_parameters(list(sources), schema, namespace), load_parameters([], schema)
+    name, per_newton = ("person.mass", 1.0 / GRAVITY) if schema is LoadParameters else ("body_weight", 1.0)
+    said = any(isinstance(source, Mapping) and name in dotted(source) for source in sources)
+    if weight is None or said or attrgetter(name)(parameters) != attrgetter(name)(default):
         return parameters
-    return load_parameters([*sources, {"body_weight": weight}], namespace=namespace)
+    return load_parameters([*sources, {name: weight * per_newton}], schema, namespace)
 
 
-def weight_doubt(bag: Path, parameters: Parameters) -> list[str]:
+def weight_doubt(bag: Path, parameters: Parameters | LoadParameters) -> list[str]:
     """Say, if it is so, that a bag was imported with another body weight than that of the parameters."""
-    weight, used = weight_of(bag), parameters.body_weight
+    weight, mass = weight_of(bag), isinstance(parameters, LoadParameters)
+    used = parameters.person.mass * GRAVITY if isinstance(parameters, LoadParameters) else parameters.body_weight
     if weight is None or abs(used - weight) <= SAME_WEIGHT * weight:
         return []
-    return [f"body_weight {used:.7g} N is used, as it was given, and bag {bag} was imported with {weight:.7g} N"]
+    said = f"person.mass {used / GRAVITY:.7g} kg" if mass else f"body_weight {used:.7g} N"
+    return [f"{said} is used, as it was given, and bag {bag} was imported with {weight:.7g} N"]
 
 
 class SubjectFile(Section):

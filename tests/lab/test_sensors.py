@@ -13,6 +13,7 @@ import pytest
 
 from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader
 from knee_contact_ros.commands.main import main
+from knee_contact_ros.lab.sweep import sweep
 from knee_contact_ros.offline.notebooks import solve
 from knee_contact_ros.streams.messages import JOINT_STATE, WRENCH
 from knee_contact_ros.streams.topics import LOAD_INPUTS, MESSAGE_TYPES
@@ -427,6 +428,28 @@ def test_the_body_weight_goes_with_the_bag(importing: Importing, capsys: pytest.
         said = f"body_weight {weight:g} N is used, as it was given, and bag bag was imported with 560 N"
         assert (said in " ".join(told.err.split())) == bool(given)
         assert ("560 N, as bag was imported with" in told.out) != bool(given)
+
+
+def test_the_body_weight_goes_through_an_estimate_and_a_sweep(
+    importing: Importing, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The load node's mass, then the contact node's weight: 560 N is 57.10 kg."""
+    time = np.arange(150) / 50.0
+    up = 560.0 * np.clip(np.sin(2.0 * np.pi * time / 1.1), 0.0, None)
+    text = SIMPLE.replace("load: {column: f", "ground_force: {column: f") + "body_weight: 560\n"
+    assert importing({"t": time, "a": flexion(time), "f": up}, text) == 0
+    assert main(["estimate-load", "bag", "--output=loads.mcap"]) == 0
+    assert "560 N" in capsys.readouterr().out
+    assert main(["estimate-load", "bag", "-p", "person.mass:=80.0", "--output=heavier.mcap"]) == 0
+    said = " ".join(capsys.readouterr().err.split())
+    assert "person.mass 80 kg is used, as it was given, and bag bag was imported with 560 N" in said
+    assert main(["solve", "loads.mcap", "--output=o.mcap"]) == 0
+    assert "560 N, as loads.mcap was imported with" in capsys.readouterr().out
+    swept = sweep("loads.mcap", {"contact.damping": [5000.0]}, {"load.compartment": "measured_share"})
+    heavy = sweep(
+        "loads.mcap", {"contact.damping": [5000.0]}, {"load.compartment": "measured_share", "body_weight": 560.0}
+    )
+    assert swept.outcomes.peak_force.tolist() == heavy.outcomes.peak_force.tolist()
 
 
 def test_columns_in_two_files_are_asked_for(importing: Importing, capsys: pytest.CaptureFixture[str]) -> None:

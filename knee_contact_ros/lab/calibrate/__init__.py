@@ -32,6 +32,7 @@ from knee_contact_ros.lab.calibrate.fit import (
 from knee_contact_ros.lab.calibrate.problem import Data, Free, Problem, Unknown, unknowns_of
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.offline.notebooks import Name, in_python_words
+from knee_contact_ros.offline.solve import parameters_for
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters
 from knee_contact_ros.results import Results, no_such
@@ -199,7 +200,7 @@ def _problem(
     given = params or (() if is_bag(data) else DEFAULT_PARAMETERS)
     sources = [*(given if isinstance(given, list | tuple) else [given]), dict(values)]
     if is_bag(data):
-        person = load_parameters(sources, LoadParameters)
+        person = parameters_for(Path(expanded(str(data))), sources, namespace, LoadParameters)
         unknowns = unknowns_of(free, load.fittable_in(person))
         names = names_in_bag(remaps, namespace, (*LOAD_INPUTS, JOINT_REACTION_FORCE))
         with progress("Reading") as advance:
