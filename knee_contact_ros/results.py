@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import csv
 import difflib
+from collections.abc import Mapping
 from html import escape
 from importlib import import_module
-from io import StringIO
+from io import BytesIO, StringIO
 from itertools import pairwise
 from os import PathLike, fspath
 from typing import Any
@@ -15,7 +17,7 @@ from numpy.typing import NDArray
 
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.readouts import Readings
-from knee_contact_ros.model.types import FIELDS, FLAT, NANOSECOND, ROW, Rows, Status
+from knee_contact_ros.model.types import FIELDS, FLAT, NANOSECOND, ROW, TOLD, Rows, Status
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import not_installed
 
@@ -182,6 +184,29 @@ def columns(rows: Rows) -> dict[str, NDArray[Any]]:
     ]
     runs = {RUN: _run_of(rows)} if "status" in (rows.dtype.names or ()) else {}
     return {TIME: _time_of(rows)} | runs | {name: np.ascontiguousarray(flat[name]) for name in there}
+
+
+def answer_table(answers: Mapping[str, Rows], suffix: str) -> bytes:
+    """Table of answers by their topics, as the bytes of a .csv or .parquet file: `columns`, of what the message has.
+
+    Several topics follow each other; then the first column has their names.
+    """
+    parts = [columns(rows) for rows in answers.values()]
+    names = [name for name in parts[0] if name in (TIME, RUN, "stamp", *TOLD)]
+    whole = {name: np.concatenate([part[name] for part in parts]) for name in names}
+    if len(answers) > 1:
+        whole = {"topic": np.repeat(list(answers), [len(rows) for rows in answers.values()]), **whole}
+    if suffix == PARQUET:
+        import pyarrow.parquet
+
+        file = BytesIO()
+        pyarrow.parquet.write_table(pyarrow.table(whole), file)
+        return file.getvalue()
+    text = StringIO()
+    csv.writer(text, lineterminator="\n").writerows(
+        [list(whole), *zip(*(c.tolist() for c in whole.values()), strict=True)]
+    )
+    return text.getvalue().encode()
 
 
 def unit_of(name: str) -> str:

@@ -24,6 +24,8 @@ PARAMETERS_CHANGED, RESET = "parameters_changed", "reset"
 """Names of the metadata records of changed parameters and of a reset in a running node"""
 TICK = "tick"
 """Key in those records for the number of ticks before"""
+TICKS_BEFORE = "ticks_before"
+"""Key for the number of ticks that the node had computed before the recording began"""
 CURVE = "file of "
 """Prefix of the key for the content of a file that a parameter names; the name of the parameter follows"""
 OURS = "knee_contact_ros "
@@ -107,7 +109,7 @@ def load_provenance_record(
 
 def _described(first: dict[str, str], values: Mapping[str, Any], ticks_before: int) -> dict[str, str]:
     kept = {name: value for name, value in values.items() if not name.startswith(NOT_OF_THE_RESULT)}
-    last = {"parameters": json.dumps(kept, indent=0), "ticks_before": str(ticks_before)}
+    last = {"parameters": json.dumps(kept, indent=0), TICKS_BEFORE: str(ticks_before)}
     return {"package": f"knee_contact_ros {__version__}"} | first | last
 
 
@@ -138,7 +140,7 @@ def read_provenance(bag: Path) -> Provenance | None:
             )
         return None
     try:
-        before, values = _count(record["ticks_before"]), _json(record["parameters"])
+        before, values = _count(record[TICKS_BEFORE]), _json(record["parameters"])
         package, model = record["package"], record["model_sha256"]
         if not isinstance(values, dict) or any(isinstance(value, (dict, list)) for value in values.values()):
             raise TypeError

@@ -20,7 +20,7 @@ LAST_STANDARD_STREAM = 2
 
 
 GROUPS = {
-    "See it": (live.demo, offline.view, studies.report),
+    "See it": (live.demo, offline.view, studies.report, offline.table),
     "Compute": (live.node, live.load, live.replay, offline.solve, offline.estimate_load, offline.recover, offline.warm),
     "Bring your own data": (
         imports.import_opensim, imports.import_csv, imports.align, fit.fit_profile, fit.fit_share, fit.calibrate,

@@ -186,6 +186,35 @@ def view(
 
 
 @click.command()
+@click.argument("bag", type=FILE)
+@click.option(
+    "--output", type=Output(".csv", ".parquet"), required=True, metavar="OUT", help="Table to write: .csv or .parquet."
+)
+@click.option("--topic", default="", metavar="NAME", help="Answers of this topic. [default: of all of them]")
+def table(bag: Path, output: Path, topic: str) -> None:
+    """Write answers as a table.
+
+    One row an answer, in SI units: time, run, and every number of the message; vectors are columns of their components.
+    Several topics (knees, compartments) follow each other, with their names in a column. BAG is a recording, or a bag
+    that `solve` has made.
+    """
+    from knee_contact_ros.bags.reader import absolute, answer_topics, read_answers
+    from knee_contact_ros.results import answer_table
+    from knee_contact_ros.system.files import require
+    from knee_contact_ros.system.output_files import write_complete
+    from knee_contact_ros.system.terminal import say
+
+    topics = [absolute(topic)] if topic else answer_topics(bag)
+    if not topics:
+        raise UsageError(f"{bag} has no answers: knee-contact solve computes them")
+    if output.suffix == ".parquet":
+        require("tables", "pyarrow")
+    answers = {name: read_answers(bag, name) for name in topics}
+    write_complete({output: answer_table(answers, output.suffix)})
+    say(f"{output}: {sum(map(len, answers.values()))} answers of {', '.join(topics)}")
+
+
+@click.command()
 @parameter_files
 @parameter_values
 def warm(parameter_files: tuple[Path, ...], parameter_values: tuple[str, ...]) -> None:

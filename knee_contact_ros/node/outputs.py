@@ -16,7 +16,7 @@ import signal
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from importlib import import_module
 from multiprocessing.connection import Connection
@@ -24,10 +24,11 @@ from operator import attrgetter
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, TICK
 from knee_contact_ros.bags.recorder import refuse
 from knee_contact_ros.parameters.schema import Section
 from knee_contact_ros.streams.output import DONE, ENDED, OPEN, REFUSED, Discard, Knee, Note, Report, Sink
-from knee_contact_ros.streams.topics import Answer, Ending
+from knee_contact_ros.streams.topics import NANOSECONDS, Answer, Ending
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import all_names
 from knee_contact_ros.system.processes import Process, connected, is_stopped, reap
@@ -126,7 +127,11 @@ class SinkProcess:
 
     def note(self, name: str, values: dict[str, str]) -> None:
         """Hand over a note, which is kept between the answers before it and those after it; never waits."""
-        self._take(Note(name, values))
+        self.keep(Note(name, values))
+
+    def keep(self, item: Answer | Note) -> None:
+        """Hand over an answer or a note, to be sent with those that follow; never waits."""
+        self._take(item)
 
     @property
     def dropped(self) -> int:
@@ -389,6 +394,35 @@ MOST_ENDING = 4
 """Largest number of recordings that are being completed at a time: each is a process"""
 
 
+class Ring:
+    """Last answers, and the notes between them, for a snapshot; bounded by their stamps and by their number."""
+
+    def __init__(self, duration: float, most: int) -> None:
+        """Keep the answers of the last `duration` [s] of stamps, and at most so many of them; none if it is 0."""
+        self._duration, self._most = round(duration * NANOSECONDS), most
+        self._items: deque[Answer | Note] = deque()
+
+    def put(self, answer: Answer) -> None:
+        """Keep an answer, and forget what is too old."""
+        items = self._items
+        items.append(answer)
+        oldest = answer.records[-1][1] - self._duration
+        while len(items) > self._most or isinstance(items[0], Note) or items[0].records[-1][1] <= oldest:
+            items.popleft()
+            if not items:
+                return
+
+    def note(self, note: Note) -> None:
+        """Keep a note. Answers before other parameters are forgotten: a recording begins with one set of them."""
+        if note.name == PARAMETERS_CHANGED and any(not name.startswith(("record.", TICK)) for name in note.values):
+            self._items.clear()
+        self._items.append(note)
+
+    def taken(self) -> list[Answer | Note]:
+        """What is kept, the oldest first."""
+        return list(self._items)
+
+
 class Outputs:
     """Hands answers to the outputs: each is a process of its own, and nothing here waits except `close`."""
 
@@ -401,6 +435,8 @@ class Outputs:
             UsageError: an output that the parameters ask for is not possible.
         """
         self._listeners = listeners
+        self.ring = Ring(knee.parameters.record.snapshot, knee.parameters.record.queue)
+        """What a snapshot would hold"""
         self._sinks: dict[str, SinkProcess] = {}
         self._ending: list[SinkProcess] = []
         """Recordings that are being completed"""
@@ -433,11 +469,13 @@ class Outputs:
 
     def put(self, answer: Answer) -> None:
         """Hand an answer to all outputs."""
+        self.ring.put(answer)
         for sink in self._sinks.values():
             sink.put(answer)
 
     def note(self, name: str, values: dict[str, str]) -> None:
         """Hand a note, which belongs between two answers, to all outputs."""
+        self.ring.note(Note(name, values))
         for sink in self._sinks.values():
             sink.note(name, values)
 
@@ -452,20 +490,37 @@ class Outputs:
         recording = self._sinks.get(RECORDER)
         if recording and not recording.failure:
             raise UsageError("a recording is being written already")
-        path = knee.parameters.record.path
-        if not path:
+        if not knee.parameters.record.path:
             raise UsageError("parameter record.path names no file")
+        self._sinks[RECORDER], name = self._recording(knee)
+        return name
+
+    def save_snapshot(self, items: Sequence[Answer | Note], knee: Knee) -> Path:
+        """Write answers and notes that have been to a recording of their own, and return the name of its file.
+
+        Raises:
+            UsageError: as for `start_recording`.
+        """
+        recording, name = self._recording(knee)
+        for item in items:
+            recording.keep(item)
+        recording.end(Ending((), {}))
+        self._ending.append(recording)
+        return name
+
+    def _recording(self, knee: Knee) -> tuple[SinkProcess, Path]:
+        """Begin a recording; return it and the name of its file."""
+        path = Path(knee.parameters.record.path)
         self._ending = [sink for sink in self._ending if not sink.is_over()]
         if not all(sink.is_known() for sink in self._ending):
             raise UsageError(f"{self._ending[-1].name} has yet to be opened before it is completed; try again")
         if len(self._ending) >= MOST_ENDING:
             raise UsageError(f"{len(self._ending)} recordings are still being completed; try again when one is")
-        refuse(Path(path), knee.parameters.record.min_free * MB)
-        sink, name = sink_of("record", knee), next(all_names(Path(path)))
+        refuse(path, knee.parameters.record.min_free * MB)
+        sink, name = sink_of("record", knee), next(all_names(path))
         assert sink  # noqa: S101  (there is a path)
         queue = queue_of("record", knee.parameters)
-        self._sinks[RECORDER] = SinkProcess(sink._replace(name=str(name)), queue, self._listeners)
-        return name
+        return SinkProcess(sink._replace(name=str(name)), queue, self._listeners), name
 
     def stop_recording(self, ending: Ending) -> str:
         """Have the recording completed, and return the name of its file.

@@ -7,6 +7,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import AbstractContextManager
+from pathlib import Path
 from typing import Any, ClassVar
 
 from diagnostic_msgs.msg import DiagnosticArray
@@ -15,7 +16,7 @@ from rclpy.qos import QoSProfile
 from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_srvs.srv import Trigger
 
-from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, TICK, change_record
+from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, TICK, TICKS_BEFORE, change_record
 from knee_contact_ros.node.diagnostics import REFUSAL_LOG_PERIOD, STEADY, Health, InputMeter, LagMeter, at_most_every
 from knee_contact_ros.node.inputs import (
     HandedInputs,
@@ -34,7 +35,7 @@ from knee_contact_ros.streams.conversion import ANY, converters
 from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.output import Knee
 from knee_contact_ros.streams.pairing import PairedSample, PairedStreams
-from knee_contact_ros.streams.topics import JOINT_STATES, Ending
+from knee_contact_ros.streams.topics import JOINT_STATES, Answer, Ending
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import stamped
 
@@ -118,7 +119,10 @@ class Session(ABC):
     def _open(self) -> None:
         """Open the transforms, the services and the outputs; files come last, when all else is well."""
         self._transforms = StaticTransformTopic(self.node, self.pipeline.frame)
-        acts = {"reset": self._reset, "start_recording": self._start_recording, "stop_recording": self._stop_recording}
+        acts = {
+            "reset": self._reset, "start_recording": self._start_recording, "stop_recording": self._stop_recording,
+            "save_snapshot": self._save_snapshot,
+        }  # fmt: skip
         listeners = Listeners(self.node.get_logger().error, self.node.get_logger().warning)
         try:
             for name, act in acts.items():
@@ -236,6 +240,22 @@ class Session(ABC):
     def _stop_recording(self) -> str:
         path = self.outputs.stop_recording(Ending((), dict(self.pipeline.synchroniser.refused)))
         return f"{path} will be complete in a moment"
+
+    def _save_snapshot(self) -> str:
+        items = self.outputs.ring.taken()
+        stamps = [item.records[-1][1] for item in items if isinstance(item, Answer)]
+        if not stamps:
+            raise UsageError(
+                "there is nothing to save: no answer since the parameters changed, or record.snapshot is 0"
+            )
+        path = Path(self.parameters.record.path or f"{self.node.get_name()}.mcap")
+        path = path.with_name(f"{path.stem}_snapshot{path.suffix}")
+        record = self.parameters.record.model_copy(update={"path": stamped(str(path))})
+        knee = self._described(self.parameters.model_copy(update={"record": record}))
+        before = {TICKS_BEFORE: str(self.pipeline.ticks - len(stamps))}
+        name = self.outputs.save_snapshot(items, knee._replace(provenance={**knee.provenance, **before}))
+        duration = 1e-9 * (stamps[-1] - stamps[0])
+        return f"{name} will be complete in a moment: {len(stamps)} answers, {duration:.3f} s"
 
     def _knee(self) -> Knee:
         """Description for outputs that begin now, with the time in the names of their files."""

@@ -234,6 +234,7 @@ class Record(Section):
         0.0, "[s] span of stamps at which the recording continues in a new file; 0: off", le=1e9
     )
     min_free: float = parameter(100.0, "[MB] free space at which a recording ends", ge=0.0, le=1e9)
+    snapshot: float = parameter(10.0, "[s] that ~/save_snapshot writes: kept in memory; 0: off", ge=0.0, le=3600.0)
     queue: int = queue(30_000)
     queue_size: float = queue_size(100.0)
 

@@ -6,13 +6,19 @@ import re
 import shutil
 import signal
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
+import numpy as np
 import psutil
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
 
+from knee_contact_ros.bags.provenance import Change, read_provenance
+from knee_contact_ros.bags.reader import read_answers
+from knee_contact_ros.model.types import FLAT, TOLD
+from knee_contact_ros.offline.solve import solve
 from tests.helpers.disks import remount
 from tests.helpers.sinks import readable, wait_until
 from tests.ros.conftest import NodeProcess, Peer, call
@@ -65,6 +71,36 @@ def test_each_recording_may_have_a_folder_of_its_own(peer: Peer, start_node: Sta
         assert re.fullmatch(r"\d{4}(_\d\d){2}-\d\d(_\d\d){2}", folder.name)
         assert stamps(folder) == list(numbers)
     assert answer.message == f"recording to {second / 'knee.mcap'}"
+
+
+def test_a_snapshot_is_a_complete_recording_of_the_last_seconds(peer: Peer, start_node: Start, tmp_path: Path) -> None:
+    """Without a recorder: what a ring in memory holds, with parameters and resets, is solved again to the same bits."""
+    given = ["-p", f"record.path:={tmp_path / 'knee.mcap'}", "-p", "record.snapshot:=0.5", "-p", "pairing.wait:=5.0"]
+    node = start_node(*given)
+    peer.wait_for_node()
+    assert call(peer, Trigger, "/knee_contact/stop_recording", Trigger.Request()).success
+    save = partial(call, peer, Trigger, "/knee_contact/save_snapshot", Trigger.Request())
+    none = save()
+    assert not none.success
+    assert "there is nothing to save" in none.message
+    walk(peer, 0, 300)
+    peer.wait_until(lambda: len(peer.contacts) == 300)
+    first = save()
+    assert first.message == f"{tmp_path / 'knee_snapshot.mcap'} will be complete in a moment: 100 answers, 0.495 s"
+    wait_until((tmp_path / "knee_snapshot.mcap").exists)
+    assert call(peer, Trigger, "/knee_contact/reset", Trigger.Request()).success
+    walk(peer, 300, 40)
+    peer.wait_until(lambda: len(peer.contacts) == 340)
+    assert save().message.startswith(f"{tmp_path / 'knee_snapshot_1.mcap'} ")
+    assert node.stop()[0] == 0
+    assert stamps(tmp_path / "knee_snapshot.mcap") == list(range(200, 300))
+    assert stamps(tmp_path / "knee_snapshot_1.mcap") == list(range(240, 340))
+    how = read_provenance(tmp_path / "knee_snapshot_1.mcap")
+    assert how is not None
+    assert (how.ticks_before, how.changes) == (240, (Change(60, None),))
+    solve(tmp_path / "knee_snapshot_1.mcap", how, tmp_path / "again.mcap", lambda *_: None)
+    live, again = (read_answers(tmp_path / name) for name in ("knee_snapshot_1.mcap", "again.mcap"))
+    assert np.array_equal(live[60:].view(FLAT)[list(TOLD)], again[60:].view(FLAT)[list(TOLD)])  # from the reset on
 
 
 def test_disks_in_trouble_end_recordings_and_not_the_node(
