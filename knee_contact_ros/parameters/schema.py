@@ -26,7 +26,7 @@ from knee_contact_ros.model.laws import CONTACT_LAWS
 from knee_contact_ros.model.mechanisms import MECHANISMS
 from knee_contact_ros.model.surfaces import GEOMETRIES, TIBIAL_GEOMETRIES
 from knee_contact_ros.model.ticks import LEVELS
-from knee_contact_ros.parameters.sources import JOINT_STATE, WRENCH_STAMPED, Source, source_of
+from knee_contact_ros.parameters.sources import FORM, JOINT_STATE, WRENCH_STAMPED, Source, source_of
 
 AUTO = "auto"
 LATERAL = "lateral."
@@ -159,18 +159,20 @@ def frame_name(name: str) -> str:
     return name
 
 
-def from_topic(own_type: str) -> AfterValidator:
-    """Check of the text of a source, whose messages are of a type of their own unless the text names another one."""
+class SourceRule(Rule):
+    """Rule for the text of a source, whose messages are of the input's own type unless the text names another one."""
 
-    def checked(text: str) -> str:
-        source_of(text, own_type)
-        return text
+    def __init__(self, own_type: str) -> None:
+        super().__init__(lambda _: True, FORM, -math.inf)
+        self._own_type = own_type
 
-    return AfterValidator(checked)
+    def _checked(self, value: Any) -> Any:
+        source_of(value, self._own_type)
+        return value
 
 
-AngleSource = Annotated[str, from_topic(JOINT_STATE)]
-ForceSource = Annotated[str, from_topic(WRENCH_STAMPED)]
+AngleSource = Annotated[str, SourceRule(JOINT_STATE)]
+ForceSource = Annotated[str, SourceRule(WRENCH_STAMPED)]
 ANGLES = (
     "topic of the angles (JointState, or dynamic_joint_states), or TOPIC TYPE FIELD [UNIT], ... of another type, for "
     "each joint that is named; docs/robot.md"

@@ -23,9 +23,7 @@ def test_a_table_has_every_number_of_every_answer(suffix: str, values: dict[str,
     recording, output = tmp_path / "out.mcap", tmp_path / f"table{suffix}"
     solve(share_folder() / "bags" / "gait2354_right", values, output=recording)
     assert main(["table", str(recording), "--output", str(output)]) == 0
-    table = (
-        pandas.read_parquet(output) if suffix == ".parquet" else pandas.read_csv(output, engine="python")
-    )
+    table = pandas.read_parquet(output) if suffix == ".parquet" else pandas.read_csv(output, engine="python")
     for topic in table["topic"].unique() if values else ["/knee_contact"]:
         answers = read_answers(recording, topic).view(FLAT)
         own = table[table["topic"] == topic] if values else table
