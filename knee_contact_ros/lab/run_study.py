@@ -24,9 +24,9 @@ import time
 import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
-from functools import cache, lru_cache
+from functools import cache, lru_cache, reduce
 from multiprocessing import resource_tracker
-from operator import attrgetter
+from operator import attrgetter, getitem
 from pathlib import Path, PurePosixPath
 from tempfile import TemporaryDirectory
 from typing import Any, NamedTuple
@@ -35,7 +35,6 @@ import fsspec
 import numpy as np
 import pandas as pd
 import pyarrow as pa
-import pyarrow.compute as pc
 import pyarrow.parquet as pq
 from dask import config
 from distributed import Client, LocalCluster, as_completed, get_worker
@@ -161,22 +160,16 @@ def case_key(bag: str, parameters: Parameters, texts: Mapping[str, str]) -> str:
         parameters: All parameters of the case.
         texts: Contents of the files that the parameters name, by parameter. The names of the files do not count.
     """
-    left_out: dict[str, Any] = dict.fromkeys(NOT_COUNTED if has_both(parameters) else NOT_COUNTED | {"lateral"}, True)
+    left_out: set[str] = NOT_COUNTED if has_both(parameters) else NOT_COUNTED | {"lateral"}
+    values = parameters.model_dump(exclude=left_out)
     for name in texts:
         *sections, last = name.split(".")
-        inner = left_out
-        for section in sections:
-            inner = inner.setdefault(section, {})
-        inner[last] = True
-    contents = [f"{name} {_digest_of_text(text)}" for name, text in sorted(texts.items())]
-    return _digest(f"{what_answers()} {bag} {parameters.model_dump_json(exclude=left_out)} {contents}")
+        reduce(getitem, sections, values).pop(last, None)
+    contents = [f"{name} {_digest(text)}" for name, text in sorted(texts.items())]
+    return _digest(f"{what_answers()} {bag} {values} {contents}")
 
 
 @lru_cache(64)
-def _digest_of_text(text: str) -> str:
-    return hashlib.sha256(text.encode()).hexdigest()
-
-
 def _digest(content: str) -> str:
     return hashlib.sha256(content.encode()).hexdigest()[:DIGITS]
 
@@ -228,6 +221,8 @@ class Block(NamedTuple):
     """Values of these parameters, a row for each case"""
     keys: tuple[str, ...]
     """Keys of the cases, see `case_key`"""
+    there: tuple[bool, ...]
+    """Whether a case has its row already, and lacks its answers alone"""
 
 
 def compute_block(block: Block) -> tuple[int, tuple[str, ...]]:
@@ -251,7 +246,7 @@ def compute_block(block: Block) -> tuple[int, tuple[str, ...]]:
     computed = compute(knees, cases, series=block.series, compiled=compiled)
     table, series = _table(block, knees, cases, computed), _series(block.keys, computed) if block.series else None
     with shards.errors():
-        shards.write(table, series)
+        shards.write(table.filter([not there for there in block.there]), series)
     _freeze()
     return sum(map(bool, computed.failed)), knees.recording.damage
 
@@ -334,15 +329,8 @@ class Shards:
             IncompleteError: the disk is full.
         """
         with self.errors():
-            new = not self.has("")
-            try:
-                self.files.makedirs(self.folder, exist_ok=True)
-                self.put(note, text.encode())
-            except Exception:
-                with suppress(Exception):
-                    if new:
-                        self.files.rmdir(self.folder)
-                raise
+            self.files.makedirs(self.folder, exist_ok=True)
+            self.put(note, text.encode())
 
     def has(self, name: str) -> bool:
         """Whether the folder has a file."""
@@ -359,14 +347,14 @@ class Shards:
             full = isinstance(error, OSError) and error.errno in FULL
             raise (IncompleteError if full else UsageError)(f"output {self.url}: {reason(error)}") from None
 
-    def finished(self, *, series: bool) -> set[str]:
-        """Give the keys of all finished cases; with `series`, only of those whose answers are kept, too.
+    def finished(self, folder: str = "") -> set[str]:
+        """Give the keys of all finished cases; with the folder `SERIES`, of those whose answers are kept.
 
         Raises:
             UsageError: the folder holds something else, or a shard is damaged.
         """
-        whole = set(self.names(SERIES)) if series else set()
-        return {key for name in self.names() if name in whole or not series for key in self._keys(name)}
+        tables = (self._read(f"{folder}/{name}".lstrip("/"), ["case"]) for name in self.names(folder))
+        return {key for table in tables for key in table["case"].unique().to_pylist()}
 
     def rows(self, keys: Sequence[str], columns: Sequence[str]) -> pd.DataFrame:
         """Read columns of the cases with these keys, in the order of the keys.
@@ -401,10 +389,6 @@ class Shards:
                 raise UsageError(f"output {self.url}: holds {name}, which is none of a study's results")
         return names
 
-    def _keys(self, name: str) -> list[str]:
-        keys: list[str] = self._read(name, ["case"])["case"].to_pylist()
-        return keys
-
     def _read(self, name: str, columns: Sequence[str] | None = None) -> pa.Table:
         """Read a shard from its bytes: Arrow's threads would release a Python file after Python's end, and abort.
 
@@ -421,21 +405,19 @@ class Shards:
                 "cases are computed again"
             ) from None
 
-    def write(self, table: pa.Table, series: pa.Table | None) -> str:
-        """Write a shard of the table, after one with all answers if there is a `series`; return the name of both.
+    def write(self, table: pa.Table, series: pa.Table | None) -> None:
+        """Write a shard of the table, after one with all answers if there is a `series`; of an empty one none.
 
         Raises:
             OSError: they cannot be written; a shard that could not be completed does not appear.
         """
-        name = f"cases-{_digest(' '.join(table['case'].to_pylist()))}.parquet"
-        if series is not None:
-            self.files.makedirs(f"{self.folder}/{SERIES}", exist_ok=True)
-        for place, one in ((f"{SERIES}/{name}", series), (name, table)):
-            if one is not None:
+        for folder, one in ((SERIES, series), ("", table)):
+            if one is not None and len(one):
+                self.files.makedirs(f"{self.folder}/{folder}".rstrip("/"), exist_ok=True)
                 content = pa.BufferOutputStream()
                 pq.write_table(one, content, compression="zstd")
-                self.put(place, memoryview(content.getvalue()))
-        return name
+                name = f"cases-{_digest(' '.join(one['case'].unique().to_pylist()))}.parquet"
+                self.put(f"{folder}/{name}".lstrip("/"), memoryview(content.getvalue()))
 
     def put(self, name: str, content: bytes | memoryview) -> None:
         """Write a file that gets its name when it is complete, and on the disk.
@@ -455,20 +437,6 @@ class Shards:
             with suppress(Exception):
                 self.files.rm(unfinished)
             raise
-
-    def unite(self) -> None:
-        """Leave every case in one shard: those that were computed again for their answers are in an older one, too."""
-        whole, seen, written = set(self.names(SERIES)), set[str](), set[str]()
-        for name in sorted(self.names(), key=lambda name: (name not in whole, name)):
-            keys = self._keys(name)
-            own = [key for key in keys if key not in seen]
-            seen.update(own)
-            if len(own) < len(keys) and name not in whole | written:
-                table = self._read(name)
-                if own:
-                    rest = table.filter(pc.is_in(table["case"], value_set=pa.array(own, pa.string())))
-                    written.add(self.write(rest, None))
-                self.files.rm(f"{self.folder}/{name}")
 
     def sweep_up(self) -> None:
         """Remove the unfinished files of this run, and those that another has left long ago."""
@@ -517,29 +485,30 @@ class Plan:
 
     def blocks(self, shards: Shards) -> Iterator[Block]:
         """Give the missing cases in blocks; a block is made when it is wanted."""
-        study, note, known = self.study, note_of(self.study)[0], shards.finished(series=self.study.series)
+        study, note, rows = self.study, note_of(self.study)[0], shards.finished()
+        known = rows & shards.finished(SERIES) if study.series else set(rows)
+
+        def missing(numbers: range) -> Iterator[tuple[str, tuple[Any, ...], bool]]:
+            for case in map(study.case, numbers):
+                key = self.key(case)
+                if key in known:
+                    self.there += 1
+                else:
+                    known.add(key)
+                    yield key, tuple(case.values.values()), key in rows
+
         for first in range(0, study.number, study.variants):
             bag, params, _ = study.case(first)
             place, digest, ticks, _ = self._bags[bag]
             size = max(1, min(max(-(-study.variants // PARTS), LEAST), TICKS_A_BLOCK // ticks))
-            missing = self._missing(range(first, first + study.variants), known)
-            while cases := list(itertools.islice(missing, size)):
-                keys, rows = zip(*cases, strict=True)
+            left = missing(range(first, first + study.variants))
+            while cases := list(itertools.islice(left, size)):
+                keys, values, there = zip(*cases, strict=True)
                 yield Block(
                     shards.url, note, shards.run, study.series, study.number, what_answers(), bag, params, place,
                     digest, json.dumps(all_values(self._parameters[bag, params])), tuple(sorted(self._files.items())),
-                    tuple(study.names), rows, keys,
+                    tuple(study.names), values, keys, there,
                 )  # fmt: skip
-
-    def _missing(self, numbers: range, known: set[str]) -> Iterator[tuple[str, tuple[Any, ...]]]:
-        """Give keys and values of the cases that are not known, and count the others."""
-        for case in map(self.study.case, numbers):
-            key = self.key(case)
-            if key in known:
-                self.there += 1
-            else:
-                known.add(key)
-                yield key, tuple(case.values.values())
 
 
 class Bag(NamedTuple):
@@ -578,7 +547,13 @@ def workers_of(number: int, scheduler: str) -> Iterator[Client]:
         for name in [name for name in logging.root.manager.loggerDict if name.startswith(LOGS)]:
             logging.getLogger(name).setLevel(logging.CRITICAL)
         if scheduler:
-            yield opened.enter_context(_reached(scheduler))
+            try:
+                client = opened.enter_context(Client(scheduler, timeout=PATIENCE, set_as_default=False))
+            except Exception as error:  # a boundary: an address may be of a kind that needs another library
+                raise UsageError(f"scheduler {scheduler}: cannot be reached: {reason(error)}") from None
+            if not client.nthreads():
+                warn([f"scheduler {scheduler}: it has no workers yet, and is waited for"])
+            yield client
             return
         try:
             with _ignoring_interrupts():
@@ -603,16 +578,6 @@ def _ignoring_interrupts() -> Iterator[None]:
         yield
     finally:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-
-
-def _reached(scheduler: str) -> Client:
-    try:
-        client = Client(scheduler, timeout=PATIENCE, set_as_default=False)
-    except Exception as error:  # a boundary: an address may be of a kind that needs another library
-        raise UsageError(f"scheduler {scheduler}: cannot be reached: {reason(error)}") from None
-    if not client.nthreads():
-        warn([f"scheduler {scheduler}: it has no workers yet, and is waited for"])
-    return client
 
 
 def computed_by(client: Client, blocks: Iterator[Block]) -> Iterator[tuple[int, int, tuple[str, ...]]]:
@@ -694,7 +659,6 @@ def run_study(
                     advance(plan.there + count, study.number)
     finally:
         shards.sweep_up()
-    shards.unite()
     return Done(study.number - count, count, failed, tuple(damage))
 
 

@@ -32,13 +32,6 @@ def run_of(*milliseconds: int, published: int | None = None, sending: float = 1.
     return driver.Run(len(latencies) if published is None else published, latencies, [MS], sending, tail)
 
 
-def test_figures_and_their_ratios() -> None:
-    assert driver.figures([each * MS for each in range(1001)]) == pytest.approx((500.0, 990.0, 999.0, 1000.0))
-    assert all(map(math.isnan, driver.figures([])))
-    assert driver.ratios(driver.Figures(1.0, 2.0, 3.0, 4.0), driver.Figures(2.0, 2.0, 2.0, 2.0)) == (0.5, 1.0, 1.5, 2.0)
-    assert math.isnan(driver.ratios(driver.Figures(1.0, 1.0, 1.0, 1.0), driver.Figures(0.0, 1.0, 1.0, 1.0)).median)
-
-
 def test_samples_are_gait_forth_and_back_without_a_leap() -> None:
     found = list(islice(driver.samples(1000.0, 7), 9000))
     states, forces = zip(
@@ -89,14 +82,6 @@ def test_a_line_for_every_round_and_for_all() -> None:
     assert len(study.latency_page(one_round, 1000.0, 20.0).lines) == 5  # one round says it all
 
 
-def test_ratios_by_round_and_of_all() -> None:
-    rows = {row[0]: row[1] for row in study.ratio_sheet(parts()).rows}
-    assert rows == {
-        f"{driver.OURS.name}, round 1": "0.50", f"{driver.OURS.name}, round 2": "0.25", driver.OURS.name: "0.40",
-        driver.BOTH.name: "0.40", driver.SINGLE.name: "-", driver.BYTES.name: "0.20",
-    }  # fmt: skip
-
-
 def test_a_page_and_its_data_are_written(tmp_path: Path) -> None:
     for page in (study.latency_page(parts(), 1000.0, 20.0), study.sustained_page(steps()),
                  study.soak_page(2000.0, MOMENTS, (9, 9, 0))):  # fmt: skip
@@ -143,13 +128,6 @@ def test_the_highest_rate_and_what_limits_it(up_to: float, rate: float, limit: s
     assert study.limit(found, driver.OURS, 1) == limit
 
 
-def test_rates_over_those_of_the_bare_node() -> None:
-    rows = {row[0]: row for row in study.sustained_page(steps()).sections[0].rows}
-    assert rows[driver.OURS.name][3:5] == [study.NODE, f"{976.5625 / study.highest(steps(), driver.BARE, 1):.2f}"]
-    assert rows[driver.BARE.name][3:] == [study.SENDER, "1.00", "0 %"]
-    assert rows[driver.BYTES.name][1] == "0"
-
-
 @pytest.mark.parametrize(
     ("run", "verdict"),
     [
@@ -171,13 +149,6 @@ MOMENTS = [
     study.Moment(ticks, memory, CHILDREN, 0, 2000.0, 0.3, 1.0, 2.0, 3.0, 5.0)
     for ticks, memory in ((10_000, 100.0), (50_000, 120.0), (60_000, 123.5), (70_000, 121.0))
 ]
-
-
-def test_memory_counts_after_the_warm_up() -> None:
-    rows = dict(study.soak_page(2000.0, MOMENTS, (9, 9, 0)).sections[0].rows)
-    assert rows["node's memory after 50000 ticks [MB]"] == "120.0"
-    assert rows["its largest growth since then [MB]"] == "3.5"
-    assert rows["its child processes' memory at the end [MB]"] == "11: 80.0, 12: 120.0"
 
 
 def recording(path: Path, *messages: bytes) -> Path:
@@ -206,13 +177,6 @@ def test_usage_of_a_process_and_its_child() -> None:
         process.stdin.write(b"\n")
     assert driver.snapshot(process.pid).family == []
     assert driver.snapshot(os.getpid()).family[0].resident > 10e6  # Python and NumPy
-
-
-def test_cpu_time_of_all_has_that_of_what_has_ended() -> None:
-    before = driver.snapshot(0)
-    work = "import time\nwhile time.process_time() < 0.5: pass"
-    subprocess.run([sys.executable, "-c", work], check=True)
-    assert driver.between(before, driver.snapshot(0)).others >= 0.4  # the kernel counts in hundredths
 
 
 def test_cpu_time_is_that_of_processes_that_were_there_all_the_time() -> None:

@@ -13,7 +13,6 @@ import pytest
 import knee_contact_ros
 from knee_contact_ros import UsageError
 from knee_contact_ros.bags.provenance import Change, read_provenance
-from knee_contact_ros.lab import uncertainty
 from knee_contact_ros.lab.uncertainty import (
     Deviation,
     Given,
@@ -122,25 +121,6 @@ def test_a_run_that_began_anew_begins_anew(tmp_path: Path) -> None:
     taken = given(write_rosbag2(tmp_path / "twice", [*once, *later]), {"contact.law": "kelvin_voigt"})
     assert np.flatnonzero(taken.rows[0]["status"] & Status.TIME_RESET).tolist() == [40]
     assert_same(taken.answers({})[0], taken.rows[0])
-
-
-@pytest.mark.parametrize(("asked", "used"), [(None, [False, True]), (True, [True, True]), (False, [False, False])])
-def test_many_answers_are_compiled_though_a_few_are_not(
-    asked: bool | None, used: list[bool], short_bag: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    made: list[bool] = []
-    compute = uncertainty.compute
-
-    def noted(*arguments: Any, **options: Any) -> Any:
-        made.append(options["compiled"])
-        return compute(*arguments, **options)
-
-    monkeypatch.setattr(uncertainty, "compute", noted)
-    monkeypatch.setattr(uncertainty, "worth_compiling", lambda ticks: ticks > 100 * SHORT)
-    few = given_in(short_bag, load_parameters("healthy"), silent, replays=2, compiled=asked)
-    for one in (few, few._replace(replays=200)):
-        assert_same(one.answers({})[0], few.rows[0])
-    assert made == used
 
 
 def test_inputs_are_off_where_they_come_in(short_bag: Path, tmp_path: Path) -> None:

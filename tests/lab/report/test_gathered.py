@@ -9,7 +9,6 @@ import pytest
 
 from knee_contact_ros.lab.report.page import summary
 from knee_contact_ros.lab.report.runs import BUCKETS, CURVES, FIELDS, PERCENT, Gathered, Run
-from knee_contact_ros.model.readouts import SPREAD
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.gait_events import HEEL_STRIKE, LOAD_PEAK, TOE_OFF
 from knee_contact_ros.streams.watch import Doubts
@@ -79,17 +78,6 @@ def test_the_loading_rate_is_the_steepest_rise_of_early_stance() -> None:
     assert cycle.numbers["loading_rate_N_per_s"] == pytest.approx(5000.0, rel=1e-6)  # stamps: 1 ns in 20 ms
 
 
-def test_readouts_become_curves() -> None:
-    samples = walking(200.0, 5.0)
-    columns = {name: np.full(len(samples[0]), 1.0 + number) for number, name in enumerate(SPREAD)}
-    zero = np.zeros(len(samples[0]))
-    known = dict(zip(("stamp", "flexion_angle", "load"), samples, strict=True)) | columns
-    found = Gathered({name: known.get(name, zero) for name in (*FIELDS, *SPREAD)}, BODY_WEIGHT, Doubts())
-    assert found.reads_off
-    assert found.mean[50, [CURVES.index(name) for name in SPREAD]].tolist() == [1.0, 2.0, 3.0, 4.0]
-    assert found.cycles[0].numbers["largest_patch_half_width_mm"] == 1e3
-
-
 def test_totals_leave_out_gaps_and_stamps_that_went_back() -> None:
     stamps, angle, load = walking(200.0, 12.0)
     stamps[1500:] -= 2 * SECOND
@@ -105,16 +93,6 @@ def test_totals_leave_out_gaps_and_stamps_that_went_back() -> None:
     assert told(found)["error bound of the contact force"] == "no bound at most, 1 N median"
     none = gathered((stamps, angle, load), force_error_estimate=np.full(len(load), np.nan))
     assert told(none)["error bound of the contact force"] == "not in this recording"
-
-
-def test_no_cycle_goes_across_a_gap_or_a_reset() -> None:
-    stamps, angle, load = walking(200.0, 12.0)
-    whole = len(gathered((stamps, angle, load)).cycles)
-    for shift in (-2 * SECOND, 3 * SECOND):
-        found = gathered((stamps + np.where(np.arange(len(stamps)) >= 1290, shift, 0), angle, load))
-        assert len(found.cycles) == whole - 1
-        elapsed = [moment.elapsed for moment in found.moments]
-        assert elapsed == sorted(elapsed)
 
 
 def test_standing_has_totals_and_no_cycles() -> None:

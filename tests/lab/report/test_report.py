@@ -26,7 +26,6 @@ from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.topics import KNEE_CONTACT_WRENCH, MESSAGE_TYPES, RECORDED
-from knee_contact_ros.system.files import not_installed
 from tests.lab.report.pages import check_html, numbers, page_of, rows_of, runs_of, text_of
 from tests.offline.test_solve import make_bag, silent
 
@@ -266,13 +265,6 @@ def test_what_makes_no_sense_stands_first(bags: tuple[Path, Path], tmp_path: Pat
         assert told.count(words) == 1
 
 
-@pytest.mark.parametrize("ticks", [1, 2, 3])
-def test_a_few_ticks_are_a_report(tmp_path: Path, ticks: int) -> None:
-    bag = make_bag(tmp_path / "few.mcap", [(i * 5_000_000, 0.1, 800.0) for i in range(ticks)])
-    assert main(["report", str(bag), "--output", str(tmp_path / "out")]) == 0
-    assert f"{ticks} in {0.005 * (ticks - 1):.2f} s" in text_of(tmp_path / "out")
-
-
 def test_where_the_height_drives_a_report_is_of_the_contact_force(tmp_path: Path) -> None:
     rows, out = [(i * 5_000_000, 0.1, 800.0) for i in range(100)], tmp_path / "out"
     bag = make_bag(tmp_path / "pressed.mcap", rows, heights=0.0335 - 3e-4 * np.sin(0.05 * np.arange(100.0)) ** 2)
@@ -343,13 +335,6 @@ def test_a_damaged_bag_is_told_and_reported_as_far_as_it_goes(bags, tmp_path: Pa
     assert main(["report", str(cut), "--output", str(tmp_path / "out")]) == 1
     assert capsys.readouterr().err.count("\n") == 1
     assert "The file is damaged" in text_of(tmp_path / "out")
-
-
-def test_a_missing_library_is_told_in_a_line(bags, tmp_path: Path) -> None:
-    code = "import sys; sys.modules['jinja2'] = None; from knee_contact_ros.commands.main import main; sys.exit(main())"
-    command = [sys.executable, "-c", code, "report", str(bags[0]), "--output", str(tmp_path / "out")]
-    run = subprocess.run(command, capture_output=True, text=True, check=False)
-    assert (run.returncode, run.stderr) == (2, f"knee-contact: {not_installed('jinja2', 'report')}\n")
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -75,13 +75,6 @@ def test_bad_studies(said: str, address: str, right_bag: Path, study: Path, capf
     assert list(study.parent.iterdir()) == [study]
 
 
-def test_a_bag_that_is_none(address: str, study: Path, tmp_path: Path, capfd: Capture) -> None:
-    (tmp_path / "none.mcap").write_text("no bag")
-    study.write_text(f"bags: [{tmp_path}/none.mcap]\n{GRID}\n")
-    assert "none.mcap" in refused(sweep(study, tmp_path / "out", address), capfd)
-    assert list((tmp_path / "out").glob("cases-*")) == []
-
-
 def test_a_scheduler_that_cannot_be_reached(study: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(run_study, "PATIENCE", 1.0)
     with socket.socket() as taken:
@@ -105,12 +98,6 @@ def test_a_missing_extra_is_named(library: str, study: Path, capfd: Capture, mon
     said = refused(["sweep", str(study), "--output", "out"], capfd)
     assert f"{library} is not installed; " in said
     assert "[sweep]" in said
-
-
-@pytest.mark.parametrize("options", ["", "--output out --workers 0", "--output= --workers 1"])
-def test_bad_options(options: str, study: Path, capfd: Capture) -> None:
-    refused(["sweep", str(study), *options.split()], capfd)
-    assert list(study.parent.iterdir()) == [study]
 
 
 def test_the_example_of_the_page_runs(address: str, study: Path, tmp_path: Path, capfd: Capture) -> None:

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import errno
 import os
 import shutil
 import time
 import zipfile
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -16,8 +14,6 @@ import pandas as pd
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 import knee_contact_ros
 from knee_contact_ros.lab import run_study
@@ -46,24 +42,7 @@ def test_the_table_is_that_of_single_runs_on_any_workers(right_bag: Path, addres
         assert row["peak_depth"] == alone.penetration_depth.max()
         assert row["bag"] == str(right_bag)
     assert pq.read_schema(tmp_path / "ours" / shards[0][0]).field("peak_force").metadata
-
-
-@pytest.mark.parametrize("values", [{}, {"load.compartment": "both"}], ids=["one", "both"])
-def test_the_bits_do_not_depend_on_the_size_of_the_blocks(
-    values: dict[str, Any], right_bag: Path, address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    ranges = {"contact.stiffness": [5e7, 1e8], "contact.damping": [0.0, 8e3], "contact.tibial_radius": [0.03, 0.09]}
-    asked = study(right_bag, values=values, sample={"method": "sobol", "n": 300, "ranges": ranges})
-    monkeypatch.setattr(run_study, "PARTS", 300)
-    tables = []
-    for size in (300, 7, 64):
-        monkeypatch.setattr(run_study, "LEAST", size)
-        folder = tmp_path / str(size)
-        assert computed(asked, folder, scheduler=address)[:3] == (0, 300, 0)
-        assert len(list(folder.glob("cases-*"))) == -(-300 // size)
-        tables.append(table(folder))
-    assert_same(tables[0], tables[1])
-    assert_same(tables[0], tables[2])
+    assert pd.read_parquet(tmp_path / "ours").attrs == {"varied": sorted(GRID)}
 
 
 def test_only_what_is_new_is_computed(right_bag: Path, address: str, tmp_path: Path) -> None:
@@ -82,14 +61,6 @@ def test_only_what_is_new_is_computed(right_bag: Path, address: str, tmp_path: P
     assert rows["contact.damping"].tolist() == 2 * DAMPINGS[:2]
     with pytest.raises(IncompleteError, match="1 of 1 cases are not there"):
         Shards(str(tmp_path / "twice")).rows(["another"], TWO)
-
-
-def test_a_second_client_of_a_scheduler_computes_its_own_study(right_bag: Path, address: str, tmp_path: Path) -> None:
-    def meanwhile(_done: int, _all: int) -> None:  # the first client is still there
-        computed(study(right_bag, grid=TWO), tmp_path / "second", scheduler=address)
-
-    run_study.run_study(study(right_bag), str(tmp_path / "first"), scheduler=address, advance=meanwhile)
-    assert (len(table(tmp_path / "first")), len(table(tmp_path / "second"))) == (1, 2)
 
 
 def test_failed_cases_are_rows_with_a_reason(right_bag: Path, address: str, tmp_path: Path) -> None:
@@ -175,17 +146,6 @@ def test_other_models_bags_and_folders_are_refused(
     assert list(tmp_path.rglob("cases-*")) == []
 
 
-@pytest.mark.parametrize(
-    ("name", "file"), [("femur.profile", "nobody.csv"), ("load.share_file", "/nobody.csv")]
-)  # fmt: skip
-def test_a_file_that_is_not_there_is_told_before_anything_is_made(
-    name: str, file: str, right_bag: Path, tmp_path: Path
-) -> None:
-    with pytest.raises(UsageError, match=f"parameter {name}: cannot read {file}: No such file"):
-        computed(study(right_bag, grid={name: [file]}), tmp_path / "out")
-    assert list(tmp_path.iterdir()) == []
-
-
 def divide(_block: Any) -> float:
     """Fails on the worker."""
     return 1 / len("")
@@ -229,60 +189,13 @@ def test_a_folder_of_others_a_foreign_table_and_a_damaged_one(right_bag: Path, a
         computed(asked, foreign, scheduler=address)
 
 
-some = st.lists(st.sampled_from("abcdef"), min_size=1, max_size=4, unique=True)
-
-
-@settings(max_examples=60)
-@given(plain=st.lists(some, max_size=6), series=st.permutations("abcdef"), cuts=st.sets(st.integers(1, 5)))
-def test_united_each_case_stands_once_and_none_is_lost(
-    plain: list[list[str]], series: list[str], cuts: set[int]
-) -> None:
-    """Also where a shard was left behind by a client that was killed while it united them."""
-    with TemporaryDirectory() as folder:
-        ours, ends = Shards(folder), sorted(cuts)
-        whole = [series[begin:end] for begin, end in zip([0, *ends], ends, strict=False)]
-        for keys in whole:
-            ours.write(pa.table({"case": keys}), pa.table({"case": keys * 2}))
-        for keys in plain:
-            if keys not in whole:
-                ours.write(pa.table({"case": keys}), None)
-        ours.unite()
-        found = [key for name in ours.names() for key in ours._keys(name)]
-        assert sorted(found) == sorted({key for keys in (*plain, *whole) for key in keys})
-        assert ours.finished(series=True) == {key for keys in whole for key in keys}
-        before = ours.names()
-        ours.unite()
-        assert ours.names() == before
-
-
-@pytest.mark.parametrize("at", ["open", "mv"])
-@pytest.mark.parametrize(("code", "kind"), [(errno.ENOSPC, IncompleteError), (errno.EACCES, UsageError)])
-def test_what_cannot_be_written_is_not_there(
-    at: str, code: int, kind: type[Exception], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    ours = Shards(str(tmp_path / "out"))
-
-    def fail(*_: Any, **__: Any) -> None:
-        raise OSError(code, "it is so")
-
-    monkeypatch.setattr(ours._files, at, fail)
-    with pytest.raises(kind, match="it is so"):
-        ours.make("_study", "{}")
-    assert not (tmp_path / "out").exists()
-    (tmp_path / "out").mkdir()
-    with pytest.raises(OSError, match="it is so"):
-        ours.write(pa.table({"case": ["a"]}), None)
-    assert (left_over(tmp_path), ours.names()) == ([], [])
-
-
 def test_in_memory_or_elsewhere_it_is_a_folder_as_well() -> None:
     ours = Shards("memory://cohorts/out")
     ours.make("_study", "{}")
-    name = ours.write(pa.table({"case": ["a"]}), pa.table({"case": ["a"]}))
-    assert Shards("memory://cohorts/out").finished(series=True) == {"a"}
-    ours.unite()
+    ours.write(pa.table({"case": ["a"]}), pa.table({"case": ["a"]}))
     ours.sweep_up()
-    assert ours.names() == [name]
+    assert len(ours.names()) == 1
+    assert Shards("memory://cohorts/out").finished("_series") == Shards("memory://cohorts/out").finished() == {"a"}
 
 
 def keys_of(bag: Path, **content: Any) -> list[str]:
@@ -321,24 +234,3 @@ def test_what_a_knee_is_and_no_name_or_spelling_makes_the_key(right_bag: Path, c
     (file,) = other.glob("*.mcap")
     file.write_bytes(file.read_bytes() + b"\0")
     assert keys_of(other) != keys_of(right_bag)
-
-
-def test_keys_of_models_meanings_refused_cases_and_files_that_are_gone(
-    right_bag: Path, config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    first = keys_of(right_bag)
-    for name, value in (("model_digest", lambda: "another"), ("MEANING", 7)):
-        with monkeypatch.context() as patch:
-            patch.setattr(run_study, name, value)
-            run_study.what_answers.cache_clear()
-            assert keys_of(right_bag) != first
-    run_study.what_answers.cache_clear()
-    circle, knees = {"tibia.geometry": "circle"}, ["healthy", "osteoarthritis"]
-    assert len(set(keys_of(right_bag, values=circle, params=knees, grid={"tibia.radius": [0.01, 0.02]}))) == 4
-    shutil.copy(config / "femur_medial.csv", tmp_path / "femur.csv")
-    either: dict[str, Any] = {"values": {"femur.profile": str(tmp_path / "femur.csv")},
-                              "grid": {"femur.geometry": ["circle", "profile"]}}  # fmt: skip
-    before = keys_of(right_bag, **either)
-    (tmp_path / "femur.csv").unlink()
-    after = keys_of(right_bag, **either)  # the case will fail, and say why
-    assert (after[0], after[1] != before[1]) == (before[0], True)
