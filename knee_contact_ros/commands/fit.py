@@ -78,7 +78,7 @@ from knee_contact_ros.commands.options import (
 def fit_profile(mesh: Path, side: str, compartment: str, tolerance: float, slab: float, **others: Any) -> None:
     """From a mesh of cartilage to a profile.
 
-    Cuts MESH (STL, PLY, OBJ, VTP; points as text; a NIfTI label map), smooths the articular side of the slice, and
+    Cuts MESH (STL, PLY, OBJ, VTP, VTK; points as text; a label map: NIfTI, NRRD, MHA), smooths the articular side of the slice, and
     writes it as femur.profile and tibia.profile take it, with a picture and a parameter file beside it. Needs
     the extra mesh.
     """

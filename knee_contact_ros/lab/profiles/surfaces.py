@@ -1,7 +1,7 @@
 """Surfaces of cartilage and bone, in m and in the axes of the femur or tibia frame, and the articular side of a slice.
 
-Trimesh or VTK reads meshes, nibabel reads label maps (NIfTI), and clouds of points are text. The header of a mesh from
-3D Slicer says which way its axes point (`SPACE=RAS`), as a label map does; of other files the caller must know.
+Trimesh or VTK reads meshes, `label_maps` label maps, and clouds of points are text. The header of a mesh from 3D Slicer
+says which way its axes point (`SPACE=RAS`), as a label map does; of other files the caller must know.
 
 Beside the slice itself, parallel ones within a slab are cut: the noise of a mesh differs from one to the next, the bone
 does not.
@@ -24,6 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from knee_contact_ros.lab.profiles.label_maps import LABEL_MAPS, read_label_map
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.system.errors import UsageError
 
@@ -34,7 +35,6 @@ SMALLEST, LARGEST = 0.008, 0.7
 """Range of the longest edge of the box around a cartilage or bone of the knee [m], generously"""
 USUAL = 0.07
 """Longest edge [m] of a usual one: the width of a knee"""
-LABEL_MAPS = (".nii", ".nii.gz")
 CLOUDS = (".txt", ".xyz", ".csv", ".asc", ".dat")
 INSIDE = 0.5
 """Level of the contour around voxels that are 1, among voxels that are 0"""
@@ -246,19 +246,23 @@ def _by_trimesh(path: Path) -> tuple[Any, Any, str]:
 
 
 def _by_vtk(path: Path) -> tuple[Any, Any, str]:
-    """Read VTP with VTK, as no other library reads it."""
+    """Read VTP and VTK with VTK, as no other library reads them."""
     import pyvista
 
     with pyvista.vtk_verbosity("off"):  # likewise
         read: Any = pyvista.read(path)
+    read = read if isinstance(read, pyvista.PolyData) else read.extract_surface()
     mesh = read.triangulate().clean()
     has_faces = bool(mesh.n_cells and mesh.faces.size)
-    said = SPACE.match(f"SPACE={''.join(map(str, read.field_data['SPACE']))}") if "SPACE" in read.field_data else None
+    with path.open("rb") as file:
+        said = SPACE.search(file.read(HEADER).decode("latin-1"))  # the second line of a .vtk file
+    if "SPACE" in read.field_data:
+        said = SPACE.match(f"SPACE={''.join(map(str, read.field_data['SPACE']))}")
     space = said[1] if said else ""
     return (mesh.points, mesh.regular_faces, space) if has_faces else (read.points, (), space)
 
 
-MESHES = {".stl": _by_trimesh, ".ply": _by_trimesh, ".obj": _by_trimesh, ".vtp": _by_vtk}
+MESHES = {".stl": _by_trimesh, ".ply": _by_trimesh, ".obj": _by_trimesh, ".vtp": _by_vtk, ".vtk": _by_vtk}
 """Reader of meshes by the suffix of their files"""
 
 
@@ -294,17 +298,9 @@ def _read_label_map(path: Path, label: int | None, axes: str | None) -> tuple[Fl
 
     Of a map without orientation, for which `axes` must be given, the points are in the axes of its voxels.
     """
-    import nibabel
     import pyvista
 
-    try:
-        image: Any = nibabel.load(path)
-        values = np.asarray(image.dataobj)
-    except Exception as error:  # nibabel raises its own, EOFError, zlib's and more
-        raise UsageError(f"{path} cannot be read: {' '.join(str(error).split())[:200]}") from None
-    values = values.reshape(values.shape[:3]) if values.ndim > 3 and set(values.shape[3:]) == {1} else values
-    if values.ndim != 3:
-        raise UsageError(f"{path} has {values.ndim} dimensions; a label map has 3")
+    values, affine, lacks = read_label_map(path)
     labels = [float(value) for value in np.unique(values) if value != 0]
     shown = ", ".join(f"{value:g}" for value in labels[:MOST_SHOWN]) + (", ..." if len(labels) > MOST_SHOWN else "")
     if label is None and len(labels) != 1:
@@ -316,15 +312,12 @@ def _read_label_map(path: Path, label: int | None, axes: str | None) -> tuple[Fl
     grid = pyvista.ImageData(dimensions=padded.shape, origin=(-1.0, -1.0, -1.0))
     grid.point_data["inside"] = padded.ravel(order="F")
     mesh = grid.contour([INSIDE], scalars="inside").triangulate()
-    affine = np.array(image.affine, np.float64)
-    if not image.header["sform_code"] and not image.header["qform_code"]:
-        if axes is None:
-            raise UsageError(
-                f"{path} has no orientation (its sform and qform codes are 0): export it with one, or name by --axes "
-                "which axes of its voxels point anterior, superior and lateral, as --axes=y,z,x where the first points "
-                "right, the second anterior and the third superior"
-            )
-        affine[0] *= -1.0  # nibabel turns the first axis over, as Analyze's files have it
+    if lacks and axes is None:
+        raise UsageError(
+            f"{path} has no orientation ({lacks}): export it with one, or name by --axes which axes of its voxels "
+            "point anterior, superior and lateral, as --axes=y,z,x where the first points right, the second anterior "
+            "and the third superior"
+        )
     points = np.asarray(mesh.points, np.float64) @ affine[:3, :3].T + affine[:3, 3]
     return points, np.asarray(mesh.regular_faces, np.int64)
 

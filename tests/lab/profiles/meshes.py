@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import bz2
+import gzip
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -86,6 +89,9 @@ def spaced(path: Path, mesh: tuple[Floats, Any], space: str) -> Path:
         content = said.encode().ljust(80) + content[80:]
     elif path.suffix == ".ply":
         content = content.replace(b"\nelement vertex", f"\ncomment {said}\nelement vertex".encode(), 1)
+    elif path.suffix == ".vtk":
+        first, _, rest = content.split(b"\n", 2)
+        content = b"\n".join([first, said.encode(), rest])
     elif path.suffix == ".obj":
         content = f"# {said}\n".encode() + content
     path.write_bytes(content)
@@ -103,4 +109,47 @@ def label_map(path: Path) -> Path:
     affine = np.diag([VOXEL, VOXEL, VOXEL, 1.0])
     affine[:3, 3] = (-28.0, -32.0, -32.0)
     nibabel.save(nibabel.Nifti1Image(np.repeat(slice_[None], round(20 / VOXEL), axis=0), affine), path)
+    return path
+
+
+def other_map(path: Path, encoding: str, space: str = "left-posterior-superior") -> Path:
+    """The label map of `label_map` as NRRD or MetaImage, of which the last axis of the voxels comes first, reversed."""
+    import nibabel
+
+    image: Any = nibabel.load(label_map(path.with_suffix(".nii")))
+    values = np.asarray(image.dataobj).copy().transpose(2, 0, 1)[::-1]
+    path.with_suffix(".nii").unlink()
+    directions, origin = np.diag(image.affine)[:3, None] * np.eye(3)[[2, 0, 1]], np.array(image.affine[:3, 3])
+    origin = origin + directions[0] * (len(values) - 1)
+    directions[0] *= -1.0
+    if space.upper().startswith("L") or path.suffix in {".mha", ".mhd"}:
+        directions, origin = directions * [-1.0, -1.0, 1.0], origin * [-1.0, -1.0, 1.0]
+    data = values.astype("<i2").tobytes(order="F")
+    if path.suffix in {".nrrd", ".nhdr"}:
+        ascii_ = " ".join(map(str, values.ravel(order="F"))).encode()
+        data = {"gzip": gzip.compress(data), "bzip2": bz2.compress(data), "raw": data, "ascii": ascii_}[encoding]
+        vectors = " ".join("({:.17g},{:.17g},{:.17g})".format(*axis) for axis in directions)
+        head = [
+            "NRRD0005", "# made up", "type: short", "dimension: 3", f"space: {space}",
+            "sizes: " + " ".join(map(str, values.shape)), f"space directions: {vectors}", "kinds: domain domain domain",
+            "endian: little", f"encoding: {encoding}", "space origin: ({:.17g},{:.17g},{:.17g})".format(*origin),
+            "Segment0_Name:=cartilage", *(["data file: voxels"] if path.suffix == ".nhdr" else []),
+        ]  # fmt: skip
+        own = "\n".join(head).encode() + b"\n\n"
+    else:
+        data = {"gzip": zlib.compress, "raw": bytes}[encoding](data)
+        spacing = np.linalg.norm(directions, axis=1)
+        head = [
+            "ObjectType = Image", "NDims = 3", f"CompressedData = {encoding == 'gzip'}",
+            "TransformMatrix = " + " ".join(f"{n:.17g}" for n in (directions / spacing[:, None]).ravel()),
+            "Offset = " + " ".join(f"{n:.17g}" for n in origin),
+            "ElementSpacing = " + " ".join(f"{n:.17g}" for n in spacing),
+            "DimSize = " + " ".join(map(str, values.shape)), "ElementType = MET_SHORT",
+            "ElementDataFile = " + ("voxels" if path.suffix == ".mhd" else "LOCAL"),
+        ]  # fmt: skip
+        own = "\n".join(head).encode() + b"\n"
+    if path.suffix in {".nhdr", ".mhd"}:
+        path.with_name("voxels").write_bytes(data)
+        data = b""
+    path.write_bytes(own + data)
     return path

@@ -25,6 +25,7 @@ from tests.lab.profiles.meshes import (
     VOXEL,
     femoral_curve,
     label_map,
+    other_map,
     saved,
     spaced,
     swept,
@@ -165,7 +166,7 @@ def test_the_automatic_slice_is_that_of_the_ridge() -> None:
     assert contact_centre(tibia(), False, True) == pytest.approx(MIDDLE, abs=0.05 * MM)
 
 
-@pytest.mark.parametrize("suffix", [".stl", ".ply", ".obj", ".vtp"])
+@pytest.mark.parametrize("suffix", [".stl", ".ply", ".obj", ".vtp", ".vtk"])
 def test_meshes_of_all_kinds_in_mm(suffix: str, tmp_path: Path) -> None:
     points, triangles = swept(femoral_curve())
     read = read_surface(saved(tmp_path / f"a{suffix}", (points, triangles), MM), "mm")
@@ -183,7 +184,7 @@ def test_axes_are_turned(tmp_path: Path) -> None:
     assert np.sort(read.points @ mixed) == pytest.approx(np.sort(points @ mixed), abs=1e-7)
 
 
-@pytest.mark.parametrize("suffix", [".stl", ".ply", ".obj", ".vtp"])
+@pytest.mark.parametrize("suffix", [".stl", ".ply", ".obj", ".vtp", ".vtk"])
 @pytest.mark.parametrize(
     ("space", "columns", "signs"),
     [("RAS", [2, 0, 1], (1, 1, 1)), ("LPS", [2, 0, 1], (-1, -1, 1)), ("LAS", [2, 0, 1], (-1, 1, 1))],
@@ -225,6 +226,23 @@ def test_a_label_map(tmp_path: Path) -> None:
     assert radii(found) == pytest.approx([0.028] * len(found.circles), rel=0.05)
     assert found.thickness is not None
     assert found.thickness.mean == pytest.approx(3.0 * MM, abs=VOXEL * MM)
+
+
+@pytest.mark.parametrize(
+    ("suffix", "encoding", "space"),
+    [
+        (".nrrd", "raw", "left-posterior-superior"), (".nrrd", "gzip", "RAS"), (".nrrd", "ascii", "LPS"),
+        (".nhdr", "bzip2", "right-anterior-superior"), (".mha", "raw", ""), (".mha", "gzip", ""), (".mhd", "raw", ""),
+    ],
+)  # fmt: skip
+def test_label_maps_of_other_programs_lie_where_that_of_nifti_does(
+    suffix: str, encoding: str, space: str, tmp_path: Path
+) -> None:
+    found = read_surface(other_map(tmp_path / f"knee{suffix}", encoding, space), label=4)
+    expected = read_surface(label_map(tmp_path / "knee.nii"), label=4)
+    assert found.axes == expected.axes
+    order = [np.lexsort(np.round(each.points, 6).T) for each in (found, expected)]
+    np.testing.assert_allclose(found.points[order[0]], expected.points[order[1]], atol=1e-7)
 
 
 def test_voxels_without_orientation_have_the_axes_that_are_given(tmp_path: Path) -> None:

@@ -11,7 +11,16 @@ import pytest
 
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.system.files import not_installed
-from tests.lab.profiles.meshes import TWO_RADII, femoral_curve, label_map, saved, spaced, swept, tibial_curve
+from tests.lab.profiles.meshes import (
+    TWO_RADII,
+    femoral_curve,
+    label_map,
+    other_map,
+    saved,
+    spaced,
+    swept,
+    tibial_curve,
+)
 
 for library in ("pyvista", "trimesh", "matplotlib", "nibabel"):
     pytest.importorskip(library, reason="needs the extra mesh")
@@ -33,6 +42,12 @@ def unoriented(path: Path) -> None:
     image: Any = nibabel.load(label_map(path))
     plain = nibabel.Nifti1Image(image.get_fdata(), None)
     nibabel.save(plain, path)
+
+
+def replaced(path: Path, old: bytes, new: bytes) -> None:
+    content = path.read_bytes()
+    assert old in content
+    path.write_bytes(content.replace(old, new, 1))
 
 
 def text(content: str) -> Callable[[Path], Any]:
@@ -100,6 +115,15 @@ CASES = {
     "a far origin": ("a.stl", mesh(), ["--origin", "0,80"], "is 99 mm away from 0,80 mm"),
     "a tibia's far origin": ("a.stl", mesh(TIBIA), ["--side", "tibia", "--origin", "0,150"], "is 149 mm away"),
     "no orientation": ("a.nii", unoriented, ["--label", "4"], "has no orientation (its sform and qform codes are 0)"),
+    "no directions": ("a.nrrd", lambda path: replaced(other_map(path, "raw"), b"space: left-posterior-superior\n", b""),
+                      ["--label", "4"], "has no orientation (it has no space directions)"),
+    "no matrix": ("a.mha", lambda path: replaced(other_map(path, "raw"), b"TransformMatrix", b"Comment"),
+                  ["--label", "4"], "has no orientation (it has no TransformMatrix)"),
+    "half a map": ("a.nrrd", lambda path: path.write_bytes(other_map(path, "raw").read_bytes()[:9999]), [],
+                   "cannot be read: it has"),
+    "another type": ("a.mha", lambda path: replaced(other_map(path, "raw"), b"MET_SHORT", b"MET_STRING"), [],
+                     "cannot be read: its numbers are of the type MET_STRING"),
+    "garbage NRRD": ("a.nrrd", text("no map"), [], "it does not begin with NRRD"),
     "upside down": ("a.stl", mesh((FEMUR[0] * [1.0, -1.0, 1.0], FEMUR[1])), [], "looks up, not down: see --axes"),
     "a hollow of 8 mm": ("a.stl", mesh(swept((femoral_curve()[0] - HOLLOW, femoral_curve()[1]))), [],
                          "is no convex condyle: no profile comes closer"),
