@@ -78,9 +78,9 @@ from knee_contact_ros.commands.options import (
 def fit_profile(mesh: Path, side: str, compartment: str, tolerance: float, slab: float, **others: Any) -> None:
     """From a mesh of cartilage to a profile.
 
-    Cuts MESH (STL, PLY, OBJ, VTP, VTK; points as text; a label map: NIfTI, NRRD, MHA), smooths the articular side of the slice, and
-    writes it as femur.profile and tibia.profile take it, with a picture and a parameter file beside it. Needs
-    the extra mesh.
+    Cuts MESH (STL, PLY, OBJ, VTP, VTK; points as text; a label map: NIfTI, NRRD, MHA), smooths the articular side of
+    the slice, and writes it as femur.profile and tibia.profile take it, with a picture and a parameter file beside it.
+    Needs the extra mesh.
     """
     from knee_contact_ros.lab.profiles import LABEL, run_fit_profile
     from knee_contact_ros.system.terminal import say
