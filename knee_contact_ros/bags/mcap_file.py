@@ -29,7 +29,7 @@ from mcap import records
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Channel, ChunkIndex, DataEnd, Footer, Header, Metadata, Schema, Statistics
+from mcap.records import Attachment, Channel, ChunkIndex, DataEnd, Footer, Header, Message, Metadata, Schema, Statistics
 from numpy.typing import NDArray
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 
@@ -109,21 +109,6 @@ class Connection(NamedTuple):
     """Definition of the type in the bag"""
     messages: int
     """Number of messages"""
-
-
-class Message(NamedTuple):
-    """Content of a message record."""
-
-    channel: int
-    """Number of the channel"""
-    log_time: int
-    """Log time [ns]"""
-    data: bytes
-    """Encoded message"""
-    publish_time: int
-    """Publish time [ns]"""
-    sequence: int
-    """Sequence number"""
 
 
 class Piece(NamedTuple):
@@ -551,7 +536,11 @@ class McapFile:
             self._unusable.append(
                 (begin, segment.end, f"{where} {fault}; its {segment.end - begin} bytes are left out")
             )
-            data = b"" if segment.compression else self._records.read(segment.begin, segment.end)
+            data = (
+                b""
+                if segment.compression
+                else self._records.read(segment.begin, min(segment.end, begin + LARGEST_CHUNK))
+            )
             for opcode, first, last in records_in(data, MOST_RECORDS):
                 if opcode in DECLARATIONS:
                     self._declare(parsed(opcode, data[first:last]), self._doubtful)

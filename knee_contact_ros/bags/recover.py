@@ -181,8 +181,9 @@ def _write(partial: Path, file: McapFile, described: dict[str, Any] | None, adva
             elif isinstance(entry, Attachment):
                 writer.add_attachment(entry.create_time, entry.log_time, entry.name, entry.media_type, entry.data)
             else:
-                channel_number, time, data, publish_time, sequence = entry
-                writer.add_message(channels[channel_number], time, data, publish_time, sequence)
+                writer.add_message(
+                    channels[entry.channel_id], entry.log_time, entry.data, entry.publish_time, entry.sequence
+                )
             advance(offset)
         origin = {
             "source": file.path.name, "source_bytes": str(file.size), "unread_bytes": str(file.unread),

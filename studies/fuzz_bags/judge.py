@@ -14,9 +14,9 @@ from pathlib import Path
 from random import Random
 from typing import NamedTuple
 
+from mcap import records
 from mcap.reader import make_reader
 
-from knee_contact_ros.bags import mcap_file
 from knee_contact_ros.bags.mcap_file import McapFile
 from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.bags.recover import recover
@@ -112,9 +112,9 @@ def recovery_fault(bag: Path, folder: Path) -> str:
 def everything(file: McapFile) -> list[tuple[str, int, int, int, bytes]]:
     """All messages of a file, in its order."""
     return [
-        (file.streams[entry.channel][0].topic, entry.sequence, entry.log_time, entry.publish_time, entry.data)
+        (file.streams[entry.channel_id][0].topic, entry.sequence, entry.log_time, entry.publish_time, entry.data)
         for _, entry in file.in_file_order()
-        if isinstance(entry, mcap_file.Message)
+        if isinstance(entry, records.Message)
     ]
 
 
