@@ -150,7 +150,7 @@ def fit_share(
 
 
 @click.command()
-@click.argument("data", type=FILE, metavar="TABLE.csv|BAG")
+@click.argument("data", type=FILE, nargs=-1, required=True, metavar="TABLE.csv|BAG...")
 @parameter_files_option("", f"{DEFAULT_PARAMETERS}; with a BAG the load node's defaults")
 @parameter_values
 @click.option(
@@ -192,7 +192,11 @@ def fit_share(
 @click.option("--overwrite", is_flag=True, help="Replace OUT.yaml if it exists.")
 @names_in_bag_options
 def calibrate(
-    data: Path, parameter_files: tuple[Path, ...], parameter_values: tuple[str, ...], without: bool, **rest: Any
+    data: tuple[Path, ...],
+    parameter_files: tuple[Path, ...],
+    parameter_values: tuple[str, ...],
+    without: bool,
+    **rest: Any,
 ) -> None:
     """Fit parameters to what was measured.
 
@@ -201,13 +205,14 @@ def calibrate(
     gap [m]. Fitted are parameters of the contact.
 
     BAG has what sensors of a leg tell, as for estimate-load, and beside it the measured /joint_reaction_force. Fitted
-    are the person's constants of the load node: person.moment_arm_scale, person.co_contraction, person.tone.
+    are the person's constants of the load node: person.moment_arm_scale, person.co_contraction, person.tone. Of several
+    bags of a person each is also left out in turn, which says what the person gains.
 
     Prints each value with its interval by profile likelihood, says where parameters trade off, and writes them as a
     parameter file for --params, to be given after the others.
     """
-    from knee_contact_ros.lab.calibrate import is_bag, run_calibrate
+    from knee_contact_ros.lab.calibrate import bags_in, run_calibrate
     from knee_contact_ros.parameters.ros_files import parameters_of
 
-    files = find_parameters(parameter_files, None if is_bag(data) else DEFAULT_PARAMETERS)
+    files = find_parameters(parameter_files, None if bags_in(list(data)) else DEFAULT_PARAMETERS)
     run_calibrate(data, files, parameters_of(parameter_values), with_intervals=not without, **rest)

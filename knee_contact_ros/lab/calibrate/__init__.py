@@ -101,7 +101,8 @@ class Calibration:
 
 
 def calibrate(
-    table: Name | Mapping[str, Any] | Any, params: Any = None, free: Free = (), values: Mapping[str, Any] | None = None,
+    table: Name | Sequence[Name] | Mapping[str, Any] | Any, params: Any = None, free: Free = (),
+    values: Mapping[str, Any] | None = None,
     *, sigma: Mapping[str, float] | None = None, loss: str = LINEAR, level: float = 0.95, with_intervals: bool = True,
     starts: int = 4, compiled: bool | None = None, remap: Mapping[str, str] | None = None, namespace: str = "",
 ) -> Calibration:  # fmt: skip
@@ -118,7 +119,8 @@ def calibrate(
             with drive displacement `femoral_height` [m] and optionally the load; and what was measured:
             `penetration_depth` [m], `contact_force` [N], `gap` [m] and, with drive force, `femoral_height` [m]. A cell
             that is empty or not a number was not measured. Or a bag (an .mcap file, a .db3 file or a rosbag2 folder)
-            with `/joint_states`, `/ground_reaction_force` and the measured `/joint_reaction_force`.
+            with `/joint_states`, `/ground_reaction_force` and the measured `/joint_reaction_force`; or a list of bags
+            of one person, of which each is also left out in turn.
         params: The knee, as for `load_model`; for a bag, parameters of the load node. The fit starts from their values.
             None: the healthy knee; for a bag, the defaults.
         free: Names of real parameters of `femur`, `tibia`, `contact`, or `load.share`; for a bag, those of `person`; or
@@ -149,11 +151,19 @@ def calibrate(
         )  # fmt: skip
 
 
-def is_bag(data: Any) -> bool:
-    """Whether data is the name of a bag: that of a folder, or of a file with the suffix of one."""
-    return isinstance(data, str | PathLike) and (
-        Path(expanded(str(data))).is_dir() or any(end in BAG_FILES for end in Path(str(data)).suffixes)
-    )
+def bags_in(data: Any) -> list[Path]:
+    """Names of the bags, if data is the name of one (a folder, or a file with the suffix of one), or several of them.
+
+    Raises:
+        UsageError: there are several names, and one of them is not that of a bag.
+    """
+    several = list(data) if isinstance(data, list | tuple) else [data]
+    names = [Path(expanded(str(each))) for each in several if isinstance(each, str | PathLike)]
+    bags = [name for name in names if name.is_dir() or any(end in BAG_FILES for end in name.suffixes)]
+    if len(names) > 1 and len(bags) < len(names):
+        other = next(name for name in names if name not in bags)
+        raise UsageError(f"{other}: it is not a bag; several bags can be given, but only one table")
+    return bags
 
 
 def _calibrated(
@@ -184,12 +194,32 @@ def _calibrated(
     residuals = {name: answers[name] - column for name, column in problem.measured.answers.items()}
     rms = {name: float(np.sqrt(np.nanmean(misfit**2))) for name, misfit in residuals.items()}
     names = [unknown.name for unknown in problem.unknowns]
+    remarks, also = _left_out(problem, loss, dict(minimum.noise), problem.remarks(place), problem.also(place))
     return Calibration(
         problem.unknowns, problem.measured, problem.values(place), dict(zip(names, bounds or (), strict=False)), level,
         minimum.correlation, dict(minimum.noise), minimum.given, rms, residuals, answers,
         (*([ROUGH] if rough else ()), *trades(minimum, bounds), *doubts(minimum, bounds, level)), loss,
-        tuple(problem.remarks(place)), problem.also(place),
+        tuple(remarks), also,
     )  # fmt: skip
+
+
+def _left_out(
+    problem: Problem, loss: str, noise: dict[str, float], remarks: list[str], also: dict[str, Any]
+) -> tuple[list[str], dict[str, Any]]:
+    """Leave each of several bags out, and add what that says to the remarks and parameters of a fit."""
+    if not isinstance(problem, load.LoadProblem) or not problem.measured.bags:
+        return remarks, also
+    with progress("Leaving one out") as advance:
+        found = problem.left_out(lambda others: fitted(others, loss, noise, 1, advance).place)
+    lines = [
+        f"{bag}: {own:.3f} body weights with constants of the other bags, {start:.3f} with those of the start"
+        for bag, own, start in found
+    ]
+    mean, before = (float(np.sqrt(np.mean(np.square(column)))) for column in list(zip(*found, strict=True))[1:])
+    gain = f"calibrating takes the error from {before:.3f} to {mean:.3f} body weights in a bag that it has not seen"
+    advice = "" if mean < before else ": these constants are no better than those of the start"
+    deviation = min(max(mean, load.LEAST_DEVIATION), load.LARGEST_DEVIATION)
+    return [*remarks, *lines, gain + advice], also | {"standard_deviation": deviation}
 
 
 def _problem(
@@ -197,18 +227,20 @@ def _problem(
     compiled: bool | None,
 ) -> Problem:  # fmt: skip
     """Read the data and the parameters from which a fit starts."""
-    given = params or (() if is_bag(data) else DEFAULT_PARAMETERS)
+    bags = bags_in(data)
+    given = params or (() if bags else DEFAULT_PARAMETERS)
     sources = [*(given if isinstance(given, list | tuple) else [given]), dict(values)]
-    if is_bag(data):
-        person = parameters_for(Path(expanded(str(data))), sources, namespace, LoadParameters)
+    if bags:
+        person = parameters_for(bags[0], sources, namespace, LoadParameters)
         unknowns = unknowns_of(free, load.fittable_in(person))
         names = names_in_bag(remaps, namespace, (*LOAD_INPUTS, JOINT_REACTION_FORCE))
         with progress("Reading") as advance:
-            reference = load.referenced(Path(expanded(str(data))), person, names, advance)
+            reference = load.referenced_in(bags, person, names, advance)
         return load.load_problem_of(person, reference, unknowns)
     if remaps or namespace:
         raise UsageError("--remap or --namespace: a table has columns, and no topics")
     knee = load_parameters(sources)
+    data = data[0] if isinstance(data, list | tuple) and len(data) == 1 else data
     if isinstance(data, str | PathLike):
         measured = contact.read_measured(Path(expanded(str(data))), knee.drive)
     else:
@@ -228,13 +260,13 @@ def _with_intervals(minimum: Minimum, level: float) -> tuple[Minimum, list[Inter
 
 
 def run_calibrate(
-    data: Path, params: Sequence[Path], values: Mapping[str, Any], sigma: Sequence[str], output: Path,
+    data: Sequence[Path], params: Sequence[Path], values: Mapping[str, Any], sigma: Sequence[str], output: Path,
     overwrite: bool, *, free: Sequence[str], remaps: Sequence[str], **options: Any,
 ) -> None:  # fmt: skip
     """Fit as `calibrate` does, write the parameter file, and print the result.
 
     Args:
-        data: The table or the bag.
+        data: The table, or one or more bags.
         params: Parameter files; none: the healthy knee, or for a bag the load node's defaults.
         values: Values of single parameters, by name.
         sigma: Standard deviations of columns, as penetration_depth=1e-6.
@@ -251,7 +283,7 @@ def run_calibrate(
     if not overwrite:
         refuse_existing(output)
     deviations = dict(map(_deviation, sigma))
-    calibration = _calibrated(data, list(params), free, values, deviations, remaps, **options)
+    calibration = _calibrated(list(data), list(params), free, values, deviations, remaps, **options)
     write_complete({output: parameter_file(calibration, data, params, values).encode()})
     _show(calibration)
     say("")
@@ -271,7 +303,7 @@ def _deviation(text: str) -> tuple[str, float]:
     return name, deviation
 
 
-def parameter_file(found: Calibration, data: Path, params: Sequence[Path], values: Mapping[str, Any]) -> str:
+def parameter_file(found: Calibration, data: Sequence[Path], params: Sequence[Path], values: Mapping[str, Any]) -> str:
     """Write the parameter file as text: only the fitted values, and in comments where they come from."""
     files = ", ".join(path.name for path in params) or "the defaults"
     others = "".join(f", {name} {value}" for name, value in values.items())
@@ -284,12 +316,13 @@ def parameter_file(found: Calibration, data: Path, params: Sequence[Path], value
         intervals_known.append(f"{name}: {100.0 * found.level:g} % interval {below}{between}{above}.")
     comments = [
         f"Written by knee-contact calibrate {__version__}, loss {found.loss}; all other parameters: {files}{others}.",
-        f"Data: {data.name}, sha256 {found.measured.digest}.", f"RMS of what is left: {', '.join(rms)}.",
+        f"Data: {', '.join(path.name for path in data)}, sha256 {found.measured.digest}.",
+        f"RMS of what is left: {', '.join(rms)}.",
         *(f"{remark[0].upper()}{remark[1:]}." for remark in found.remarks), *intervals_known,
         *(f"Warning: {warning}." for warning in found.warnings),
     ]  # fmt: skip
     lines = [f"# {' '.join(comment.split())}" for comment in comments]
-    lines += [f"/**/{(LoadParameters if is_bag(data) else Parameters).node}:", "  ros__parameters:"]
+    lines += [f"/**/{(LoadParameters if bags_in(list(data)) else Parameters).node}:", "  ros__parameters:"]
     lines += [f"    {name}: {'true' if value is True else f'{value:.9e}'}" for name, value in found.also.items()]
     for section in dict.fromkeys(name.partition(".")[0] for name in found.values):
         lines.append(f"    {section}:")

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +54,34 @@ class Referenced(Data):
     """Number of samples that are left out, by the reason"""
     doubts: tuple[str, ...]
     """What makes no sense in the bag, a sentence each"""
+    bags: tuple[tuple[str, int], ...] = ()
+    """Name of each bag, and the number of its samples, where there are several"""
+
+    def without(self, place: int) -> Referenced:
+        """Give the same samples without a reference for those of one of the bags."""
+        begin = sum(count for _, count in self.bags[:place])
+        column = self.answers[AXIAL_FORCE].copy()
+        column[begin : begin + self.bags[place][1]] = np.nan
+        return replace(self, answers={AXIAL_FORCE: column})
+
+
+def referenced_in(
+    bags: Sequence[Path], parameters: LoadParameters, names: Names, advance: Callable[[int, int], None]
+) -> Referenced:
+    """Read one or several bags of a person, one after the other; see `referenced`."""
+    parts = [referenced(bag, parameters, names, advance) for bag in bags]
+    if len(parts) == 1:
+        return parts[0]
+    left_out = Counter[str]()
+    for part in parts:
+        left_out.update(part.left_out)
+    column = np.concatenate([part.answers[AXIAL_FORCE] for part in parts])
+    return Referenced(
+        ", ".join(part.source for part in parts), ", ".join(part.digest for part in parts), {AXIAL_FORCE: column},
+        tuple(sample for part in parts for sample in part.samples), dict(left_out),
+        tuple(doubt for part in parts for doubt in part.doubts),
+        tuple((bag.name, len(part.samples)) for bag, part in zip(bags, parts, strict=True)),
+    )  # fmt: skip
 
 
 def referenced(
@@ -209,7 +237,7 @@ class LoadProblem(Problem):
         return [
             f"that is {self.relative_rms(place):.3f} body weights{alike}, level {self.parameters.chosen_level}",
             f"samples: {self.measured.number} fitted; left out: {', '.join(counts)}",
-            OTHER_TRIALS,
+            *([] if self.measured.bags else [OTHER_TRIALS]),
         ]
 
     def also(self, place: Floats) -> dict[str, Any]:
@@ -221,6 +249,27 @@ class LoadProblem(Problem):
         """Compute the RMS of the residuals in body weights."""
         misfit = self.misfits(place)[AXIAL_FORCE]
         return float(np.sqrt(np.mean(misfit**2)) / self.person(place).weight)
+
+    def left_out(self, fitted: Callable[[LoadProblem], Floats]) -> list[tuple[str, float, float]]:
+        """Fit to all bags but one, for each of several.
+
+        Args:
+            fitted: Fits a problem, and gives the place.
+
+        Returns:
+            Name of the bag, RMS of its residuals [body weights] by constants of the others, and by those of the start.
+        """
+        found = []
+        for place, (bag, _) in enumerate(self.measured.bags):
+            others = replace(self, measured=self.measured.without(place))
+            own = np.isfinite(self.measured.answers[AXIAL_FORCE]) & np.isnan(others.measured.answers[AXIAL_FORCE])
+            errors = [
+                (self.answers(constants)[AXIAL_FORCE] - self.measured.answers[AXIAL_FORCE])[own]
+                for constants in (fitted(others), self.start)
+            ]
+            one, other = (float(np.sqrt(np.mean(error**2))) / self.person(self.start).weight for error in errors)
+            found.append((bag, one, other))
+        return found
 
     def person(self, place: Floats) -> Person:
         """Give the constants of the person at a place."""

@@ -58,6 +58,38 @@ def test_what_is_fitted_is_the_estimators_own_answer(tmp_path: Path, level: str)
     assert f"level {level}" in found.remarks[0]
 
 
+def test_of_several_bags_each_is_left_out_and_the_gain_is_told(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Bags of one person whose noise differs: the file tells the error in a bag that was not fitted to."""
+    bags = []
+    for seed, size in ((5, 40.0), (6, 60.0), (7, 80.0)):
+        (tmp_path / str(seed)).mkdir()
+        bags.append(trial(tmp_path / str(seed), seed, size=size))
+    found = fitted(bags, with_intervals=False)
+    assert found.measured.number == 1200
+    assert found.values == pytest.approx(TRUE, rel=0.1)
+    alone = [fitted([bags[one], bags[two]], with_intervals=False) for one, two in ((1, 2), (0, 2), (0, 1))]
+    told = [line for line in found.remarks if "constants of the other bags" in line]
+    for bag, others, line in zip(bags, alone, told, strict=True):
+        loads = estimate_load(bag, [BODY, others.to_parameters()])[AXIAL]
+        reference = fitted(bag, [TONE], with_intervals=False).measured.answers[AXIAL]
+        error = float(np.sqrt(np.mean((loads - reference) ** 2))) / WEIGHT
+        assert line.startswith(f"{bag.name}: {error:.3f} body weights")
+    left_out = [float(line.split(": ")[1].split(" ")[0]) for line in told]
+    assert found.also["standard_deviation"] == pytest.approx(np.sqrt(np.mean(np.square(left_out))), abs=1e-3)
+    assert re.search(
+        r"takes the error from 0\.\d+ to 0\.0\d+ body weights in a bag that it has not seen", found.remarks[-1]
+    )
+    table = tmp_path / "table.csv"
+    table.write_text("time,flexion_angle\n0,0\n", encoding="utf-8")
+    words = ["--free", "person.tone", "--output", tmp_path / "me.yaml"]
+    assert run(*bags, "--no-intervals", *words, *(f"-p{name}:={value}" for name, value in BODY.items())) == 0
+    assert "constants of the other bags" in capsys.readouterr().out
+    assert run(bags[0], table, *words) == 2
+    assert "table.csv: it is not a bag; several bags can be given, but only one table" in capsys.readouterr().err
+
+
 def test_mass_and_height_are_fitted_if_asked(tmp_path: Path) -> None:
     how = ["load/inverse_dynamics"]
     bag = trial(tmp_path, 1, *how, size=1.0)
