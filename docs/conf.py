@@ -38,8 +38,8 @@ CONTENTS = {
         "docs/recovery", "docs/viewing", "docs/viewing-elsewhere", "docs/report", "docs/companion", "docs/security",
     ],
     "Subjects": [
-        "docs/tutorial-own-subject", "docs/subjects", "docs/opensim", "docs/sensors", "docs/fit-profile",
-        "docs/fit-share", "docs/uncertainty", "docs/cohorts", "docs/sensitivity", "docs/calibration", "bags/README",
+        "docs/tutorial-own-subject", "docs/subjects", "docs/files", "docs/opensim", "docs/sensors",
+        "docs/fit-profile", "docs/fit-share", "docs/uncertainty", "docs/cohorts", "docs/sensitivity", "docs/calibration", "bags/README",
     ],
     "Model": [
         "docs/model", "docs/choosing-fidelity", "docs/reproduction", "docs/osteoarthritis-study", "docs/validation",

@@ -11,11 +11,13 @@ from knee_contact_ros.commands.options import FILE, Output
 
 sensor_map_option = click.option(
     "--map",
-    "map_file",
+    "maps",
     type=FILE,
     required=True,
+    multiple=True,
     metavar="MAP.yaml",
-    help="Which columns are what, in which units and signs.",
+    help="Which columns are what, in which units and signs; the later of several wins, name by name. The package has "
+    "locohub.",
 )
 
 
@@ -111,7 +113,7 @@ def import_opensim(side: str, output: Path, overwrite: bool, **options: Any) -> 
 @click.option("--output", type=Output(), required=True, metavar="BAG", help="rosbag2 folder to write.")
 @click.option("--overwrite", is_flag=True, help="Replace a bag of that name.")
 @click.option("--anyway", is_flag=True, help="Write it although something is likely a mistake; that is then a warning.")
-def import_csv(files: tuple[Path, ...], map_file: Path, output: Path, overwrite: bool, anyway: bool) -> None:
+def import_csv(files: tuple[Path, ...], maps: tuple[Path, ...], output: Path, overwrite: bool, anyway: bool) -> None:
     """Make a gait bag of a laboratory's own files.
 
     FILE is a text table (CSV) or an OpenSim file (.sto, .mot); of several, each channel is taken from the one that has
@@ -119,7 +121,7 @@ def import_csv(files: tuple[Path, ...], map_file: Path, output: Path, overwrite:
     """
     from knee_contact_ros.lab.sensors import import_csv as import_files
 
-    import_files(files, map_file, output, overwrite=overwrite, anyway=anyway)
+    import_files(files, maps, output, overwrite=overwrite, anyway=anyway)
 
 
 @click.command()
@@ -135,7 +137,7 @@ def import_csv(files: tuple[Path, ...], map_file: Path, output: Path, overwrite:
     metavar="S",
     help="Lags that are tried, to both sides [s]; less than half a stride.",
 )
-def align(files: tuple[Path, ...], map_file: Path, output: Path, overwrite: bool, longest_lag: float) -> None:
+def align(files: tuple[Path, ...], maps: tuple[Path, ...], output: Path, overwrite: bool, longest_lag: float) -> None:
     """Find out what an angle sensor is off by.
 
     Offset and lag of the map's angle against its reference, from the files that import-csv takes, as
@@ -143,4 +145,4 @@ def align(files: tuple[Path, ...], map_file: Path, output: Path, overwrite: bool
     """
     from knee_contact_ros.lab.align import align as align_files
 
-    align_files(files, map_file, output, longest_lag, overwrite=overwrite)
+    align_files(files, maps, output, longest_lag, overwrite=overwrite)

@@ -81,7 +81,7 @@ class Alignment(NamedTuple):
     """Correlation and RMS difference [rad] with offset and lag removed"""
 
 
-def align(files: Sequence[Path], map_file: Path, output: Path, longest: float, *, overwrite: bool) -> None:
+def align(files: Sequence[Path], maps: Sequence[Path], output: Path, longest: float, *, overwrite: bool) -> None:
     """Align the map's angle with its reference, write the parameter file `output`, and print the estimates.
 
     Lags from -`longest` to `longest` [s] are tried.
@@ -90,9 +90,9 @@ def align(files: Sequence[Path], map_file: Path, output: Path, longest: float, *
         UsageError: a file, the map or the output cannot be used, or the angles are not those of the same knee. Nothing
             is then written.
     """
-    sensors = read_map(map_file)
+    sensors = read_map(maps)
     if sensors.reference is None:
-        raise UsageError(f"map {map_file}: reference: is missing, the angle that `angle` is held against")
+        raise UsageError(f"map {maps[-1]}: reference: is missing, the angle that `angle` is held against")
     if output.exists() and not overwrite:
         raise UsageError(f"{output} exists already; give another --output, or --overwrite")
     sensor, reference = read_channels(files, sensors, ("angle", "reference")).values()

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Annotated, Any
@@ -19,7 +19,7 @@ from knee_contact_ros.parameters.files import first_error
 from knee_contact_ros.parameters.schema import Section, one_of
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import read_mapping
+from knee_contact_ros.system.files import find_file, read_mapping
 from knee_contact_ros.system.output_files import replace, work_folder
 from knee_contact_ros.system.terminal import say, warn
 
@@ -124,16 +124,16 @@ class SensorMap(Section):
     )
 
 
-def import_csv(files: Sequence[Path], map_file: Path, output: Path, *, overwrite: bool, anyway: bool) -> None:
-    """Import files by a map into the bag `output`, and print a summary.
+def import_csv(files: Sequence[Path], maps: Sequence[Path], output: Path, *, overwrite: bool, anyway: bool) -> None:
+    """Import files by maps, of which the later ones win, into the bag `output`, and print a summary.
 
     Raises:
         UsageError: a file, the map or the output cannot be used, or the values are not those of a knee: with `anyway`
             only if that is impossible, and not just unlikely. Nothing is then written.
     """
-    sensors = read_map(map_file)
+    sensors = read_map(maps)
     if not (sensors.load or sensors.ground_force):
-        raise UsageError(f"map {map_file}: load: is missing, or ground_force: for estimate-load; only align needs none")
+        raise UsageError(f"map {maps[-1]}: load: is missing, or ground_force: for estimate-load; only align needs none")
     gait_bag.check_output(output, overwrite)
     channels = read_channels(files, sensors, IMPORTED)
     doubtful = check(channels, sensors)
@@ -176,17 +176,24 @@ def check(channels: dict[str, Series], sensors: SensorMap) -> list[str]:
     return doubts
 
 
-def read_map(path: Path) -> SensorMap:
-    """Read a map from a YAML file.
+def read_map(paths: Sequence[Path]) -> SensorMap:
+    """Read a map from YAML files, of which the later ones win; the package's own may be named by their short names.
 
     Raises:
-        UsageError: the file cannot be read, or has a name or value that is not allowed.
+        UsageError: a file cannot be read, or has a name or value that is not allowed.
     """
-    content = dict(read_mapping(path, "map", "names to values"))
+    content: dict[str, Any] = {}
+    for path in paths:
+        shipped = find_file(f"maps/{path}.yaml")
+        own = read_mapping(shipped if not path.exists() and shipped.exists() else path, "map", "names to values")
+        for name, value in own.items():
+            before = content.get(name)
+            merged = isinstance(before, Mapping) and isinstance(value, Mapping)
+            content[name] = {**before, **value} if merged else value  # type: ignore[dict-item]
     try:
         return SensorMap.model_validate(content)
     except ValidationError as error:
-        raise UsageError(f"map {path}: {first_error(error)}{_meant(error)}") from None
+        raise UsageError(f"map {paths[-1]}: {first_error(error)}{_meant(error)}") from None
 
 
 def _meant(error: ValidationError) -> str:

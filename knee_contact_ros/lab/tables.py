@@ -333,7 +333,8 @@ def _over_time(path: Path, names: Sequence[str], stamps: Stamps, values: Floats)
     if (steps < 0).any():
         row = int(np.argmax(steps < 0))
         before, after = stamps[row : row + 2] / NANOSECONDS
-        raise UsageError(f"{path}: time goes back from {before:.7g} to {after:.7g} s (rows {row + 1}, {row + 2})")
+        cure = "; of several recordings choose one (table.rows in the map)" if path.suffix.lower() in PARQUETS else ""
+        raise UsageError(f"{path}: time goes back from {before:.7g} to {after:.7g} s (rows {row + 1}, {row + 2}){cure}")
     last = np.append(steps > 0, True)
     return Table(path, tuple(names), stamps[last], values[last], None, int(np.count_nonzero(~last)))
 

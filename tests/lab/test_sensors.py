@@ -205,6 +205,30 @@ side: left
     assert main(["solve", "loads.mcap", "--output=answers.mcap"]) == 0
 
 
+def test_a_locohub_table_is_imported_by_the_shipped_map(
+    importing: Importing, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One of its recordings, in body weights; without saying which, time goes back."""
+    pd = pytest.importorskip("pandas", reason="needs the extra tables")
+    pytest.importorskip("pyarrow", reason="needs the extra tables")
+    time = np.arange(150) / 50.0
+    up = np.clip(np.sin(2.0 * np.pi * time / 1.1), 0.0, None)
+    one = {"time_s": time, "step": np.arange(150) // 55, "knee_flexion_angle_ipsi_rad": np.radians(flexion(time)),
+           "thigh_sagittal_angle_ipsi_rad": 0.3 * np.sin(time), "ankle_dorsiflexion_angle_ipsi_rad": 0.2 * np.cos(time),
+           "grf_vertical_ipsi_BW": up}  # fmt: skip
+    frames = [pd.DataFrame(one | {"subject": name, "task": "level_walking"}) for name in ("AB01", "AB02")]
+    pd.concat(frames).to_parquet("x_time.parquet")
+    files, own = ("x_time.parquet",), "body_weight: 800.0\n"
+    assert importing(None, own, "--map=locohub", "--map=map.yaml", files=files) == 2
+    assert "of several recordings choose one (table.rows in the map)" in capsys.readouterr().err
+    rows = "table: {rows: {subject: AB02, task: level_walking}}\n"
+    assert importing(None, rows, "--map=locohub", "--map=map.yaml", files=files) == 2
+    assert "unit BW needs body_weight [N] in the map" in capsys.readouterr().err
+    assert importing(None, own + rows, "--map=locohub", "--map=map.yaml", files=files) == 0
+    assert "largest 799.7 N (1.00 BW)" in " ".join(capsys.readouterr().out.split())
+    assert main(["estimate-load", "bag", "-p", "ground.components:=vertical", "--output=loads.mcap"]) == 0
+
+
 def test_without_a_body_weight_a_strange_load_is_a_warning(
     importing: Importing, capsys: pytest.CaptureFixture[str]
 ) -> None:
