@@ -39,7 +39,8 @@ CONTENTS = {
     ],
     "Subjects": [
         "docs/tutorial-own-subject", "docs/subjects", "docs/files", "docs/opensim", "docs/sensors",
-        "docs/fit-profile", "docs/fit-share", "docs/uncertainty", "docs/cohorts", "docs/sensitivity", "docs/calibration", "bags/README",
+        "docs/fit-profile", "docs/fit-share", "docs/uncertainty", "docs/cohorts", "docs/sensitivity",
+        "docs/calibration", "bags/README",
     ],
     "Model": [
         "docs/model", "docs/choosing-fidelity", "docs/reproduction", "docs/osteoarthritis-study", "docs/validation",
