@@ -15,7 +15,8 @@ from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, S
 from contextlib import ExitStack, closing
 from dataclasses import replace
 from fnmatch import fnmatchcase
-from itertools import groupby, islice
+from functools import lru_cache
+from itertools import groupby, islice, zip_longest
 from operator import itemgetter
 from pathlib import Path
 from resource import RLIMIT_NOFILE, getrlimit, setrlimit
@@ -27,7 +28,8 @@ import numpy as np
 import zstandard
 from mcap.opcode import Opcode
 from mcap.records import Metadata
-from rosbags.interfaces import MessageDefinition
+from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
+from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
 from knee_contact_ros.bags.columns import Batch, blocks
 from knee_contact_ros.bags.mcap_file import (
@@ -44,16 +46,18 @@ from knee_contact_ros.bags.mcap_file import (
 from knee_contact_ros.bags.order import by_arrival
 from knee_contact_ros.bags.recorder import CONTINUED, MAGIC, METADATA
 from knee_contact_ros.model.types import Rows
-from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATES
+from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATE, DYNAMIC_JOINT_STATES
 from knee_contact_ros.streams.columns import Column, decode_answers
 from knee_contact_ros.streams.topics import (
     GROUND_REACTION_FORCE,
     INPUTS,
     JOINT_REACTION_FORCE,
+    JOINT_STATES,
     KNEE_CONTACT,
     LOAD_INPUTS,
     MESSAGE_TYPES,
     deserialize,
+    typestore,
 )  # fmt: skip
 from knee_contact_ros.system.errors import UsageError, in_a_line, listed
 from knee_contact_ros.system.files import LARGEST_METADATA, BadYamlError, open_regular, read_yaml, split
@@ -74,6 +78,20 @@ OTHER_FORCE = {
 """Other input of the same type, by the name of a force that it must not be taken for, and the advice for it"""
 BAG_FILES = (".mcap", ".db3")
 """Suffixes of the files of a bag"""
+FIXED_TYPES = ("sensor_msgs/msg/JointState", "geometry_msgs/msg/WrenchStamped")
+"""Types whose messages are read by their definition in ROS 2, and by no other"""
+FOREIGN = {
+    b"#ROSBAG V": "is a bag of ROS 1: convert it, as with `rosbags-convert --src FILE --dst FOLDER`",
+    b"\x28\xb5\x2f\xfd": "is compressed (zstd): give the folder of the bag, or decompress it first, as with `unzstd`",
+    b"\x1f\x8b": "is compressed (gzip): decompress it first, as with `gunzip`",
+    b"BZh": "is compressed (bzip2): decompress it first, as with `bunzip2`",
+    b"\xfd7zXZ": "is compressed (xz): decompress it first, as with `unxz`",
+    b"PK\x03\x04": "is a zip archive: unpack it first",
+    b"\x04\x22\x4d\x18": "is compressed (lz4): decompress it first, as with `unlz4`",
+    b"version https://git-lfs": "is a pointer of Git LFS and not the file itself: fetch it with `git lfs pull`",
+}
+"""What files are that are no bags, by their first bytes"""
+LONGEST_MAGIC = max(map(len, FOREIGN))
 NUMBERED = re.compile(r"(.+)_(\d+)(\.mcap|\.db3)")
 """Name of a numbered file in a rosbag2 folder: stem, number and suffix"""
 SQLITE_MAGIC, ZSTD = b"SQLite format 3\x00", b"\x28\xb5\x2f\xfd"
@@ -152,10 +170,10 @@ class BagReader:
             self._in_file = [file.connections for file in self._files]
             merged: dict[tuple[object, ...], Connection] = {}
             for connection in (each for topics in self._in_file for each in topics.values()):
-                before = merged.setdefault(connection[:3], connection._replace(messages=0))
-                merged[connection[:3]] = before._replace(messages=before.messages + connection.messages)
+                before = merged.setdefault(connection[:4], connection._replace(messages=0))
+                merged[connection[:4]] = before._replace(messages=before.messages + connection.messages)
             self.connections = list(merged.values())
-            """Connections of all files, with one for each topic, type and encoding"""
+            """Connections of all files, with one for each topic, type, encoding and definition"""
             self.damage += _contradictions(self.connections, stated)
             """Faults of the bag, as sentences; the readable part is read nevertheless"""
             if self.damage and not any(connection.messages for connection in self.connections):
@@ -178,6 +196,16 @@ class BagReader:
     def count(self) -> int:
         """Number of messages on the requested topics."""
         return sum(connection.messages for topic in self._requested.values() for connection in topic)
+
+    def count_of(self, topic: str) -> int:
+        """Number of messages on a requested topic."""
+        return sum(connection.messages for connection in self._requested[topic])
+
+    def channels(self, topic: str) -> list[int]:
+        """Numbers of the channels that give a requested topic, in the file that has most of them."""
+        wanted = {connection[:3] for connection in self._requested[topic]}
+        each = ([n for n, one in own.items() if one[:3] in wanted and one.messages] for own in self._in_file)
+        return max(each, key=len)
 
     @property
     def end(self) -> int:
@@ -438,7 +466,33 @@ def _found(bag: Path, connections: Sequence[Connection], topic: str, type_name: 
         raise UsageError(f"bag {bag}: topic {name} has no messages")
     for encoding in (connection.encoding for connection in filled if connection.encoding != "cdr"):
         raise UsageError(f"bag {bag}: topic {name} is encoded as {encoding or 'nothing'}; it must be cdr")
+    for connection in filled if type_name in FIXED_TYPES else ():
+        if difference := _difference(connection.definition, type_name):
+            raise UsageError(
+                f"bag {bag}: topic {name}: the bag defines {type_name} differently from ROS 2: {difference}; name the "
+                "field to read, as in knee.source or load.source"
+            )
     return filled
+
+
+@lru_cache(maxsize=16)
+def _difference(definition: MessageDefinition, type_name: str) -> str:
+    """First difference between a type's definition in a bag and in ROS 2; empty if there is none, or no definition."""
+    if definition.format is MessageDefinitionFormat.NONE:
+        return ""
+    is_idl = definition.format is MessageDefinitionFormat.IDL
+    try:
+        types = get_types_from_idl(definition.data) if is_idl else get_types_from_msg(definition.data, type_name)
+    except Exception:  # whatever a text that is no definition provokes
+        return ""
+    known = typestore().fielddefs
+    for name in types.keys() & known.keys():
+        fields, ours = types[name][1], known[name][1]
+        for theirs, own in zip_longest(fields, ours):
+            if theirs != own:
+                there, expected = (field[0] if field else "nothing" for field in (theirs, own))
+                return f"{name} has {there} where {expected} should be"
+    return ""
 
 
 def _advice(connections: Sequence[Connection], topic: str) -> str:
@@ -448,6 +502,9 @@ def _advice(connections: Sequence[Connection], topic: str) -> str:
     for inputs in (INPUTS, LOAD_INPUTS):
         if own in inputs and (spaces := namespaces(types, inputs)):
             return f"it has inputs in the namespaces {listed(spaces)}: say --namespace {spaces[0]}"
+    dynamic = [name for name, type_name in types.items() if type_name == DYNAMIC_JOINT_STATE]
+    if own == JOINT_STATES and dynamic:
+        return f"it has the joint states of ros2_control, {dynamic[0]}: say -p knee.source:={DYNAMIC_JOINT_STATES}"
     same_type = sorted(name for name, type_name in types.items() if type_name == MESSAGE_TYPES.get(own))
     if own in (*INPUTS, *LOAD_INPUTS) and topic not in same_type:
         other_topics = tuple(f"/{known}" for known in MESSAGE_TYPES if known != own)
@@ -581,7 +638,11 @@ def _opened_file(path: Path, opened: ExitStack) -> File:
         OSError: It cannot be read.
     """
     with open_regular(path) as file:
-        magic = file.read(len(SQLITE_MAGIC))
+        begin = file.read(LONGEST_MAGIC)
+    for foreign, words in FOREIGN.items():
+        if begin.startswith(foreign):
+            raise UsageError(f"cannot read bag {path}: it {words}")
+    magic = begin[: len(SQLITE_MAGIC)]
     is_mcap = magic.startswith(MAGIC) or (magic != SQLITE_MAGIC and ".db3" not in path.suffixes)
     if is_mcap and not magic.startswith(MAGIC) and ".mcap" not in path.suffixes:
         raise UsageError(f"cannot read bag {path}: it is neither an MCAP nor a sqlite3 file")
@@ -734,7 +795,7 @@ class SqliteFile:
         except (sqlite3.Error, ValueError, TypeError, OverflowError) as error:
             self.close()
             reason = " ".join(str(error).split())[:120]
-            advice = "try to get its messages into another one with sqlite3's own `.recover`"
+            advice = "; ".join(self.faults) or "try to get its messages into another one with sqlite3's own `.recover`"
             raise UsageError(f"{path} is no sqlite3 bag, or a damaged one ({reason}): {advice}") from None
 
     @property

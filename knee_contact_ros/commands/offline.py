@@ -77,8 +77,9 @@ def solve(
     warn(others_beside(bag))
     warn(weight_doubt(bag, parameters))
     warn(summary.warnings)
-    if summary.damage:
-        raise IncompleteError(f"bag {bag} is damaged, and solved as far as it can be read: {in_a_line(summary.damage)}")
+    damage = f" is damaged, and solved as far as it can be read: {in_a_line(summary.damage)}" if summary.damage else ""
+    if damage or summary.unanswered:
+        raise IncompleteError(f"bag {bag}{damage}" + (f": {summary.unanswered}" if summary.unanswered else ""))
 
 
 @click.command()

@@ -20,6 +20,7 @@ from std_msgs.msg import Header
 from knee_contact_ros.model.types import FLAT, ROW, UNUSABLE, Fidelity, Status
 from knee_contact_ros.node.outputs import WORTH_A_WARNING, Outputs
 from knee_contact_ros.streams.pairing import PairedStreams, Synchroniser
+from knee_contact_ros.streams.publishers import Publishers
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, JOINT_STATES
 from knee_contact_ros.system.ros import resolved
 
@@ -351,7 +352,7 @@ class Health:
         period = inputs[1].meter.period
         entries = [
             diagnostic_entry(f"{self.name}: answers", *self.ticks.usability(self.parameters.diagnostics.timeout)),
-            *(self._input_status(stream) for stream in inputs),
+            *map(self._input_status, inputs, (self._pipeline.angles_seen, self._pipeline.forces_seen)),
             self._refused_status(),
             self._pairing_status(),
             self._tick_status(period),
@@ -376,9 +377,14 @@ class Health:
         counts = {"total": str(refused.total())} | {reason: str(count) for reason, count in refused.items()}
         return diagnostic_status(f"{self.name}: refused samples", counts, "samples were refused" if refused else "")
 
-    def _input_status(self, stream: Input) -> Any:
-        """Entry for an input."""
+    def _input_status(self, stream: Input, seen: Publishers) -> Any:
+        """Entry for an input; publishers that disagree are logged."""
         values, problem = stream.meter.report()
+        joint = self.parameters.knee.joint_name if seen is self._pipeline.angles_seen else ""
+        if words := seen.sentence(f"{stream.publishers} publishers" if stream.publishers > 1 else "", joint):
+            self.node.get_logger().warning(words, **at_most_every(SILENCE_LOG_PERIOD))
+            problem = problem if problem.text else Problem(words, DiagnosticStatus.WARN)
+        seen.forget()
         values |= {"reliability": stream.reliability.replace("_", " "), "publishers": str(stream.publishers)}
         return diagnostic_entry(f"{self.name}: {stream.topic}", values, problem)
 

@@ -26,6 +26,7 @@ from knee_contact_ros.node.diagnostics import at_most_every
 from knee_contact_ros.node.parameters import NodeKind, NodeParameters, given_by_user
 from knee_contact_ros.node.session import Session
 from knee_contact_ros.parameters.files import check_file
+from knee_contact_ros.streams.pairing import unanswered_sentence
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import parameter_file
 from knee_contact_ros.system.ros import executor_of, joining, resolved
@@ -84,7 +85,7 @@ class ManagedNode(LifecycleNode):
             with self._stop.interrupting():
                 self.session.outputs.wait_until_known()
             self.session.make_ready(self._stop.interrupting)
-            self.node_parameters.user = self.session.retune
+            self.node_parameters.user = self.session
         except BaseException:
             self.finish()
             raise
@@ -145,6 +146,9 @@ class ManagedNode(LifecycleNode):
             self.complete = session.close()
             session.destroy_endpoints()
             self.get_logger().info(f"{session.pipeline.ticks} ticks, {session.pipeline.refused} samples refused")
+            session.inputs[1].meter.take()
+            if unanswered := unanswered_sentence(session.pipeline, session.inputs[1].meter.received):
+                self.get_logger().warning(unanswered)
 
 
 def run_nodes(arguments: list[str], kinds: Sequence[NodeKind]) -> int:

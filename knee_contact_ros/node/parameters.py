@@ -82,8 +82,9 @@ class NodeParameters:
             UsageError: an unknown name, a wrong type or a value outside its range.
         """
         self._node, self._kind, self._known = node, kind, known_parameters(kind.schema)
-        self.user: Callable[[Any, dict[str, Any]], None] | None = None
-        """Called after a change while the node is configured, with all parameters and those that have changed"""
+        self.user: Session | None = None
+        """Session that is told of changes while the node is configured"""
+        self._before: dict[str, Any] = {}  # values before the change that is checked
         overrides = self._values()
         parameters = load_parameters(overrides, kind.schema)
         values, sources = all_values(parameters), [source.topic for source in parameters.inputs()]
@@ -108,15 +109,20 @@ class NodeParameters:
         return {name: parameter.value for name, parameter in self._node.get_parameters_by_prefix("").items()}
 
     def _on_set(self, changes: Sequence[Parameter]) -> SetParametersResult:
-        for change in changes:
-            if self.user and self._is_fixed(change.name):
-                reason = f"parameter {change.name} cannot change while the node is configured, only after a cleanup"
-                return SetParametersResult(successful=False, reason=reason)
+        self._before = self._values()
+        new = [change for change in changes if not same(self._before.get(change.name), change.value)]
         try:
-            load_parameters(self._values() | {change.name: change.value for change in changes}, self._kind.schema)
-            check_qos_overrides(self._node, self._topics, ((change.name, change.value) for change in changes))
-        except UsageError as error:
-            return SetParametersResult(successful=False, reason=str(error))
+            for change in new:
+                if self.user and self._is_fixed(change.name):
+                    raise UsageError(
+                        f"parameter {change.name} cannot change while the node is configured, only after a cleanup"
+                    )
+            parameters = load_parameters(self._before | {each.name: each.value for each in changes}, self._kind.schema)
+            check_qos_overrides(self._node, self._topics, ((change.name, change.value) for change in new))
+            if self.user and new:
+                self.user.check(parameters)
+        except Exception as error:  # whatever a part of the model has against it
+            return SetParametersResult(successful=False, reason=" ".join(str(error).split()) or type(error).__name__)
         return SetParametersResult(successful=True, reason="")
 
     def _is_fixed(self, name: str) -> bool:
@@ -129,9 +135,18 @@ class NodeParameters:
         return name in self._known and name not in self._kind.live
 
     def _after_set(self, changes: Sequence[Parameter]) -> None:
-        ours = {change.name: change.value for change in changes if change.name in self._kind.live}
+        ours = {
+            change.name: change.value
+            for change in changes
+            if change.name in self._kind.live and not same(self._before.get(change.name), change.value)
+        }
         if self.user and ours:
-            self.user(self.read(), ours)
+            self.user.retune(self.read(), ours)
+
+
+def same(one: Any, other: Any) -> bool:
+    """Whether two values of a parameter mean the same: 5000 and 5000.0 do, True and 1 do not."""
+    return isinstance(one, bool) == isinstance(other, bool) and (one == other or (one != one and other != other))  # noqa: PLR0124
 
 
 def given_by_user(node: Node) -> frozenset[str]:

@@ -168,6 +168,10 @@ class Session(ABC):
             self.node.destroy_timer(timer)
         self._timers = []
 
+    def check(self, parameters: Any) -> None:
+        """Check that the run can continue with changed parameters; raises whatever is against it."""
+        self.pipeline.check(parameters)
+
     def retune(self, parameters: Any, changes: dict[str, Any]) -> None:
         """Continue with changed parameters; `changes` has the values that have changed, by dotted name."""
         self.health.take()  # by the limits that held for these answers

@@ -92,6 +92,16 @@ class BagInputs:
             for number, _, data in batch:
                 yield number, data
 
+    @property
+    def forces(self) -> int:
+        """Number of forces."""
+        return self.reader.count_of(self._topics[1])
+
+    def publishers(self, number: int) -> str:
+        """Channels of the angles (0) or forces (1), as words, if there are several; else empty."""
+        channels = self.reader.channels(self._topics[number])
+        return f"channels {' and '.join(map(str, channels))} of the bag" if len(channels) > 1 else ""
+
     def _types(self, source: Source, by: str) -> Typestore:
         try:
             return types_in(self.reader.definition(absolute(source.topic)), source.type)

@@ -82,6 +82,7 @@ def solve(
         with progress("Solving") as advance:
             summary = solve_bag(path, basis, written, advance, overwrite, names, compiled=compiled, keep=blocks.append)
         doubts = [*others_beside(path), *weight_doubt(path, parameters_in(basis)), *summary.warnings]
+        doubts += [summary.unanswered] if summary.unanswered else []
         if summary.damage:
             doubts.append(f"bag {path} is damaged, and solved as far as it can be read: {in_a_line(summary.damage)}")
         for sentence in doubts:

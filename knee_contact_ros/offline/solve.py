@@ -39,6 +39,7 @@ from knee_contact_ros.parameters.files import Source, all_values, curve_texts, d
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters, Section, has_both, parameter
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.frames import FORCE_TURNED
+from knee_contact_ros.streams.pairing import unanswered_sentence
 from knee_contact_ros.streams.topics import Answer, recorded_topics
 from knee_contact_ros.system.errors import UsageError, in_a_line
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded, find_file, read_mapping
@@ -128,6 +129,9 @@ def solve(
             mark_damage(recorder, bag, damage)
         summary.refused, summary.damage = pipeline.synchroniser.refused, damage
         summary.split = pipeline.split if pipeline.varies else None
+        summary.unanswered = unanswered_sentence(pipeline, inputs.forces)
+        seen = pipeline.angles_seen.sentence(inputs.publishers(0), parameters.knee.joint_name)
+        summary.publishers = [one for one in (seen, pipeline.forces_seen.sentence(inputs.publishers(1))) if one]
         if not summary.ticks:
             reasons = ", ".join(f"{count} x {reason}" for reason, count in summary.refused.items())
             why = f"; the bag is damaged: {in_a_line(damage)}" if damage else ""

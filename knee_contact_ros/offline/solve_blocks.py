@@ -95,6 +95,8 @@ def take(pipeline: ContactStream, states: Column, forces: Column) -> Answers | N
     if paired is None or not len(paired.angle):
         return None
     pipeline.frame.hold(samples.wrenches.shape[0])
+    pipeline.angles_seen.add_all(samples.states.stamps[-len(states) :], samples.angles[-len(states) :])
+    pipeline.forces_seen.add_all(samples.wrenches.stamps[-len(forces) :], samples.axial[-len(forces) :])
     answers = _computed(pipeline, samples, paired, fresh)
     _hand_over(pipeline, block, samples, paired, fresh, (angle_steps, load_steps))
     return answers
@@ -149,7 +151,7 @@ def _samples(block: _Received, pipeline: ContactStream) -> _Samples | None:
 def _position(states: Block, joint: str) -> Floats | None:
     """Return the positions of a joint, shape (n,); None if the joint states do not give them."""
     _, names, known, *_ = states.shape
-    if joint not in names or names.index(joint) >= known:
+    if joint not in names or len(names) != known:
         return None
     return np.ascontiguousarray(states.numbers["position"][:, names.index(joint)])
 

@@ -74,6 +74,10 @@ class Summary:
     """Number of ticks by the name of a status bit that they have"""
     refused: Counter[str] = field(default_factory=Counter)
     """Number of refused samples by reason"""
+    unanswered: str = ""
+    """Sentence that many forces have no answer, and why; empty if they have"""
+    publishers: list[str] = field(default_factory=list)
+    """Sentences about publishers of one input that disagree"""
     damage: list[str] = field(default_factory=list)
     """Damage of the bag that was computed, as sentences"""
     levels: Counter[str] = field(default_factory=Counter)
@@ -181,7 +185,12 @@ class Summary:
     def warnings(self) -> list[str]:
         """Sentences for the user: what is implausible, and whether the share left the range that it was measured in."""
         resets = [f"the answers are of {self.runs} runs: {RESET}"] if self.runs > 1 else []
-        return [*resets, *self.sentences, *([self.split.problem] if self.split and self.split.problem else [])]
+        return [
+            *resets,
+            *self.publishers,
+            *self.sentences,
+            *([self.split.problem] if self.split and self.split.problem else []),
+        ]
 
 
 def bound(errors: float | NDArray[np.float64]) -> float:

@@ -20,7 +20,6 @@ from knee_contact_ros.parameters.files import curve_texts, lateral_texts
 from knee_contact_ros.parameters.schema import Knee, Parameters, has_both, lateral_knee
 from knee_contact_ros.streams.frames import ForceFrame
 from knee_contact_ros.streams.messages import (
-    JOINT_STATE,
     JointState,
     RefusedSampleError,
     Stamps,
@@ -30,7 +29,6 @@ from knee_contact_ros.streams.messages import (
     encode_answer_wrench,
     number_of,
 )
-from knee_contact_ros.streams.messages import WRENCH as WRENCH_STAMPED
 from knee_contact_ros.streams.pairing import TIME_RESET, AngleSample, LoadSample, PairedSample, PairedStreams
 from knee_contact_ros.streams.topics import (
     JOINT_REACTION_FORCE,
@@ -155,30 +153,16 @@ class ContactStream(PairedStreams):
         """Sentences about implausible parameters of either compartment, each once."""
         return list(dict.fromkeys(doubt for part in self.compartments for doubt in part.doubts.about_parameters))
 
-    def take_joint_state(self, data: bytes) -> list[PairedSample]:
-        """Take a JointState; see `PairedStreams.take_joint_state`."""
-        knee, delay = self.parameters.knee, self.synchroniser.angle_delay
-        self.stamp = None
-        try:
-            message, recorded = JOINT_STATE.read(data, JOINT_STATES)
-            self.stamp = message.stamp
-            sample = angle_sample(message, knee, self.model.height_prescribed, recorded, delay)
-        except RefusedSampleError as refused:
-            return self.refuse(refused)
-        return self.synchroniser.push_angle(sample)
+    def angle_sample(self, message: JointState, data: bytes) -> AngleSample:
+        """Sample with the flexion angle; see `angle_sample`."""
+        height = self.model.height_prescribed
+        return angle_sample(message, self.parameters.knee, height, data, self.synchroniser.angle_delay)
 
-    def take_force(self, data: bytes, arrived: float = 0.0) -> list[PairedSample]:
-        """Take the joint reaction on the tibia; see `PairedStreams.take_force`."""
-        self.stamp = None
-        try:
-            came, as_it_came = WRENCH_STAMPED.read(data, JOINT_REACTION_FORCE)
-            self.stamp = came.stamp
-            wrench, recorded = self.frame.turned(came, as_it_came)
-            sample = load_sample(wrench, self.by_moment, arrived, recorded)
-            self.doubts.axes.add(*wrench.force)
-        except RefusedSampleError as refused:
-            return self.refuse(refused)
-        return self.push_load(sample, came.frame_id)
+    def load_sample(self, message: WrenchStamped, data: bytes, arrived: float) -> LoadSample:
+        """Sample with the axial load; see `load_sample`."""
+        sample = load_sample(message, self.by_moment, arrived, data)
+        self.doubts.axes.add(*message.force)
+        return sample
 
     def compute(self, pair: PairedSample) -> list[bytes]:
         """Compute a tick; return the answer of each compartment as the bytes of a `KneeContact`."""
@@ -215,6 +199,13 @@ class ContactStream(PairedStreams):
         for _, _, data in records:
             size += len(data)
         return Answer(b"".join(rows), tuple(records), size)
+
+    def check(self, parameters: Parameters) -> None:
+        """Check that `retune` will take these parameters; raises what is against it, and changes nothing."""
+        load_rule(parameters, self._texts)
+        knees = (parameters, lateral_knee(parameters))
+        for compartment, knee in zip(self.compartments, knees, strict=False):
+            doubts_about(knee, retuned(compartment.model, knee))
 
     def retune(self, parameters: Parameters) -> None:
         """Continue with other numbers among the parameters, between two ticks; `retuned` says which are used."""

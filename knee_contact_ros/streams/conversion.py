@@ -113,7 +113,7 @@ class Converter:
         if self._store:
             return self._from_fields(self._store.deserialize_cdr(data, source.type), arrived)
         if source.type == DYNAMIC_JOINT_STATE:
-            data = messages.as_joint_state(data)
+            data = messages.as_joint_state(data, self._joints)
         if self._joints:
             state = messages.JOINT_STATE.read(data, source.topic)[0]
             state = state._replace(stamp=arrived) if source.on_arrival else state

@@ -199,13 +199,15 @@ class ForceFrame:
         """Whether a force in this frame is accepted, in the frame of those before, and needs no transform."""
         if self.is_known:
             return True
+        if self._frame == "" and not self.wanted:  # a publisher that did not know its frame yet
+            return True
         expected = (self.wanted or frame) if self._frame is None else self._frame
         return frame == expected and self._pose is None
 
     @property
     def is_held(self) -> bool:
-        """Whether a force was accepted, so that all others are expected in its frame."""
-        return self._frame is not None
+        """Whether a force with the name of a frame was accepted, so that all others are expected in it."""
+        return bool(self._frame)
 
     def hold(self, frame: str) -> None:
         """Expect forces in the frame of the last one, which was accepted."""
@@ -225,6 +227,7 @@ class ForceFrame:
             return wrench, data
         if self._frame is not None and frame != self._frame:
             text = f"{self._topic} is in frame {_short(frame)}, and was in {_short(self._frame)} before"
+            text += "; if the new one is right, ~/reset takes it"
             raise RefusedSampleError("frame_changed", text)
         pose = self._pose
         if pose is None:

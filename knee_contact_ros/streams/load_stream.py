@@ -14,8 +14,6 @@ from knee_contact_ros.model.knee import LARGEST_ANGLE
 from knee_contact_ros.parameters.schema import ActuatedJoint, GroundForce, LoadParameters, MeasuredJoint
 from knee_contact_ros.streams.frames import ForceFrame
 from knee_contact_ros.streams.messages import (
-    JOINT_STATE,
-    WRENCH,
     JointState,
     RefusedSampleError,
     WrenchStamped,
@@ -136,28 +134,13 @@ class LoadStream(PairedStreams):
         self.estimate: Estimate | None = None
         """Last estimate; None before the first tick"""
 
-    def take_joint_state(self, data: bytes) -> list[PairedSample]:
-        """Take angles and actuators' torques of the leg; see `PairedStreams.take_joint_state`."""
-        self.stamp = None
-        try:
-            message, recorded = JOINT_STATE.read(data, JOINT_STATES)
-            self.stamp = message.stamp
-            sample = leg_sample(message, self.parameters, recorded, self.synchroniser.angle_delay)
-        except RefusedSampleError as refused:
-            return self.refuse(refused)
-        return self.synchroniser.push_angle(sample)
+    def angle_sample(self, message: JointState, data: bytes) -> AngleSample:
+        """Sample with angles and actuators' torques of the leg; see `leg_sample`."""
+        return leg_sample(message, self.parameters, data, self.synchroniser.angle_delay)
 
-    def take_force(self, data: bytes, arrived: float = 0.0) -> list[PairedSample]:
-        """Take the ground force; see `PairedStreams.take_force`."""
-        self.stamp = None
-        try:
-            came, as_it_came = WRENCH.read(data, GROUND_REACTION_FORCE)
-            self.stamp = came.stamp
-            wrench, recorded = self.frame.turned(came, as_it_came)
-            sample = ground_sample(wrench, self.parameters.ground, recorded, arrived)
-        except RefusedSampleError as refused:
-            return self.refuse(refused)
-        return self.push_load(sample, came.frame_id)
+    def load_sample(self, message: WrenchStamped, data: bytes, arrived: float) -> LoadSample:
+        """Sample with the ground force; see `ground_sample`."""
+        return ground_sample(message, self.parameters.ground, data, arrived)
 
     def sense(self, pair: PairedSample) -> tuple[Joints, Motion, Ground]:
         """Joints, motion and ground force at a pair's stamp. To be called for every pair in order.

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from functools import cache, lru_cache
 from operator import itemgetter
 from typing import Any, Generic, Literal, NamedTuple, TypeVar
@@ -22,7 +22,7 @@ from rosbags.typesys.store import Typestore
 
 from knee_contact_ros.model.types import MESSAGE
 from knee_contact_ros.model.types import WRENCH as WRENCH_BYTES
-from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATE
+from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATE, DYNAMIC_JOINT_STATES
 from knee_contact_ros.streams.topics import NANOSECONDS, stamp_to_ns, typestore
 from knee_contact_ros.system.errors import listed, printable
 
@@ -350,8 +350,11 @@ def number_of(message: JointState, joint: str, quantity: str) -> float:
         known = listed(message.name)
         raise RefusedSampleError("joint_missing", f"joint_states has no joint {joint!r}; it has {known}")
     index, numbers = message.name.index(joint), message.position if quantity == "position" else message.effort
-    if index >= len(numbers):
+    if not numbers:
         raise RefusedSampleError("joint_missing", f"joint_states gives no {quantity} for joint {joint!r}")
+    if len(numbers) != len(message.name):
+        counted = f"{len(message.name)} names and {len(numbers)} values of {quantity}"
+        raise RefusedSampleError("lengths_differ", f"joint_states has {counted}: it cannot be told which is whose")
     if not math.isfinite(numbers[index]):
         raise RefusedSampleError("not_finite", f"joint_states: {quantity} of joint {joint!r} is {numbers[index]}")
     return numbers[index]
@@ -419,22 +422,35 @@ def _types() -> Typestore:
     return store
 
 
-def as_joint_state(data: bytes) -> bytes:
-    """Bytes of a JointState with the joints that have a position; empty if `data` is no DynamicJointState.
+def as_joint_state(data: bytes, wanted: Collection[str] = ()) -> bytes:
+    """Bytes of a JointState with the joints of a DynamicJointState that have a position.
 
     Velocities and efforts are left out, as they are not used.
+
+    Raises:
+        RefusedSampleError: the bytes are none, names and values do not belong together, or one of the joints `wanted`
+            is there without a position.
     """
     try:
         message: Any = _types().deserialize_cdr(data, DYNAMIC_JOINT_STATE)
-        positions: dict[str, float] = {}
-        for joint, interface in zip(message.joint_names, message.interface_values, strict=True):
-            known = dict(zip(interface.interface_names, interface.values, strict=False))  # a joint may lack values
-            if POSITION in known:
-                positions.setdefault(joint, float(known[POSITION]))
-        header = message.header
-        content = JointState(
-            stamp_to_ns(header.stamp), header.frame_id, tuple(positions), tuple(positions.values()), (), ()
-        )
-        return encode_joint_state(content)
-    except Exception:  # whatever broken bytes provoke
-        return b""
+    except Exception as error:  # whatever broken bytes provoke
+        raise RefusedSampleError("undecodable", f"{len(data)} bytes are no {DYNAMIC_JOINT_STATE} ({error})") from None
+    positions: dict[str, float] = {}
+    joints, each = message.joint_names, message.interface_values
+    if len(joints) != len(each):
+        text = f"{DYNAMIC_JOINT_STATES} has {len(joints)} joints and values of {len(each)}"
+        raise RefusedSampleError("lengths_differ", text)
+    for joint, interface in zip(joints, each, strict=True):
+        names, values = interface.interface_names, interface.values
+        if POSITION in names and len(names) == len(values):
+            positions.setdefault(joint, float(values[names.index(POSITION)]))
+        elif joint in wanted and POSITION in names:
+            text = f"joint {joint!r} has {len(names)} interfaces and {len(values)} values"
+            raise RefusedSampleError("lengths_differ", f"{DYNAMIC_JOINT_STATES}: {text}")
+        elif joint in wanted:
+            text = f"joint {joint!r} has no interface {POSITION}; it has {listed(names) or 'none'}"
+            raise RefusedSampleError("joint_missing", f"{DYNAMIC_JOINT_STATES}: {text}")
+    header = message.header
+    return encode_joint_state(
+        JointState(stamp_to_ns(header.stamp), header.frame_id, tuple(positions), tuple(positions.values()), (), ())
+    )

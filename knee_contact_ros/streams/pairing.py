@@ -23,7 +23,8 @@ from typing import Any, Generic, NamedTuple, TypeVar
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.parameters.schema import Pairing
 from knee_contact_ros.streams.frames import ForceFrame
-from knee_contact_ros.streams.messages import RefusedSampleError, WrenchStamped
+from knee_contact_ros.streams.messages import JOINT_STATE, WRENCH, JointState, RefusedSampleError, WrenchStamped
+from knee_contact_ros.streams.publishers import DIFFERENT_ANGLES, DIFFERENT_FORCES, Publishers
 from knee_contact_ros.streams.topics import JOINT_STATES, NANOSECONDS, Answer, Ending
 
 STEPS = 8
@@ -522,18 +523,51 @@ class PairedStreams(ABC):
         self.frame = frame
         self.synchroniser = Synchroniser(pairing)
         self.ticks = 0
+        self.angles_seen = Publishers(JOINT_STATES, DIFFERENT_ANGLES, "rad")
+        """Whether the angles come from publishers that disagree"""
+        self.forces_seen = Publishers(force_topic, DIFFERENT_FORCES, "N")
+        """Likewise the forces"""
         self.stamp: int | None = None
         """Stamp [ns] of the message that was taken last; None if its bytes are no message"""
         self.last_refusal = ""
         self._pending: deque[PairedSample] = deque()  # what is being answered
 
     @abstractmethod
-    def take_joint_state(self, data: bytes) -> list[PairedSample]:
-        """Take the bytes of a JointState; return the pairs that it makes possible, to be computed one by one."""
+    def angle_sample(self, message: JointState, data: bytes) -> AngleSample:
+        """Sample of a JointState that is recorded as `data`; raises RefusedSampleError."""
 
     @abstractmethod
+    def load_sample(self, message: WrenchStamped, data: bytes, arrived: float) -> LoadSample:
+        """Sample of a WrenchStamped in the wanted frame; see `take_force`; raises RefusedSampleError."""
+
+    def take_joint_state(self, data: bytes) -> list[PairedSample]:
+        """Take the bytes of a JointState; return the pairs that it makes possible, to be computed one by one."""
+        self.stamp = None
+        try:
+            message, recorded = JOINT_STATE.read(data, JOINT_STATES)
+            self.stamp = message.stamp
+            if not message.stamp:
+                self._refuse_unset(JOINT_STATES)
+            sample = self.angle_sample(message, recorded)
+            self.angles_seen.add(message.stamp, sample.angle)
+        except RefusedSampleError as refused:
+            return self.refuse(refused)
+        return self.synchroniser.push_angle(sample)
+
     def take_force(self, data: bytes, arrived: float = 0.0) -> list[PairedSample]:
         """Take the bytes of a WrenchStamped that arrived at a time [s] by the caller's clock; return the pairs."""
+        self.stamp = None
+        try:
+            came, as_it_came = WRENCH.read(data, self.force_topic)
+            self.stamp = came.stamp
+            if not came.stamp:
+                self._refuse_unset(self.force_topic)
+            wrench, recorded = self.frame.turned(came, as_it_came)
+            sample = self.load_sample(wrench, recorded, arrived)
+            self.forces_seen.add(came.stamp, sample.axial)
+        except RefusedSampleError as refused:
+            return self.refuse(refused)
+        return self.push_load(sample, came.frame_id)
 
     @abstractmethod
     def compute(self, pair: PairedSample) -> list[bytes]:
@@ -546,9 +580,23 @@ class PairedStreams(ABC):
         `latency` [s] is the time from the arrival of the force to the publication, where it is measured.
         """
 
+    def check(self, parameters: Any) -> None:  # noqa: B027
+        """Check that `retune` will take these parameters; raises what is against it, and changes nothing."""
+
     @abstractmethod
     def retune(self, parameters: Any) -> None:
         """Continue with other numbers among the parameters, between two ticks."""
+
+    def _refuse_unset(self, topic: str) -> None:
+        """Refuse a sample with the stamp 0, unless it may be the first one of a recording that begins there.
+
+        Raises:
+            RefusedSampleError: the last sample of the topic has that stamp, too.
+        """
+        time = self.synchroniser.load_time if topic == self.force_topic else self.synchroniser.angle_time
+        delay = 0 if topic == self.force_topic else self.synchroniser.angle_delay
+        if time.last == -delay or any(sample.stamp == -delay for sample in time.pending):
+            raise RefusedSampleError("no_stamp", f"{topic}: header.stamp is not set (0)")
 
     @property
     def refused(self) -> int:
@@ -601,3 +649,28 @@ class PairedStreams(ABC):
         while self._pending:
             pair = self._pending.popleft()
             yield self.answer(pair, self.compute(pair))
+
+
+UNANSWERED = 0.05
+"""Part of the forces without an answer from which a run is incomplete"""
+ADVICE = {
+    "no_angle_before": "there are no angles at their times: are these in another bag, or by another clock?",
+    "no_stamp": "the publisher has to set it",
+    "frame_changed": "the publisher has to keep one frame_id; forces of several sensors are runs of their own",
+    "frame_unknown": "give a static transform, or an empty frame.tibia if they are in the tibia frame",
+    "joint_missing": "knee.joint_name has to be a joint of every sample",
+    "lengths_differ": "the publisher has to give a position for every name",
+}
+"""What to do, by the reason of most refusals"""
+
+
+def unanswered_sentence(pipeline: PairedStreams, forces: int) -> str:
+    """Sentence that many of a number of forces have no answer, with the reasons and what to do; else empty."""
+    missing = forces - pipeline.ticks
+    if missing <= UNANSWERED * forces:
+        return ""
+    refused = pipeline.synchroniser.refused
+    reasons = [f"{count} x {reason}" for reason, count in refused.most_common()]
+    why = "; ".join(filter(None, (", ".join(reasons), pipeline.last_refusal)))
+    advice = next((ADVICE[reason] for reason, _ in refused.most_common() if reason in ADVICE), "look at the stamps")
+    return f"{missing} of {forces} forces have no answer ({why or 'no angle came'}): {advice}"

@@ -23,6 +23,7 @@ from knee_contact_ros.streams.frames import (
 )
 from knee_contact_ros.streams.messages import (
     JointState,
+    RefusedSampleError,
     WrenchStamped,
     _types,
     as_joint_state,
@@ -115,8 +116,9 @@ def test_angles_of_ros2_control_give_the_same_answers(plain: list[bytes], tmp_pa
 
 
 @pytest.mark.parametrize("data", [b"", b"\0\1\0\0", dynamic(0, knee=0.1)[:-3], b"\0\1\0\0" + 40 * b"\xff"])
-def test_what_is_no_dynamic_joint_state_is_nothing(data: bytes) -> None:
-    assert as_joint_state(data) == b""
+def test_what_is_no_dynamic_joint_state_is_refused(data: bytes) -> None:
+    with pytest.raises(RefusedSampleError, match=f"{len(data)} bytes are no control_msgs"):
+        as_joint_state(data)
 
 
 def test_a_joint_without_a_position_is_left_out() -> None:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+import shutil
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -17,8 +19,17 @@ from knee_contact_ros.commands.main import main
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATE
 from knee_contact_ros.streams.contact_stream import ContactStream
-from knee_contact_ros.streams.topics import JOINT_STATES, KNEE_CONTACT, MESSAGE_TYPES
+from knee_contact_ros.streams.messages import (
+    WRENCH,
+    JointState,
+    _types,
+    decode_joint_state,
+    encode_joint_state,
+    encode_wrench_stamped,
+)
+from knee_contact_ros.streams.topics import JOINT_STATES, KNEE_CONTACT, MESSAGE_TYPES, typestore
 from tests.helpers.bags import Mcap, write_rosbag2
 from tests.helpers.messages import raw_inputs
 
@@ -160,3 +171,165 @@ def test_what_was_written_late_or_elsewhere_comes_in_its_place(
 ) -> None:
     bag = split(tmp_path / "in", UNORDERED[case](gait))
     assert solved(bag, tmp_path) == live(gait)
+
+
+def states(
+    g: list[RawMessage], change: Callable[[JointState], JointState], every: int = 1, later: int = 0
+) -> list[RawMessage]:
+    """Joint states of a gait, changed; every n-th one, at later log times."""
+    found = []
+    for message in [message for message in g if message.topic == f"/{JOINT_STATES}"][::every]:
+        content = decode_joint_state(message.data)
+        assert content
+        data = encode_joint_state(change(content._replace(stamp=content.stamp + later)))
+        found.append(RawMessage(message.topic, message.log_time + later, data))
+    return found
+
+
+def forces(g: list[RawMessage], later: int = 0) -> list[RawMessage]:
+    return [moved(message, later) for message in g if message.topic != f"/{JOINT_STATES}"]
+
+
+def in_order(*messages: list[RawMessage]) -> list[RawMessage]:
+    return sorted((message for each in messages for message in each), key=lambda message: message.log_time)
+
+
+def two_channels(path: Path, g: list[RawMessage], still: float) -> Path:
+    """The joint comes from two channels: as it is, and every fifth time 1 ms later as if it stood still."""
+    each = states(g, lambda one: one), states(g, lambda one: one._replace(position=(still,)), 5, 1_000_000)
+    file = Mcap(path)
+    kinds = (JOINT_STATES, JOINT_STATES, "joint_reaction_force")
+    channels = [file.channel(f"/{kind}", MESSAGE_TYPES[kind]) for kind in kinds]
+    all_of_them = [(i, message) for i, part in enumerate((*each, forces(g, 2_000_000))) for message in part]
+    for number, message in sorted(all_of_them, key=lambda one: one[1].log_time):
+        file.write(channels[number], message)
+    return file.close()
+
+
+def own_definition(path: Path, g: list[RawMessage]) -> Path:
+    """A file whose definition of JointState has a field more; its data do not matter."""
+    file = Mcap(path)
+    text = typestore().generate_msgdef("sensor_msgs/msg/JointState", ros_version=2)[0]
+    text = text.replace("float64[] position", "float64[] setpoint\nfloat64[] position")
+    schema = file.writer.register_schema("sensor_msgs/msg/JointState", "ros2msg", text.encode())
+    channels = file.channels()
+    channels[f"/{JOINT_STATES}"] = file.writer.register_channel(f"/{JOINT_STATES}", "cdr", schema)
+    for message in g:
+        file.write(channels[message.topic], message)
+    return file.close()
+
+
+def framed(g: list[RawMessage], frame: Callable[[int], str]) -> list[RawMessage]:
+    found = []
+    for number, message in enumerate(forces(g)):
+        wrench, _ = WRENCH.read(message.data, "")
+        found.append(message._replace(data=encode_wrench_stamped(wrench._replace(frame_id=frame(number)))))
+    return found
+
+
+def unmerged(path: Path, g: list[RawMessage]) -> Path:
+    """A sqlite3 file whose recorder was killed: all is in the log beside it."""
+    write_rosbag2(path.with_suffix(""), g, StoragePlugin.SQLITE3)
+    (written,) = path.with_suffix("").glob("*.db3")
+    path.write_bytes(b"")
+    shutil.copy(written, path.with_name(f"{path.name}-wal"))
+    return path
+
+
+def of_bytes(content: bytes) -> Callable[[Path, list[RawMessage]], Path]:
+    def made(path: Path, _: list[RawMessage]) -> Path:
+        path.write_bytes(content)
+        return path
+
+    return made
+
+
+HIP = ("hip", "knee", "ankle")
+TOLD: dict[str, tuple[Callable[[Path, list[RawMessage]], Path], int, str]] = {
+    "two publishers": (lambda p, g: two_channels(p, g, 0.0), 0, "knee.*channels 1 and 2 of the bag give it, and dis"),
+    "a position less than names": (
+        lambda p, g: mcap(p, in_order(states(g, lambda one: one._replace(name=HIP, position=(0.1, 0.2))), forces(g))),
+        2, "387 x lengths_differ.*3 names and 2 values of position: it cannot be told which is",
+    ),
+    "another definition": (own_definition, 2, "JointState differently from ROS 2.*setpoint where position should be"),
+    "stamps that were never set": (
+        lambda p, g: mcap(p, [m._replace(data=m.data[:4] + bytes(8) + m.data[12:]) for m in g]),
+        1, r"386 of 387 forces have no answer .*header\.stamp is not set \(0\)",
+    ),
+    "frames of two sensors": (
+        lambda p, g: mcap(p, in_order(states(g, lambda one: one), framed(g, lambda n: f"sensor_{n % 2}"))),
+        1, "193 of 387 forces have no answer .*keep one frame_id",
+    ),
+    "angles that end early": (
+        lambda p, g: mcap(p, in_order(states(g, lambda one: one)[300:], forces(g))),
+        1, "300 of 387 forces have no answer .*there are no angles at their times",
+    ),
+    "ros2_control": (
+        lambda p, g: dynamic(p, g, ("position", "velocity")), 2, "-p knee.source:=dynamic_joint_states"),
+    "ROS 1": (of_bytes(b"#ROSBAG V2.0\n"), 2, "a bag of ROS 1.*rosbags-convert"),
+    "compressed": (of_bytes(bytes.fromhex("28b52ffd") + bytes(100)), 2, r"is compressed \(zstd\)"),
+    "Git LFS": (of_bytes(b"version https://git-lfs.github.com/spec/v1\n"), 2, "git lfs pull"),
+    "a log beside": (lambda p, g: unmerged(p.with_suffix(".db3"), g), 2, r"in\.db3-wal holds messages"),
+}  # fmt: skip
+
+
+def dynamic(path: Path, g: list[RawMessage], interfaces: tuple[str, ...]) -> Path:
+    """Joint states of ros2_control."""
+    types, file = _types().types, Mcap(path)
+    kind = types["control_msgs/msg/InterfaceValue"]
+    channel = file.writer.register_channel(
+        "/dynamic_joint_states", "cdr", file.writer.register_schema(DYNAMIC_JOINT_STATE, "ros2msg", b"")
+    )
+    force = file.channel("/joint_reaction_force", MESSAGE_TYPES["joint_reaction_force"])
+    for message in g:
+        if message.topic == f"/{JOINT_STATES}":
+            state = decode_joint_state(message.data)
+            assert state
+            stamp = types["builtin_interfaces/msg/Time"](*divmod(state.stamp, 10**9))
+            values = kind(list(interfaces), np.array([state.position[0], 0.0]))
+            content = types[DYNAMIC_JOINT_STATE](types["std_msgs/msg/Header"](stamp, ""), ["knee"], [values])
+            data = bytes(_types().serialize_cdr(content, DYNAMIC_JOINT_STATE))
+            file.write(channel, message._replace(data=data))
+        else:
+            file.write(force, message)
+    return file.close()
+
+
+@pytest.mark.parametrize("case", TOLD)
+def test_what_is_wrong_with_a_bag_is_told_in_one_line(
+    gait: list[RawMessage], tmp_path: Path, capsys: pytest.CaptureFixture[str], case: str
+) -> None:
+    make, code, words = TOLD[case]
+    bag = make(tmp_path / "in.mcap", gait)
+    assert main(["solve", str(bag), "--output", str(tmp_path / "out.mcap")]) == code
+    assert re.search(words, capsys.readouterr().err)
+
+
+@pytest.mark.parametrize("case", ["publishers that agree", "no frame at first", "a joint of ros2_control"])
+def test_what_is_right_is_not_told(
+    gait: list[RawMessage], tmp_path: Path, capsys: pytest.CaptureFixture[str], case: str
+) -> None:
+    bag, more = tmp_path / "in.mcap", []
+    if case == "publishers that agree":
+        both = in_order(
+            states(gait, lambda one: one), states(gait, lambda one: one, 1, 1_000_000), forces(gait, 2_000_000)
+        )
+        mcap(bag, both)
+    elif case == "no frame at first":
+        named = framed(gait, lambda number: "tibia_r" if number else "")
+        mcap(bag, in_order(states(gait, lambda one: one), named))
+    else:
+        dynamic(bag, gait, ("position", "velocity"))
+        more = ["-p", "knee.source:=dynamic_joint_states"]
+    assert main(["solve", str(bag), *more, "--output", str(tmp_path / "out.mcap")]) == 0
+    assert not capsys.readouterr().err
+    assert len(read_answers(tmp_path / "out.mcap")) == 387
+
+
+def test_a_joint_without_a_position_is_told_with_its_interfaces(
+    gait: list[RawMessage], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    bag = dynamic(tmp_path / "in.mcap", gait, ("position_encoder", "velocity"))
+    arguments = ["solve", str(bag), "-p", "knee.source:=dynamic_joint_states", "--output", str(tmp_path / "out.mcap")]
+    assert main(arguments) == 2
+    assert "joint 'knee' has no interface position; it has position_encoder, velocity" in capsys.readouterr().err

@@ -72,7 +72,9 @@ def test_a_stream_that_changes_its_frame_is_refused_until_it_is_forgotten() -> N
     take(frame, wrench("left", NOWHERE))
     refused = refusal(frame, wrench("right", NOWHERE))
     assert refused.reason == "frame_changed"
-    assert str(refused) == "joint_reaction_force is in frame 'right', and was in 'left' before"
+    assert str(refused) == (
+        "joint_reaction_force is in frame 'right', and was in 'left' before; if the new one is right, ~/reset takes it"
+    )
     take(frame, wrench("left", NOWHERE))
     frame.forget()
     take(frame, wrench("right", NOWHERE))

@@ -140,11 +140,11 @@ def test_the_order_of_arrival_does_not_matter(seed: int) -> None:
 def test_between_two_angles_all_that_is_known_of_the_leg_is_on_a_line() -> None:
     values = WHOLE_LEG | {"knee.assisted": True, "motion_window": 0.0}
     ends = [
-        state(0, (0.0, -4.0), hip=0.1, knee=0.2, ankle=0.0),
-        state(4 * MS, (0.0, -8.0), hip=0.5, knee=0.4, ankle=0.2),
+        state(0, (0.0, -4.0, 0.0), hip=0.1, knee=0.2, ankle=0.0),
+        state(4 * MS, (0.0, -8.0, 0.0), hip=0.5, knee=0.4, ankle=0.2),
     ]
     (between,) = estimates(pipeline(values), [ends[0], force(MS), ends[1]])
-    on_it = state(MS, (0.0, -5.0), hip=0.2, knee=0.25, ankle=0.05)
+    on_it = state(MS, (0.0, -5.0, 0.0), hip=0.2, knee=0.25, ankle=0.05)
     (there,) = estimates(pipeline(values), [on_it, force(MS)])
     assert between.assistance == 5.0
     assert same(between, there, within=ROUNDING)
