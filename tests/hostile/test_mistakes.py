@@ -1,0 +1,174 @@
+"""Mistakes of newcomers, through every command that takes their numbers: refused, or told with the likely cause.
+
+What is right is not warned about. The live node has the checks of `solve` (`tests/ros`).
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import knee_contact_ros
+from knee_contact_ros.commands.main import main
+from knee_contact_ros.lab.gait_bag import Gait, Signal, write_bag
+from tests.lab.opensim.storages import write_model, write_storage
+from tests.lab.trials import write_csv
+from tests.model.test_inputs import Columns, gait
+
+WEIGHT = 72.6 * 9.80665
+Change = Callable[..., Columns]
+
+
+def by_csv(folder: Path, time: np.ndarray, angle: np.ndarray, load: np.ndarray) -> list[str]:
+    """Import a table in degrees and N."""
+    write_csv(folder / "t.csv", {"t": time, "a": np.degrees(angle), "f": load})
+    text = "time: {{column: t}}\nangle: {{column: a, unit: deg}}\nload: {{column: f, unit: N}}\nbody_weight: {}\n"
+    (folder / "map.yaml").write_text(text.format(WEIGHT))
+    return ["import-csv", "t.csv", "--map=map.yaml", "--output=bag"]
+
+
+def by_opensim(folder: Path, time: np.ndarray, angle: np.ndarray, load: np.ndarray) -> list[str]:
+    """Import results of OpenSim, whose flexion is negative."""
+    write_model(folder / "m.osim")
+    write_storage(folder / "q.mot", time, {"knee_angle_r": -np.degrees(angle)}, "yes")
+    stem = "walker_knee_r_on_tibia_r_in_tibia_r_"
+    columns = {stem + axis: (0.0 if axis != "fy" else -1.0) * load for axis in ("fx", "fy", "fz", "mx", "my", "mz")}
+    write_storage(folder / "jr.sto", time, columns, "no")
+    files = ["--kinematics=q.mot", "--reactions=jr.sto", "--model=m.osim"]
+    return ["import-opensim", *files, "--side=right", "--output=bag"]
+
+
+def by_bag(folder: Path, time: np.ndarray, angle: np.ndarray, load: np.ndarray, axis: int = 1) -> list[str]:
+    """Solve a bag of somebody's own."""
+    stamps, wrench = np.rint(1e9 * time).astype(np.int64), np.zeros((len(time), 6))
+    wrench[:, axis] = -load
+    angles = Signal(stamps, angle[:, None]).with_rate()
+    write_bag(Gait("right", {"knee": angles}, Signal(stamps, wrench), {}, []), folder / "own", {})
+    return ["solve", "own", "-p", f"body_weight:={WEIGHT}", "--output=out.mcap"]
+
+
+def upright(folder: Path, time: np.ndarray, angle: np.ndarray, load: np.ndarray) -> list[str]:
+    """Solve a bag whose forces have z up, as robots have it."""
+    return by_bag(folder, time, angle, load, axis=2)
+
+
+def by_insole(folder: Path, time: np.ndarray, angle: np.ndarray, load: np.ndarray) -> list[str]:
+    """Import an insole, which bears a third of what the knee does, for estimate-load."""
+    command = by_csv(folder, time, angle, load / 3.0)
+    text = (folder / "map.yaml").read_text()
+    (folder / "map.yaml").write_text(text.replace("load:", "ground_force:"))
+    return command
+
+
+def by_share(folder: Path, time: np.ndarray, angle: np.ndarray, load: np.ndarray) -> list[str]:
+    """Fit a share to an instrumented knee."""
+    write_csv(folder / "t.csv", {"t": time, "a": np.degrees(angle), "medial": 0.6 * load, "lateral": 0.4 * load})
+    sums = ["--axial=medial + lateral", "--medial=medial", "--flexion=a", "--angle-unit=deg", f"--body-weight={WEIGHT}"]
+    return ["fit-share", "--trial=t.csv", "--time=t", *sums, "--source=x", "--output=s.csv"]
+
+
+ANGLES: dict[str, tuple[Change, str]] = {
+    "degrees for radians": (lambda t, q, f: (t, np.degrees(q), f), "degrees|which no knee|beyond"),
+    "an offset of 5 rad": (lambda t, q, f: (t, q + 5.0, f), "offset|angle-unit|included|rad"),
+    "the sign": (lambda t, q, f: (t, -q - 0.6, f), "sign"),
+    "the included angle": (lambda t, q, f: (t, np.pi - q, f), "included angle|sign"),
+    "columns swapped": (lambda t, q, f: (t, f, q), "which no knee|beyond|must not exceed|angle-unit"),
+}
+TIMES: dict[str, tuple[Change, str]] = {
+    "milliseconds": (lambda t, q, f: (1e3 * t, q, f), "milliseconds|In ms"),
+}
+LOADS: dict[str, tuple[Change, str]] = {
+    "no load": (lambda t, q, f: (t, q, 0.0 * f), "throughout|presses with"),
+    "the other sign": (lambda t, q, f: (t, q, -f), "pulls|negative throughout"),
+    "kN": (lambda t, q, f: (t, q, f / 1e3), "kN|must be in N|presses with"),
+    "body weights": (lambda t, q, f: (t, q, f / WEIGHT), "BW|body weights|must be in N"),
+    "percent of body weight": (lambda t, q, f: (t, q, f / (0.01 * WEIGHT)), "%BW|percent|body weights"),
+    "a spike": (lambda t, q, f: (t, q, np.where(t == t[50], 41e3, f)), "spike"),
+}
+OF_GAIT: dict[str, tuple[Change, str]] = {
+    "pounds": (lambda t, q, f: (t, q, f / 4.448), "lbf|body weights"),
+    "radians for degrees": (lambda t, q, f: (t, np.radians(q), f), "moves by|like rad"),
+    "mN": (lambda t, q, f: (t, q, 1e3 * f), "spike|must be in N|beyond"),
+    "kilograms": (lambda t, q, f: (t, q, f / 9.80665), "kgf|body weights|must be in N"),
+    "an encoder": (lambda t, q, f: (t, q - 1.6, f), "offset|sign"),
+    "a loose contact": (lambda t, q, f: (t, np.where(t > t[200], q + 0.9, q), f), "jumps by|included"),
+}
+GROUND: dict[str, tuple[Change, str]] = {
+    "kN": (lambda t, q, f: (t, q, f / 1e3), "must be in N"),
+    "upside down": (lambda t, q, f: (t, q, -f), "upwards"),
+    "percent of body weight": (lambda t, q, f: (t, q, f / (0.01 * WEIGHT)), "must be in N"),
+    "body weights": (lambda t, q, f: (t, q, f / WEIGHT), "must be in N"),
+    "pounds": (lambda t, q, f: (t, q, f / 4.448), "lbf"),
+    "a scale of 10": (lambda t, q, f: (t, q, 10.0 * f), "body weights at most"),
+}
+SHARES: dict[str, tuple[Change, str]] = {
+    **{name: LOADS[name] for name in ("the other sign", "kN", "body weights", "percent of body weight")},
+    **{name: ANGLES[name] for name in ("the sign", "degrees for radians", "columns swapped")},
+    "no load": (LOADS["no load"][0], "the axial force reaches"),
+    "radians for degrees": (OF_GAIT["radians for degrees"][0], "moves by"),
+    "kilograms": (OF_GAIT["kilograms"][0], "body weights"),
+    "pounds": (OF_GAIT["pounds"][0], "body weights"),
+}
+SHARED = {"the other sign": "the axial force reaches", "kN": "the axial force reaches",
+          "body weights": "the axial force reaches", "the sign": "positive in flexion",
+          "degrees for radians": "flexion reaches", "columns swapped": "flexion reaches"}  # fmt: skip
+"""What fit-share says"""
+OPENSIM_KNOWS = {"the sign", "radians for degrees", "an encoder", "degrees for radians"}
+"""What OpenSim's header or importer finds out by itself, or which its files hold otherwise; see test_results"""
+WAYS = {
+    by_csv: ANGLES | TIMES | LOADS | OF_GAIT,
+    by_opensim: {name: each for name, each in (ANGLES | TIMES | LOADS | OF_GAIT).items() if name not in OPENSIM_KNOWS},
+    by_bag: {name: each for name, each in (ANGLES | TIMES | LOADS).items() if name != "columns swapped"},
+    upright: {"z up": (lambda *columns: columns, "force.z carries .*: is z up")},
+    by_insole: ANGLES | TIMES | GROUND,
+    by_share: {name: (change, SHARED.get(name, words)) for name, (change, words) in SHARES.items()},
+}
+MISTAKES = [(way, name) for way, mistakes in WAYS.items() for name in mistakes]
+
+
+def test_sixty_mistakes() -> None:
+    assert len(MISTAKES) + len(RUN) >= 60
+
+
+@pytest.mark.parametrize(("way", "name"), MISTAKES, ids=lambda each: getattr(each, "__name__", each))
+def test_a_mistake_is_told(
+    way: Callable[..., list[str]], name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    change, words = WAYS[way][name]
+    code = main(way(tmp_path, *change(*gait())))
+    said = " ".join(capsys.readouterr().err.split())
+    assert re.search(words, said), said
+    assert code == 2 or way in (by_bag, upright)
+
+
+@pytest.mark.parametrize("way", [by_csv, by_opensim, by_bag, by_insole, by_share])
+def test_what_is_right_is_not_warned_about(
+    way: Callable[..., list[str]], tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert main(way(tmp_path, *gait())) == 0
+    assert capsys.readouterr().err == ""
+
+
+RUN = {name: each for name, each in (ANGLES | TIMES | LOADS).items() if name != "columns swapped"}
+
+
+@pytest.mark.parametrize("name", RUN)
+def test_python_tells_it_too(name: str) -> None:
+    change, words = RUN[name]
+    model = knee_contact_ros.load_model(compiled=False)
+    with warnings.catch_warnings(record=True) as found:
+        warnings.simplefilter("always")
+        try:
+            time, angle, load = gait()
+            model.run(*change(time, angle, 0.5 * load))  # of a compartment
+        except ValueError as refused:
+            warnings.warn(str(refused), stacklevel=1)
+    assert any(re.search(words, str(each.message)) for each in found)
