@@ -8,7 +8,6 @@ from collections.abc import Mapping
 from html import escape
 from importlib import import_module
 from io import BytesIO, StringIO
-from itertools import pairwise
 from os import PathLike, fspath
 from typing import Any
 
@@ -313,43 +312,28 @@ def _cells(rows: Rows) -> list[tuple[str, ...]]:
 def _figure_of(rows: Rows) -> Any:
     """Draw flexion, load and contact force, depth, and the contact point on the plateau, as a matplotlib `Figure`."""
     matplotlib, pyplot = _library("matplotlib"), _library("matplotlib.pyplot")
-    figure, axes = pyplot.subplots(4, 1, sharex=True, figsize=SIZE, layout="constrained")
-    flexion, force, depth, point = axes
     begin = _begin_in(rows)
-    time, runs = NANOSECOND * (np.asarray(rows["stamp"]) - begin), _run_of(rows)
-    starts = np.flatnonzero(np.diff(runs)) + 1
-    if len(starts):  # one behind the other: their times may be the same
-        time = np.cumsum(np.where(np.diff(runs, prepend=0), 0.0, np.diff(time, prepend=time[0])))
-    pieces = [slice(first, last) for first, last in pairwise([0, *starts.tolist(), len(rows)])]
-    along = 1e3 * np.asarray(rows["contact_point"]["x"])
-
-    def draw(axis: Any, values: Any, color: str, label: str = "", **style: Any) -> None:
-        for number, piece in enumerate(pieces):
-            axis.plot(time[piece], values[piece], color=color, label="" if number else label, **style)
-
-    draw(flexion, np.degrees(rows["flexion_angle"]), "black")
-    flexion.set_ylabel("flexion [°]")
-    draw(force, rows["load"], LOAD, "load", linewidth=5.0)
-    draw(force, rows["contact_force"], CONTACT, "contact force")
-    force.set_ylabel("force [N]")
-    force.set_ylim(bottom=min(0.0, force.get_ylim()[0]))
-    force.legend(loc="best", frameon=False)
-    draw(depth, 1e3 * np.asarray(rows["penetration_depth"]), DEPTH)
-    depth.set_ylim(bottom=0.0)
-    depth.set_ylabel("depth [mm]")
-    draw(point, along, POINT)
+    time, along = NANOSECOND * (np.asarray(rows["stamp"]) - begin), 1e3 * np.asarray(rows["contact_point"]["x"])
+    curves: list[tuple[str, list[tuple[Any, dict[str, Any]]]]] = [
+        ("flexion [°]", [(np.degrees(rows["flexion_angle"]), {"color": "black"})]),
+        ("force [N]", [(rows["load"], {"color": LOAD, "linewidth": 5.0, "label": "load"}),
+                       (rows["contact_force"], {"color": CONTACT, "label": "contact force"})]),
+        ("depth [mm]", [(1e3 * np.asarray(rows["penetration_depth"]), {"color": DEPTH})]),
+        ("contact point,\nanterior [mm]", [(along, {"color": POINT})]),
+    ]  # fmt: skip
+    figure, axes = pyplot.subplots(len(curves), 1, sharex=True, figsize=SIZE, layout="constrained")
+    for axis, (label, lines) in zip(axes, curves, strict=True):
+        for values, look in lines:  # a single point makes no line
+            axis.plot(time, values, marker="o" if len(time) == 1 else None, **look)
+        axis.set_ylabel(label)
+        axis.grid(visible=True, alpha=0.3)
+        axis.margins(x=0.0)
+    axes[1].set_ylim(bottom=min(0.0, axes[1].get_ylim()[0]))
+    axes[1].legend(loc="best", frameon=False)
+    axes[2].set_ylim(bottom=0.0)
     if len(along) and np.ptp(along) < LEAST:
-        point.set_ylim(along.mean() - LEAST, along.mean() + LEAST)
-    point.set_ylabel("contact point,\nanterior [mm]")
-    origin = f"time [s] from {NANOSECOND * begin:.3f} s on" if begin else "time [s]"
-    point.set_xlabel(f"time [s] of {len(pieces)} runs, one behind the other" if len(starts) else origin)
-    for one in axes:
-        if len(time) == 1:  # a single point makes no line
-            pyplot.setp(one.lines, marker="o")
-        for start in starts.tolist():
-            one.axvline(time[start], color="black", linewidth=0.8, linestyle=":")
-        one.grid(visible=True, alpha=0.3)
-        one.margins(x=0.0)
+        axes[3].set_ylim(along.mean() - LEAST, along.mean() + LEAST)
+    axes[3].set_xlabel(f"time [s] from {NANOSECOND * begin:.3f} s on" if begin else "time [s]")
     figure.align_ylabels(axes)
     if "inline" in matplotlib.get_backend():
         pyplot.close(figure)  # a notebook shows the result of a cell anyway, and would show the figure twice

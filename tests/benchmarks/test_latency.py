@@ -3,10 +3,6 @@
 from __future__ import annotations
 
 import math
-import os
-import subprocess
-import sys
-import time
 from itertools import islice
 from pathlib import Path
 
@@ -21,8 +17,6 @@ from knee_contact_ros.node.inputs import DEPTH
 from knee_contact_ros.node.session import OUTPUT_DEPTH
 from knee_contact_ros.streams.messages import WRENCH, decode_joint_state
 from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.processes import child_process
 
 MS = 1_000_000
 
@@ -69,19 +63,6 @@ def parts() -> list[study.Part]:
     return found
 
 
-def test_a_line_for_every_round_and_for_all() -> None:
-    lines = {(line.candidate, line.round): line for line in study.latency_page(parts(), 1000.0, 20.0).lines}
-    assert len(lines) == 15
-    ours, bare_one = lines[driver.OURS.name, "all"], lines[driver.BARE.name, "all"]
-    assert (ours.published, ours.lost, ours.median_ms, ours.max_ms) == (8, 2, 2.0, 3.0)
-    assert (ours.cpu_us, ours.cpu_children_us) == pytest.approx((100.0, 50.0))
-    assert (ours.others_percent, bare_one.others_percent) == (5.0, 0.0)
-    assert (bare_one.median_ms, bare_one.max_ms) == (5.0, 12.0)  # of 2, 4, 6, 4, 8, 12
-    assert lines[driver.BARE.name, "2"].median_ms == 8.0
-    one_round = [part for part in parts() if part.round == 1]
-    assert len(study.latency_page(one_round, 1000.0, 20.0).lines) == 5  # one round says it all
-
-
 def test_a_page_and_its_data_are_written(tmp_path: Path) -> None:
     for page in (study.latency_page(parts(), 1000.0, 20.0), study.sustained_page(steps()),
                  study.soak_page(2000.0, MOMENTS, (9, 9, 0))):  # fmt: skip
@@ -109,15 +90,6 @@ def steps() -> list[study.Step]:
     return attempts(1000.0, study.NODE) + theirs
 
 
-def test_the_search_rises_tries_again_and_bisects() -> None:
-    found = attempts(1000.0, study.NODE)
-    rates = [step.rate for step in found]
-    assert rates[:6] == [500.0, 625.0, 781.25, 976.5625, 1220.703125, 1220.703125]  # a failure is tried again
-    assert rates[6:] == pytest.approx([1091.8, 1091.8, 1032.6, 1032.6], abs=0.1)
-    once = attempts(1000.0, study.NODE, failing_once=(625.0,))
-    assert [step.verdict for step in once[:3]] == [study.SUSTAINED, study.NODE, study.SUSTAINED]
-
-
 @pytest.mark.parametrize(
     ("up_to", "rate", "limit"),
     [(1000.0, 976.56, study.NODE), (1050.0, 1032.6, study.NODE), (100.0, 0.0, study.NODE), (math.inf, 84703.3, "-")],
@@ -126,22 +98,6 @@ def test_the_highest_rate_and_what_limits_it(up_to: float, rate: float, limit: s
     found = attempts(up_to, study.NODE)
     assert study.highest(found, driver.OURS, 1) == pytest.approx(rate, abs=0.1)
     assert study.limit(found, driver.OURS, 1) == limit
-
-
-@pytest.mark.parametrize(
-    ("run", "verdict"),
-    [
-        (run_of(*[1] * 101), study.SUSTAINED),
-        (run_of(*[1] * 100, published=101), study.NODE),
-        (run_of(*[1] * 101, tail=0.06), study.NODE),
-        (run_of(*[60] * 101), study.NODE),
-        (run_of(*[1] * 101, sending=1.01), study.SUSTAINED),
-        (run_of(*[1] * 101, sending=1.03), study.SENDER),
-        (run_of(published=101), study.NODE),
-    ],
-)
-def test_what_sustained_means(run: driver.Run, verdict: str) -> None:
-    assert study.judged(run, 100.0) == verdict
 
 
 CHILDREN = "11: 80.0, 12: 120.0"
@@ -166,30 +122,6 @@ def test_recordings_are_compared_byte_by_byte(tmp_path: Path) -> None:
     assert study.same_answers(one, recording(tmp_path / "three.mcap", b"abcd")) == (3, 1, 2)
 
 
-def test_usage_of_a_process_and_its_child() -> None:
-    script = "import subprocess, sys; subprocess.run([sys.executable, '-c', 'input()'])"
-    with subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE) as process:
-        while len(family := driver.snapshot(process.pid).family) < 2:
-            assert process.poll() is None
-        assert [usage.process for usage in family[:1]] == [process.pid]
-        assert [usage.parent for usage in family] == [os.getpid(), process.pid]
-        assert process.stdin
-        process.stdin.write(b"\n")
-    assert driver.snapshot(process.pid).family == []
-    assert driver.snapshot(os.getpid()).family[0].resident > 10e6  # Python and NumPy
-
-
-def test_cpu_time_is_that_of_processes_that_were_there_all_the_time() -> None:
-    def of(*taken: tuple[int, float]) -> list[driver.Usage]:
-        return [driver.Usage(process, 0, cpu, 0.0, 0) for process, cpu in taken]
-
-    before = driver.Snapshot(of((1, 1.0), (2, 5.0), (3, 1.0)), 100.0, 10.0, 0.0)
-    after = driver.Snapshot(of((1, 1.5), (2, 5.25), (4, 9.0)), 103.0, 11.0, 2.0)
-    assert driver.between(before, after)[:3] == (0.5, 0.25, 1.25)
-    assert driver.between(before, after).machine == 2.0 * (os.cpu_count() or 0)
-    assert driver.between(before, after._replace(family=[]))[:2] == (0.0, 0.0)
-
-
 STANDS_IN = """
 import signal, sys
 signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
@@ -198,32 +130,3 @@ if {waits}:
     signal.sigwait([signal.SIGINT])
 sys.exit({code})
 """
-
-
-@pytest.fixture
-def log(tmp_path: Path) -> Path:
-    """What it says."""
-    return tmp_path / "log"
-
-
-def run_stand_in(log: Path, monkeypatch: pytest.MonkeyPatch, code: int, waits: bool) -> None:
-    """Run a node that ends with a code when it is told to, or before."""
-    program = STANDS_IN.format(code=code, waits=waits)
-    monkeypatch.setattr(driver, "node_process", lambda _files, _work, _: child_process("it", ["-c", program], log))
-    with driver.start_ours([], log.parent, 10.0) as child:
-        while "ready" not in log.read_text():
-            time.sleep(0.01)
-        if not waits:
-            child.process.wait()
-            child.check()
-
-
-@pytest.mark.parametrize("code", [0, 1])
-def test_files_that_are_completed_later_are_no_failure(log: Path, monkeypatch: pytest.MonkeyPatch, code: int) -> None:
-    run_stand_in(log, monkeypatch, code, waits=True)
-
-
-@pytest.mark.parametrize(("code", "waits"), [(2, True), (1, False), (2, False)])
-def test_any_other_end_is_a_failure(log: Path, monkeypatch: pytest.MonkeyPatch, code: int, waits: bool) -> None:
-    with pytest.raises(UsageError, match=f"it ended with code {code}: ready"):
-        run_stand_in(log, monkeypatch, code, waits)

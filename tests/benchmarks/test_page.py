@@ -10,7 +10,7 @@ import pytest
 from click.testing import CliRunner
 
 from benchmarks.peers import __main__ as command
-from benchmarks.peers import measure, page, picture
+from benchmarks.peers import measure, page
 from benchmarks.peers.problems import Problem, problems
 from knee_contact_ros.system.files import not_installed
 
@@ -33,34 +33,12 @@ ROWS = [
 ]
 
 
-def test_a_streamed_run_is_also_a_whole_run_but_not_the_other_way() -> None:
-    assert len(page.of(ROWS, "gait", measure.WHOLE)) == 6
-    assert len(page.of(ROWS, "gait", measure.STREAM)) == 5
-    rows = [*ROWS, row("CyRK RK45", "CyRK", 1e-9, 2.0, measure.LOOP)]
-    assert [len(page.of(rows, "gait", mode)) for mode in (measure.WHOLE, measure.LOOP, measure.STREAM)] == [7, 6, 5]
-
-
-def test_the_cheapest_run_is_not_the_one_that_comes_closest() -> None:
-    peers = [each for each in page.of(ROWS, "gait", measure.STREAM) if each.peer == "SciPy"]
-    assert page.cheapest(peers, 1e-8) == 300.0
-    assert math.isnan(page.cheapest(peers, 1e-12))
-
-
 def test_a_peer_that_is_quicker_is_said_to_be() -> None:
     rows = [*ROWS, row("CyRK RK45", "CyRK", 1e-9, 2.0, measure.LOOP)]
     (line,) = page.against_the_quickest(rows, ["gait"])
     assert line[1:] == [
         "0.2x (CyRK RK45: 2; ours: 10)", "0.2x (CyRK RK45: 2; ours: 10)", "30x (SciPy DOP853: 300; ours: 10)"
     ]  # fmt: skip
-
-
-def test_a_curve_is_the_mean_over_problems_where_all_are_solved() -> None:
-    pair = [row(OURS, "knee-contact", 1e-9, 1.0), row(OURS, "knee-contact", 1e-7, 4.0)._replace(problem="bag, right")]
-    errors, times = picture.curves(pair, ["gait", "bag, right"], measure.STREAM)["knee-contact"]
-    assert min(errors) == pytest.approx(1e-7)
-    # The geometric mean of 1 and 4.
-    assert times == pytest.approx([2.0] * len(errors))
-    assert picture.curves(pair, ["gait", "bag, right", "bag, left"], measure.STREAM) == {}
 
 
 def test_a_sweep_tells_what_failed_and_goes_on(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -113,34 +91,3 @@ def test_unknown_names_end_the_command(option: str, name: str) -> None:
 def small_problem() -> Problem:
     problem = PROBLEMS["gait"]
     return problem._replace(time=problem.time[:21], load=problem.load[:21])
-
-
-@pytest.mark.parametrize(
-    ("seconds", "most", "expected"),
-    [(1e-4, 5, 5), (0.3, 5, 3), (7.0, 5, measure.LEAST_TURNS), (7.0, 1, 1), (0.0, 5, 5)],
-)
-def test_long_runs_have_fewer_turns_and_no_run_more_than_asked_for(seconds: float, most: int, expected: int) -> None:
-    assert measure.turns_for(seconds, most) == expected
-
-
-def test_turns_come_to_least_median_and_spread() -> None:
-    times = measure.summed_up([4.0, 2.0, 3.0])
-    assert (times.least, times.median, times.turns) == (2.0, 3.0, 3)
-    assert times.spread_percent == pytest.approx(100.0 * 2.0 / 3.0)
-    assert measure.summed_up([2.0]).spread_percent == 0.0
-
-
-def test_a_row_tells_its_turns_in_microseconds_per_tick_and_a_failed_run_is_not_timed_again() -> None:
-    problem = PROBLEMS["impact"]
-    before = measure.Row("impact", "a", "b", "whole", "1e-6", 1e-9, math.nan, 4.0)
-    task = measure.Task("", "a", measure.WHOLE, problem, measure.Setting("", 0.0))
-    run, ticks = measure.Run(before, task), len(problem.time) - 1
-    run.turns += [8e-3, 4e-3]
-    assert run.row.microseconds_per_tick == pytest.approx(4e3 / ticks)
-    assert run.row.median_microseconds == pytest.approx(6e3 / ticks)
-    assert run.row.turns == 2
-    assert run.due(4, 5)
-    assert not run.due(5, 5)
-    failed = measure.Run(before._replace(failure="diverged"), task)
-    assert not failed.due(1, 5)
-    assert failed.row == before._replace(failure="diverged")

@@ -329,7 +329,7 @@ def short(value: Any) -> str:
     """Text of a parameter's value, with six significant digits."""
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return f"{value:.6g}" if isinstance(value, float) else NONE if value in {None, ""} else str(value)
+    return f"{value:.6g}" if isinstance(value, float) else NONE if value is None or value == "" else str(value)
 
 
 def between(several: Sequence[Parameters | None], join: str = ", ") -> list[str]:

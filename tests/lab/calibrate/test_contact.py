@@ -156,11 +156,6 @@ def test_open_intervals_ends_of_ranges_and_what_a_model_cannot_describe_are_told
     assert told(at_end, "the fit lies at the end of its range, 8e+07")
 
 
-def test_the_same_data_have_the_same_answer() -> None:
-    one, other = (fitted(trial(10)) for _ in range(2))
-    assert (one.values, one.intervals) == (other.values, other.intervals)
-
-
 def test_correlated_values_are_worth_what_theory_says() -> None:
     for r in (0.3, 0.6, 0.9):  # of ρ(k) = r^k: τ = (1 + r) / (1 - r)
         found = [samples_per_value(noise(20_000, seed, r)) for seed in range(20)]

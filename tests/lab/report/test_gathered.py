@@ -95,13 +95,6 @@ def test_totals_leave_out_gaps_and_stamps_that_went_back() -> None:
     assert told(none)["error bound of the contact force"] == "not in this recording"
 
 
-def test_standing_has_totals_and_no_cycles() -> None:
-    time = np.arange(2000) / 200.0
-    found = gathered((np.round(1e9 * time).astype(np.int64), 0.0 * time + 0.1, 0.0 * time + 400.0))
-    assert found.cycles == found.moments == []
-    assert (found.ticks, found.largest.contact_force) == (2000, 400.0)
-
-
 def test_moments_have_the_contact_of_their_tick() -> None:
     samples = walking(200.0, 5.0)
     ticks = np.arange(len(samples[0]))

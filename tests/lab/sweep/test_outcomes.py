@@ -84,15 +84,6 @@ def test_what_a_run_comes_to_has_the_same_bits_however_many_are_beside_it(number
     assert whole["impulse"].tolist() == [np.sum(one * weights) for one in answers["contact_force"]]
 
 
-def test_without_radii_that_fit_no_pressure_is_known() -> None:
-    knee = knee_contact_ros.load_model({"contact.tibial_radius": 0.02})
-    series = knee.run(TIME, ANGLE, LOAD)
-    (row,) = outcomes(series[None, :], np.diff(TIME, prepend=TIME[:1]), [knee.law], [knee.patch])
-    assert np.isnan(row["peak_pressure"])
-    assert np.isnan(row["peak_strain"])
-    assert row["peak_force"] > 0.0
-
-
 def bits(rows: Any) -> dict[str, bytes]:
     """All of answers, but what is between the fields."""
     flat = np.asarray(rows).view(FLAT)

@@ -56,20 +56,6 @@ def test_a_sample_that_has_grown_begins_with_the_same_points(method: str, few: i
     assert (longer <= [1e4, 10.0]).all()
 
 
-def test_a_latin_hypercube_has_a_point_in_every_part() -> None:
-    assert sorted(np.floor((drawn(n=50, ranges={"femur.mass": [1.0, 2.0]})[:, 0] - 1.0) * 50)) == list(range(50))
-
-
-@settings(max_examples=30)
-@given(start=st.floats(1e-6, 1e3), factor=st.floats(1.01, 1e3), number=st.integers(2, 30))
-@pytest.mark.parametrize("scale", ["linear", "log"])
-def test_spaced_values_have_both_ends(scale: str, start: float, factor: float, number: int) -> None:
-    told = {"from": start, "to": start * factor, "number": number, "scale": scale}
-    values = Study({"bags": ["a"], "grid": {"contact.damping": told}}).grid["contact.damping"]
-    assert (values[0], values[-1], len(values)) == (start, start * factor, number)
-    assert values == sorted(values)
-
-
 GRID = {"contact.damping": [0.0, 1.0]}
 REFUSED: dict[str, dict[str, Any]] = {
     "bags: is missing": {"bags": None},

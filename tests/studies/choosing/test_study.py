@@ -5,19 +5,16 @@ from __future__ import annotations
 import csv
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from knee_contact_ros import load_model
 from studies.choosing import __main__ as study
-from studies.choosing.__main__ import BEGIN, END, Effect, Left, Row, Study, band, changes, with_block
+from studies.choosing.__main__ import Effect, Left, Row, Study, changes, with_block
 from studies.choosing.scenes import (
     CIRCLE,
     MRI_FEMUR,
     MRI_KNEE,
-    Answer,
     Apart,
-    Scene,
     answer_of,
     apart,
     exact,
@@ -46,21 +43,6 @@ def small_study() -> Study:
     return Study([SCENES[GAIT]], rows, left, effects)
 
 
-@pytest.mark.parametrize("scene", SCENES.values(), ids=SCENES)
-def test_scenes_are_those_of_a_knee_and_the_same_every_time(scene: Scene) -> None:
-    assert scene.time.shape == scene.angle.shape == scene.load.shape
-    assert np.all(np.diff(scene.time) > 0.0)
-    assert scene.load[0] > 0.0
-    assert np.all(np.abs(scene.load) < 4000.0)
-    assert np.all((scene.angle > -0.1) & (scene.angle < 1.8))
-    again = next(each for each in scenes() if each.name == scene.name)
-    assert np.array_equal(again.load, scene.load)
-
-
-def test_two_scenes_pull() -> None:
-    assert [name for name, scene in SCENES.items() if scene.load.min() < 0.0] == ["lift-off and landing", "impact"]
-
-
 def test_the_model_meets_the_reference_on_every_geometry() -> None:
     scene = SCENES["impact"]
     short = scene._replace(time=scene.time[45:85], angle=scene.angle[45:85], load=scene.load[45:85])
@@ -74,53 +56,15 @@ def test_the_model_meets_the_reference_on_every_geometry() -> None:
         assert worst.x < 1e-6
 
 
-def test_differences_are_those_of_the_worst_tick() -> None:
-    zeros = np.zeros(3)
-    other = Answer(np.array([0.0, -2.0, 1.0]), np.array([5.0, 0.0, 0.0]), zeros)
-    assert apart(Answer(zeros, zeros, zeros), other) == Apart(2.0, 5.0, 0.0)
-
-
 def test_every_change_changes_the_answer() -> None:
     scene = SCENES[GAIT]
     scene = scene._replace(time=scene.time[::8], angle=scene.angle[::8], load=scene.load[::8])
     assert all(max(study.effect(change, scene).worst) > 0.0 for change in changes())
 
 
-@pytest.mark.parametrize(
-    ("value", "expected"),
-    [(1.9e-8, "19 nm"), (9.96e-6, "10 µm"), (9.1e-6, "9.1 µm"), (0.0166, "17 mm"), (8e-12, "8 pm"), (3e-16, "0"),
-     (9.999e-4, "1 mm"), (-2.0e-3, "-2 mm")],
-)  # fmt: skip
-def test_lengths_have_two_digits_and_a_unit(value: float, expected: str) -> None:
-    assert study.length(value) == expected
-
-
-def test_only_the_measured_part_of_a_page_is_exchanged() -> None:
-    text = f"before\n{BEGIN}\nold\n{END}\nafter\n"
-    changed = with_block(text, "new")
-    assert changed == f"before\n{BEGIN}\n\nnew\n\n{END}\nafter\n"
-    assert with_block(changed, "new") == changed
-    with pytest.raises(ValueError, match="lacks"):
-        with_block("no such part", "new")
-
-
 def test_the_page_has_a_measured_part() -> None:
     text = (ROOT / "docs" / "choosing-fidelity.md").read_text(encoding="utf-8")
     assert with_block(text, "") != text
-
-
-def test_the_block_says_what_was_measured() -> None:
-    said = study.block(small_study(), "a.png", "machine")
-    assert "3 of all 2400 ticks say" in said
-    assert "| MRI knee   | dynamic | 1e-8            | 200 pm, 0.05 N, 0, 0.3 µs, 25 % flagged |" in said
-    assert "| circle     | 1 mm, 0.03 N, 1 mm" in said
-    assert "+190 µm (+25 %)" in said
-    assert "![" in said
-
-
-def test_the_band_leaves_out_inputs_that_hardly_matter() -> None:
-    effects = [small_study().effects[0]._replace(worst=Apart(size, 0.0, 0.0)) for size in (1e-6, 5e-5, 2e-4)]
-    assert band(effects, 0) == (5e-5, 2e-4)
 
 
 def test_picture_and_data_are_written(tmp_path: Path) -> None:
