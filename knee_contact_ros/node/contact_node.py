@@ -3,7 +3,8 @@
 Subscribes to `joint_states` (sensor_msgs/JointState) and `joint_reaction_force` (geometry_msgs/WrenchStamped, what the
 femur exerts on the tibia, tibia frame). Publishes `knee_contact` (knee_contact_ros/KneeContact) and
 `knee_contact/wrench` (geometry_msgs/WrenchStamped), one each per force sample, `/diagnostics` once a second, and while
-somebody looks `knee_contact/markers` (visualization_msgs/MarkerArray).
+somebody looks `knee_contact/markers` (visualization_msgs/MarkerArray) and, once a stride, `knee_contact/stride`
+(sensor_msgs/JointState).
 Parameters: `parameters/schema.py`.
 """
 
@@ -15,13 +16,15 @@ from contextlib import AbstractContextManager
 from importlib.util import find_spec
 from typing import Any
 
+import numpy as np
 from geometry_msgs.msg import WrenchStamped
 from rclpy.lifecycle import LifecycleNode
+from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from knee_contact_ros.bags.provenance import provenance_record
 from knee_contact_ros.model.compiler import COMPILING, kept_files
-from knee_contact_ros.model.types import reader
+from knee_contact_ros.model.types import ROW, reader
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.node.diagnostics import ContactHealth
 from knee_contact_ros.node.inputs import HandedInputs
@@ -31,13 +34,17 @@ from knee_contact_ros.parameters.files import curve_texts
 from knee_contact_ros.parameters.schema import LATERAL, Parameters, has_both
 from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATES
 from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.messages import JointState as StrideNumbers
+from knee_contact_ros.streams.messages import encode_joint_state
 from knee_contact_ros.streams.output import Knee
 from knee_contact_ros.streams.pairing import LoadSample, PairedSample
+from knee_contact_ros.streams.strides import Stride, Strides
 from knee_contact_ros.streams.topics import (
     INPUTS,
     KNEE_CONTACT,
     KNEE_CONTACT_LATERAL,
     KNEE_CONTACT_MARKERS,
+    KNEE_CONTACT_STRIDE,
     KNEE_CONTACT_WRENCH,
     knee_name,
     recorded_topics,
@@ -69,6 +76,55 @@ class MarkerTopic:
             load, row = self.newest
             self.newest = None
             self.publisher.publish(self._markers.encode(load.stamp, load.frame_id, row))
+
+
+STRIDE_PERIOD = 0.05
+"""Time [s] between two looks for strides"""
+
+
+class StrideTopic:
+    """Publishes the strides between ticks, while somebody listens; without a listener a tick costs nothing more."""
+
+    def __init__(self, publisher: Any, body_weight: float) -> None:
+        """Publish with the publisher of a JointState the strides of a person with this body weight [N]."""
+        self.rows: list[bytes] | None = None
+        """Rows of the answers since the last look; None while nobody listens"""
+        self.frame_id = ""
+        self._publisher, self._body_weight = publisher, body_weight
+
+    def publish(self) -> None:
+        """Publish the strides that have become certain."""
+        if not self._publisher.get_subscription_count():
+            self.rows = None
+        elif self.rows is None:
+            self.rows, self._strides = [], Strides(self._body_weight)
+        elif self.rows:
+            rows = np.frombuffer(b"".join([row[: ROW.itemsize] for row in self.rows]), ROW)
+            self.rows = []
+            for stride in self._strides.add(rows):
+                self._publisher.publish(encode_stride(stride, self.frame_id, int(rows["stamp"][-1])))
+
+
+STRIDE_NUMBERS = (
+    "peak_force", "peak_depth", "impulse", "stance_impulse", "loading_rate", "stance_time", "stride_time", "phase",
+    "usable",
+)  # fmt: skip
+"""Names of the numbers of a stride's message"""
+
+
+def encode_stride(stride: Stride, frame_id: str, now: int) -> bytes:
+    """Bytes of the message of a stride: a JointState with a number for each of `STRIDE_NUMBERS`.
+
+    Its stamp is the heel strike that ends the stride. `phase` is that of the answer at the stamp `now` [ns] in the
+    stride that follows, if this lasts as long.
+    """
+    span = stride.span
+    numbers = (
+        stride.peak_force, stride.peak_depth, stride.impulse, stride.stance_impulse, stride.loading_rate,
+        1e-9 * (span.toe_off - span.start), span.duration, (now - span.end) / (span.end - span.start),
+        float(stride.usable),
+    )  # fmt: skip
+    return encode_joint_state(StrideNumbers(span.end, frame_id, STRIDE_NUMBERS, numbers, (), ()))
 
 
 COUNTED = reader("fidelity", "status")
@@ -124,6 +180,7 @@ class ContactSession(Session):
             {
                 **dict.fromkeys(contacts, (KneeContact, OUTPUT_DEPTH)),
                 KNEE_CONTACT_WRENCH: (WrenchStamped, OUTPUT_DEPTH),
+                KNEE_CONTACT_STRIDE: (JointState, OUTPUT_DEPTH),
                 KNEE_CONTACT_MARKERS: (MarkerArray, MARKER_DEPTH),
             }
         )
@@ -132,6 +189,7 @@ class ContactSession(Session):
         self._publish_contact = [self._publishers[topic].handle.publish_raw for topic in contacts]
         self._publish_wrench = self._publishers[KNEE_CONTACT_WRENCH].handle.publish_raw
         self._markers = MarkerTopic(self._publishers[KNEE_CONTACT_MARKERS], markers)
+        self._strides = StrideTopic(self._publishers[KNEE_CONTACT_STRIDE], parameters.body_weight)
         self._open()
         if parameters.rerun.mode in ("serve", "spawn"):
             url = address(parameters.rerun.port)
@@ -166,7 +224,8 @@ class ContactSession(Session):
             self._markers.newest = None
 
     def _regular_acts(self) -> list[tuple[float, Callable[[], None]]]:
-        return [*super()._regular_acts(), (MARKER_PERIOD, self._markers.publish)]
+        acts = (MARKER_PERIOD, self._markers.publish), (STRIDE_PERIOD, self._strides.publish)
+        return [*super()._regular_acts(), *acts]
 
     def retune(self, parameters: Parameters, changes: dict[str, Any]) -> None:
         """Continue with changed parameters, and warn of those that are implausible; see `Session.retune`."""
@@ -195,6 +254,9 @@ class ContactSession(Session):
         self.outputs.put(answer)
         self._markers.newest = (pair.load, answer.row)
         self.health.rows.append(answer.row)
+        if self._strides.rows is not None:
+            self._strides.rows.append(answer.row)
+            self._strides.frame_id = pair.load.frame_id
         levels, flags = zip(*COUNTED.iter_unpack(answer.row), strict=True)
         status = flags[0] | flags[-1]
         late = latency + self.health.lag.now > self.parameters.deadline
@@ -203,6 +265,13 @@ class ContactSession(Session):
 
 CONTACT_TOPICS = Topics(
     (*INPUTS, DYNAMIC_JOINT_STATES),
-    (KNEE_CONTACT, KNEE_CONTACT_LATERAL, KNEE_CONTACT_WRENCH, KNEE_CONTACT_MARKERS, DIAGNOSTICS),
+    (
+        KNEE_CONTACT,
+        KNEE_CONTACT_LATERAL,
+        KNEE_CONTACT_WRENCH,
+        KNEE_CONTACT_STRIDE,
+        KNEE_CONTACT_MARKERS,
+        DIAGNOSTICS,
+    ),
 )
 CONTACT_NODE = NodeKind(Parameters, LIVE, CONTACT_TOPICS, ContactSession)

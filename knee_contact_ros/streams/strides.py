@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from knee_contact_ros.model.types import ContactState
-from knee_contact_ros.streams.gait_events import HEEL_STRIKE, SECOND, TOE_OFF, GaitEvents
+from knee_contact_ros.model.types import ROW, UNUSABLE, ContactState, Rows
+from knee_contact_ros.streams.gait_events import GAP, HEEL_STRIKE, LOAD_PEAK, SECOND, TOE_OFF, GaitEvent, GaitEvents
 
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -18,6 +18,8 @@ SHORTEST, LONGEST = 0.4, 2.5
 """Range of plausible durations of a stride [s]"""
 CERTAIN = round(2.2 * SECOND)
 """Time [ns] after which all events are certain: a toe-off may wait for a slow flexion and a slow extension"""
+RISE_TIME = 0.02
+"""Duration [s] over which the loading rate is taken"""
 KEPT = round((LONGEST + 3.0) * SECOND)
 """Time [ns] that samples must be kept: a stride, and the time until events are certain"""
 
@@ -63,6 +65,24 @@ class Impulse(NamedTuple):
     """Impulse from heel strike to heel strike [N s]"""
     stance_impulse: float
     """Impulse from heel strike to toe-off [N s]"""
+
+
+class Stride(NamedTuple):
+    """What the contact was in a stride."""
+
+    span: Span
+    peak_force: float
+    """Largest contact force [N]"""
+    peak_depth: float
+    """Largest penetration depth [m]"""
+    impulse: float
+    """Impulse of the contact force from heel strike to heel strike [N s]"""
+    stance_impulse: float
+    """Impulse from heel strike to toe-off [N s]"""
+    loading_rate: float
+    """Largest rise of the contact force over `RISE_TIME` in the first half of stance [N/s]"""
+    usable: bool
+    """Whether no answer of the stride has a bit of `UNUSABLE`"""
 
 
 def spans(strikes: Sequence[int], toe_offs: Sequence[int]) -> list[Span]:
@@ -118,6 +138,94 @@ def sliding_distance(time: Floats, sliding_velocity: Floats, contact_state: Floa
 def integral(time: Floats, values: Floats) -> float:
     """Integrate values over time [s], both of shape (n,), by trapezoids; `np.trapezoid` has another name in NumPy 1."""
     return float(np.sum(0.5 * (values[1:] + values[:-1]) * np.diff(time)))
+
+
+def loading_rate(time: Floats, force: Floats) -> float:
+    """Largest rise [N/s] of a force over `RISE_TIME` in the first half of a stance; times begin with it."""
+    begins = np.arange(0.0, 0.5 * time[-1] - RISE_TIME, 0.25 * RISE_TIME)
+    rises = np.interp(begins + RISE_TIME, time, force) - np.interp(begins, time, force)
+    return float(rises.max(initial=0.0)) / RISE_TIME
+
+
+class Strides:
+    """Strides of a stream of answers of any length, in bounded memory; each is told once, when it is certain.
+
+    They do not depend on how the stream is cut into batches. A stride is certain when the heel strike that ends it is
+    (`GaitEvents`), some 0.4 s after that.
+    """
+
+    def __init__(self, body_weight: float) -> None:
+        """Begin a stream of a person with this body weight [N]."""
+        self._finder = GaitEvents(body_weight)
+        self._begin()
+
+    def _begin(self) -> None:
+        self._rows: Rows = np.empty(0, ROW)
+        self._strikes, self._toe_offs = list[int](), list[int]()
+        self._last = (0, 0)  # heel strikes of the stride that was told last
+
+    def add(self, rows: Rows) -> list[Stride]:
+        """Take answers, shape (n,); return the strides that have become certain, in order.
+
+        Where stamps do not increase, or leave a gap of more than half a second, everything starts anew.
+        """
+        strides: list[Stride] = []
+        before = self._rows["stamp"][-1:] if len(self._rows) else rows["stamp"][:1] - 1
+        steps = np.diff(rows["stamp"], prepend=before)
+        for part in np.split(rows, np.flatnonzero((steps <= 0) | (steps > GAP))):
+            if len(part) and len(self._rows) and not 0 < part["stamp"][0] - self._rows["stamp"][-1] <= GAP:
+                strides += self.finish()
+            if len(part):
+                self._rows = np.concatenate((self._rows, part))
+                strides += self._told(self._finder.add(part["stamp"], part["flexion_angle"], part["load"]))
+                self._rows = self._rows[np.searchsorted(self._rows["stamp"], self._rows["stamp"][-1] - KEPT) :]
+        return strides
+
+    def finish(self) -> list[Stride]:
+        """End the stream; return the strides that this makes certain. Answers after it start a new stream."""
+        strides = self._told(self._finder.finish())
+        self._begin()
+        return strides
+
+    def _told(self, events: Sequence[GaitEvent]) -> list[Stride]:
+        strides = []
+        for event in events:
+            if event.kind == LOAD_PEAK:
+                continue
+            known = self._strikes if event.kind == HEEL_STRIKE else self._toe_offs
+            known[:] = [*known[-2:], event.stamp]
+            for span in spans(self._strikes[-2:], self._toe_offs):
+                if (span.start, span.end) != self._last:
+                    self._last = span.start, span.end
+                    strides.append(stride_of(span, self._rows))
+        return strides
+
+
+def stride_of(span: Span, rows: Rows) -> Stride:
+    """What the contact was in a stride, from answers around it with increasing stamps, shape (n,)."""
+    stamps, values = rows["stamp"], np.column_stack((rows["contact_force"], rows["penetration_depth"]))
+    time, whole = cut(stamps, values, span.start, span.end, held=0)
+    stance_time, stance = cut(stamps, values, span.start, span.toe_off, held=0)
+    within = slice(*np.searchsorted(stamps, (span.start, span.end)))
+    return Stride(
+        span, float(whole[:, 0].max()), float(whole[:, 1].max()),
+        integral(time, whole[:, 0]), integral(stance_time, stance[:, 0]),
+        loading_rate(stance_time, stance[:, 0]), not (rows["status"][within] & UNUSABLE).any(),
+    )  # fmt: skip
+
+
+def strides_of(series: Rows, body_weight: float) -> list[Stride]:
+    """Find the strides in the answers of a run, as the topic `knee_contact/stride` tells them. Needs no ROS.
+
+    Args:
+        series: Answers, shape (n,), of `KneeModel.run`, `solve` or `read_answers`.
+        body_weight: Body weight [N].
+
+    Returns:
+        One entry per whole stride, in order; none where there is no gait.
+    """
+    strides = Strides(body_weight)
+    return strides.add(np.asarray(series)) + strides.finish()
 
 
 def sliding_per_stride(time: ArrayLike, series: NDArray[np.void], body_weight: float) -> list[Sliding]:

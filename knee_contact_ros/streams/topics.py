@@ -23,6 +23,8 @@ KNEE_CONTACT = "knee_contact"
 KNEE_CONTACT_LATERAL = "knee_contact/lateral"
 """Answers of the lateral compartment, where both are modelled; `knee_contact` has those of the medial one then"""
 KNEE_CONTACT_WRENCH = "knee_contact/wrench"
+KNEE_CONTACT_STRIDE = "knee_contact/stride"
+"""Numbers of each stride, as a sensor_msgs/JointState; not recorded, as they follow from the answers"""
 KNEE_CONTACT_MARKERS = "knee_contact/markers"
 """Markers for RViz; not recorded, as they follow from the answers"""
 MESSAGE_TYPES = {

@@ -8,7 +8,15 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.model.types import ContactState
-from knee_contact_ros.streams.strides import impulse_per_stride, sliding_distance, sliding_per_stride, spans
+from knee_contact_ros.streams.strides import (
+    Stride,
+    Strides,
+    impulse_per_stride,
+    sliding_distance,
+    sliding_per_stride,
+    spans,
+    strides_of,
+)
 from tests.helpers.scenes import RADIUS, law, model
 from tests.streams.test_gait_events import BODY_WEIGHT, STRIDE, walking
 
@@ -69,6 +77,27 @@ def test_the_sliding_of_a_walking_knee() -> None:
     assert sliding_per_stride(time[:100], series[:100], BODY_WEIGHT) == []
     series.contact_state = ContactState.SEPARATED
     assert [distance for _, distance in sliding_per_stride(time, series, BODY_WEIGHT)] == [0.0] * 6
+
+
+@pytest.mark.parametrize("size", [1, 37, 10_000])
+def test_strides_do_not_depend_on_batches_and_are_those_of_impulse_and_report(size: int) -> None:
+    stamps, angle, load = walking(200.0, 8.0)
+    series = model(law("kelvin_voigt"), level="quasi_static").run((stamps - stamps[0]) / SECOND, angle, load)
+    twice = np.concatenate([series, series])  # time goes back: a run of its own
+    stream, found, late = Strides(BODY_WEIGHT), list[Stride](), list[float]()
+    for begin in range(0, len(twice), size):
+        batch = twice[begin : begin + size]
+        new = stream.add(batch)
+        found += new
+        late += [(batch["stamp"][-1] - each.span.end) / SECOND for each in new if size == 1]
+    found += stream.finish()
+    assert found == 2 * strides_of(series, BODY_WEIGHT)
+    impulses = impulse_per_stride(series, BODY_WEIGHT)
+    assert [(each.span, each.impulse, each.stance_impulse) for each in found] == 2 * impulses
+    assert all(each.peak_depth > 0.0 for each in found)
+    assert [each.peak_force for each in found[:6]] == pytest.approx(6 * [max(series.contact_force)], rel=0.01)
+    if size == 1:  # what a controller waits for: all but the last one, which the end of the run makes certain
+        assert max(late[:5]) < 0.5
 
 
 def test_the_impulse_of_a_walking_knee() -> None:

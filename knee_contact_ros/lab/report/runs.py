@@ -28,7 +28,7 @@ from knee_contact_ros.parameters.files import curve_texts
 from knee_contact_ros.parameters.schema import Parameters, constants_of, has_both
 from knee_contact_ros.streams.contact_stream import answering
 from knee_contact_ros.streams.gait_events import GAP, HEEL_STRIKE, LOAD_PEAK, TOE_OFF, GaitEvent, GaitEvents
-from knee_contact_ros.streams.strides import Span, at_stamps, cut, integral, sliding_distance, spans
+from knee_contact_ros.streams.strides import Span, at_stamps, cut, integral, loading_rate, sliding_distance, spans
 from knee_contact_ros.streams.topics import KNEE, KNEE_CONTACT, LATERAL, MEDIAL, NANOSECONDS, is_lateral, knee_name
 from knee_contact_ros.streams.watch import Doubts, doubts_about
 from knee_contact_ros.system.errors import UsageError
@@ -65,8 +65,6 @@ NUMBERS = (
 FOR_PAGE = ("force_at_percent", "depth_at_percent", "bone_contact_percent")
 """Names of those that the page alone has: percent of the cycle"""
 FIRST, SECOND = "first", "second"
-RISE_TIME = 0.02
-"""Duration [s] over which the loading rate is taken"""
 BUCKETS, FIRST_WIDTH = 2000, 5_000_000
 """Most buckets of time in a course, more than a picture has pixels, and their least width [ns]"""
 SECTION = "contact."
@@ -259,19 +257,12 @@ def _cycle(columns: Mapping[str, NDArray[Any]], ticks: slice, span: Span) -> Cyc
     numbers = (
         span.duration, span.stance, MM * sliding_distance(time, sliding, state),
         MM * float(np.abs(sliding[touching]).max(initial=0.0)), most["contact_force"], MM * most["penetration_depth"],
-        integral(time, force), integral(stance_time, stance_force), _loading_rate(stance_time, stance_force),
+        integral(time, force), integral(stance_time, stance_force), loading_rate(stance_time, stance_force),
         bone, float(steps[~touching[1:]].sum()), MM * most["half_width"],
         MEGA * most["mean_pressure"], MEGA * most["peak_pressure"], 100.0 * most["strain"],
         *(100.0 * float(part) / span.duration for part in (time[force.argmax()], time[depth.argmax()], bone)),
     )  # fmt: skip
     return Cycle(span, curves, dict(zip(NUMBERS + FOR_PAGE, numbers, strict=True)))
-
-
-def _loading_rate(time: Floats, force: Floats) -> float:
-    """Return the largest rise [N/s] of a force over `RISE_TIME` in the first half of a stance."""
-    begins = np.arange(0.0, 0.5 * time[-1] - RISE_TIME, 0.25 * RISE_TIME)
-    rises = np.interp(begins + RISE_TIME, time, force) - np.interp(begins, time, force)
-    return float(rises.max(initial=0.0)) / RISE_TIME
 
 
 def _peaks(moments: Sequence[Moment], cycles: Sequence[Cycle]) -> list[Moment]:
