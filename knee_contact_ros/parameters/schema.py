@@ -174,8 +174,7 @@ class SourceRule(Rule):
 AngleSource = Annotated[str, SourceRule(JOINT_STATE)]
 ForceSource = Annotated[str, SourceRule(WRENCH_STAMPED)]
 ANGLES = (
-    "topic of the angles (JointState, or dynamic_joint_states), or TOPIC TYPE FIELD [UNIT], ... of another type, for "
-    "each joint that is named; docs/robot.md"
+    "topic of the angles (JointState or dynamic_joint_states); of another type, a field for each joint that is named"
 )
 
 
@@ -276,8 +275,8 @@ class Load(Section):
 
     source: ForceSource = parameter(
         "joint_reaction_force",
-        "topic of the joint reaction (WrenchStamped), or TOPIC TYPE FIELDS of another type: the compression, or the "
-        "force's x, y, z on the tibia, or these and the torque's",
+        "topic of the joint reaction (WrenchStamped); of messages of another type, the field of the compression, or "
+        "three of the force on the tibia (x, y, z), or six of the wrench",
     )
     compartment: Annotated[str, one_of(*RULES, BOTH)] = parameter(
         "fixed_share", "rule for the load of the compartment; both: medial and lateral"
@@ -571,8 +570,8 @@ class GroundForce(Section):
 
     source: ForceSource = parameter(
         "ground_reaction_force",
-        "topic of the ground force (WrenchStamped), or TOPIC TYPE FIELDS of another type: the force upwards, or its "
-        "x, y, z, or these and the torque's",
+        "topic of the ground force (WrenchStamped); of messages of another type, the field of the force upwards, or "
+        "three of the force (x, y, z), or six of the wrench",
     )
     components: Annotated[str, one_of("vertical", "full")] = parameter(
         "vertical", "vertical: force.y alone, as of an insole; full: all of force and torque"
