@@ -73,8 +73,8 @@ class Status(IntFlag):
     """No knee is so deep, so far apart or so bent, or touches there: see `KneeModel.plausible_depth`, and in `ticks`
     `FARTHEST_GAP`, `EXTENDS`, `FLEXES` and `FARTHEST_POINT`."""
     DOUBTFUL_LOAD = 64
-    """Of a contact: the frontal moment cannot be split between the compartments. Of an estimated load: a movement for
-    which no constants were measured."""
+    """Of a contact: the frontal moment cannot be split between the compartments, or the load node doubts its estimate.
+    Of an estimated load: a movement for which no constants were measured."""
 
 
 NANOSECOND = 1e-9

@@ -162,9 +162,10 @@ def _computed(pipeline: ContactStream, samples: _Samples, paired: PairedSamples,
     stamps, frame_id = samples.wrenches.stamps[:number], samples.wrenches.shape[0]
     axial = samples.axial[:number]
     medial = pipeline.rule(axial, samples.moment[:number], paired.angle)
-    status = paired.status
+    doubtful = np.isnan(samples.wrenches.numbers["torque"][:number, 1])
     if pipeline.by_moment:
-        status = np.where(pipeline.by_moment.fails(axial, medial), status | DOUBTFUL_LOAD, status)
+        doubtful |= pipeline.by_moment.fails(axial, medial)
+    status = paired.status | np.where(doubtful, DOUBTFUL_LOAD, 0).astype(paired.status.dtype)
     rows = tuple(
         compartment.advance_all(stamps, paired.angle, loads, paired.height, status)
         for compartment, loads in zip(pipeline.compartments, (medial, axial - medial), strict=False)

@@ -82,6 +82,8 @@ def load_sample(
 ) -> LoadSample:
     """Sample with the axial load L = -F_y and the frontal moment of a WrenchStamped on the tibia.
 
+    A `torque.y` that is not a number says that the load is doubtful: the load node does so.
+
     Args:
         message: The WrenchStamped.
         by_moment: Rule for the compartment's load if that depends on the moment; its result is checked, too.
@@ -107,7 +109,7 @@ def load_sample(
             "out_of_range", f"joint_reaction_force: torque.x of {moment:g} N m makes a load of {part:g} N"
         )
     stamp = checked_stamp(message.stamp, "joint_reaction_force")
-    return LoadSample(stamp, -axial, moment, message.frame_id, data, arrived)
+    return LoadSample(stamp, -axial, moment, message.frame_id, data, arrived, None, math.isnan(message.torque[1]))
 
 
 class ContactStream(PairedStreams):
@@ -169,7 +171,7 @@ class ContactStream(PairedStreams):
         load = pair.load
         medial = self.rule(load.axial, load.moment, pair.angle)
         messages, status = [], pair.status
-        if self.by_moment and self.by_moment.fails(load.axial, medial):
+        if load.doubtful or (self.by_moment and self.by_moment.fails(load.axial, medial)):
             status |= DOUBTFUL_LOAD
         for compartment, part in zip(self.compartments, (medial, load.axial - medial), strict=False):
             if pair.status & TIME_RESET:

@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-from knee_contact_ros.joint_reaction.estimator import PACKING, Estimate, Estimator
+from knee_contact_ros.joint_reaction.estimator import DOUBTFUL_LOAD, IMPLAUSIBLE, PACKING, Estimate, Estimator
 from knee_contact_ros.joint_reaction.leg import UNKNOWN, Ground, Joints, Motion, MotionFilter, Vector, inclination
 from knee_contact_ros.model.knee import LARGEST_ANGLE
 from knee_contact_ros.parameters.schema import ActuatedJoint, GroundForce, LoadParameters, MeasuredJoint
@@ -162,7 +162,8 @@ class LoadStream(PairedStreams):
         self.estimate = estimate = self._estimator.at(load.stamp, *self.sense(pair), pair.status)
         self.ticks += 1
         frame = self.parameters.frame.tibia
-        force, torque = (0.0, -estimate.axial_force, 0.0), (estimate.frontal_moment, 0.0, 0.0)
+        doubt = UNKNOWN if estimate.status & (IMPLAUSIBLE | DOUBTFUL_LOAD) else 0.0  # which `load_sample` reads
+        force, torque = (0.0, -estimate.axial_force, 0.0), (estimate.frontal_moment, doubt, 0.0)
         return [
             encode_wrench_stamped(WrenchStamped(load.stamp, frame, force, torque)),
             encode_estimate(load.stamp, frame, estimate),

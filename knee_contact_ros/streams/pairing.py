@@ -80,6 +80,8 @@ class LoadSample(NamedTuple):
     """Time of arrival by the caller's clock [s]"""
     wrench: WrenchStamped | None = None
     """The whole wrench, where more is used than the axial force"""
+    doubtful: bool = False
+    """Whether the sender says that the load is doubtful"""
 
 
 class Refusals(Counter[str]):

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from knee_contact_ros.bags.provenance import load_provenance_record, read_provenance
-from knee_contact_ros.bags.reader import BagReader, RawMessage, metadata_records, names_in_bag, read_bag
+from knee_contact_ros.bags.reader import BagReader, RawMessage, metadata_records, names_in_bag, read_answers, read_bag
 from knee_contact_ros.bags.recorder import REFUSED_SAMPLES, AnswerWriter, BagWriter, Limits
 from knee_contact_ros.bags.recover import recover
 from knee_contact_ros.commands.main import INTERRUPTED, main
@@ -18,6 +18,7 @@ from knee_contact_ros.offline.estimate_load import LoadSummary, estimate_load
 from knee_contact_ros.offline.solve import SOURCE_DAMAGE, solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
+from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.frames import (
     FORCE_TURNED,
     FROM_REP_103,
@@ -123,6 +124,30 @@ def test_solve_goes_on_from_there(estimated: Path, tmp_path: Path) -> None:
     assert (summary.ticks, summary.refused.total(), summary.flagged.total()) == (240, 0, 0)
     kept = raw(tmp_path / "contact.mcap", {ANGLES: TYPES[ANGLES], REACTION: TYPES[REACTION]})
     assert kept == [m for m in raw(estimated) if m.topic in (ANGLES, REACTION)]
+
+
+def test_a_load_that_is_no_estimate_shows_in_the_contact(tmp_path: Path) -> None:
+    """A foot that bears nothing throughout is no walk, from 3 s on; a ground that pulls is none at once."""
+    loads, contact = tmp_path / "loads.mcap", tmp_path / "contact.mcap"
+    for force, begins in ((0.0, 3 * 10**9), (-400.0, -1)):
+        pulls = (ground(stamp)._replace(stamp=stamp, force=(0.0, force, 0.0)) for stamp in range(0, 10**10, 5 * MS))
+        messages = [
+            message._replace(data=encode_wrench_stamped(next(pulls))) if message.topic == FORCE else message
+            for message in walk(700)
+        ]
+        summary = estimate(walking_bag(tmp_path / "still.mcap", messages), loads, overwrite=True)
+        flagged = [stamp > begins for stamp in summary.stamps.tolist()]
+        assert any(flagged)
+        assert summary.flagged[Status.DOUBTFUL_LOAD.name if force == 0.0 else Status.IMPLAUSIBLE.name] == sum(flagged)
+        assert solve(loads, load_parameters({}), contact, silent, overwrite=True).ticks == 700
+        rows = read_answers(contact, "/knee_contact")
+        assert ((rows["status"] & Status.DOUBTFUL_LOAD) != 0).tolist() == flagged
+        stream, one_by_one = ContactStream(load_parameters({}), compiled=False), []
+        for message in raw(loads, {ANGLES: TYPES[ANGLES], REACTION: TYPES[REACTION]}):
+            take = stream.joint_state if message.topic == ANGLES else stream.force
+            one_by_one += [answer.records[-2][2] for answer in take(message.data)]
+        assert one_by_one == [m.data for m in raw(contact, {"/knee_contact": "knee_contact_ros/msg/KneeContact"})]
+        (tmp_path / "still.mcap").unlink()
 
 
 def test_solve_goes_on_from_a_recording_in_several_files(tmp_path: Path) -> None:

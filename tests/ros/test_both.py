@@ -54,7 +54,7 @@ def test_medial_and_lateral_answers_and_the_wrench_of_both(peer: Peer, start_nod
     assert loads.sum(axis=1) == pytest.approx(axial, rel=1e-15)  # a difference and a sum: two roundings
     assert loads[:, 0] == pytest.approx(0.6 * np.array(axial), rel=1e-15)
     places = [(one.contact_point.z, other.contact_point.z) for one, other in zip(peer.contacts, lateral, strict=True)]
-    assert places == (TICKS // 2) * [(-0.02, 0.02)] + (TICKS // 2) * [(-0.025, 0.025)]
+    assert places == (TICKS // 2) * [(-0.035, 0.035)] + (TICKS // 2) * [(-0.025, 0.025)]
     for contact, other, wrench in zip(peer.contacts, lateral, peer.wrenches, strict=True):
         forces = np.array([contact.contact_force, other.contact_force])
         assert wrench.wrench.force.y == pytest.approx(-forces.sum(), rel=1e-15)

@@ -180,8 +180,9 @@ def test_a_force_whose_angle_is_late_is_answered_with_the_last_one(leg: LegPeer,
 
 def test_the_life_cycle_and_what_changes_meanwhile(leg: LegPeer, start_node: Start, tmp_path: Path) -> None:
     """Unconfigured at first; numbers of the person change between two estimates, and a recording tells of it."""
-    recording = tmp_path / "live.mcap"
-    node = start_node(*arguments(WHOLE_LEG | PATIENT | {"autostart": False, "record.path": recording}), kind="load")
+    recording, at_once = tmp_path / "live.mcap", {"person.electromechanical_delay": 0.0}  # or forces would go on
+    live = WHOLE_LEG | PATIENT | at_once | {"autostart": False, "record.path": recording}
+    node = start_node(*arguments(live), kind="load")
     assert state_of(leg, NODE) == State.PRIMARY_STATE_UNCONFIGURED
     accepted, reason = leg.set_parameters({"level": "ankle_momen"})
     assert not accepted
@@ -199,7 +200,7 @@ def test_the_life_cycle_and_what_changes_meanwhile(leg: LegPeer, start_node: Sta
     assert change_state(leg, Transition.TRANSITION_CLEANUP, NODE)
     assert state_of(leg, NODE) == State.PRIMARY_STATE_UNCONFIGURED
     assert not psutil.Process(node.process.pid).children()
-    values = WHOLE_LEG | {"person.mass": 80.0, "level": "knee_moment"}
+    values = WHOLE_LEG | at_once | {"person.mass": 80.0, "level": "knee_moment"}
     before, after = (
         told(offline(tmp_path / name, WALK, values | more), ESTIMATE)
         for name, more in (("before", {}), ("after", {"person.tone": 0.6}))
