@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import base64
+import re
 from pathlib import Path
 from typing import Any
 
@@ -54,3 +56,15 @@ def test_a_browser_shows_all_of_it(browser: Any, page: Path, width: int) -> None
     for words in ("largest depth", "0.747", "impulse of stance [BW s]"):
         assert words in text
     assert requested(browser) == {page.as_uri()}
+
+
+def test_it_follows_a_dark_screen_and_prints_on_few_pages(browser: Any, page: Path) -> None:
+    dark = [{"name": "prefers-color-scheme", "value": "dark"}]
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": dark})
+    browser.get(page.as_uri())
+    colour = browser.execute_script("return getComputedStyle(document.body).backgroundColor")
+    assert max(map(int, re.findall(r"\d+", colour))) < 64
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
+    printed = browser.execute_cdp_cmd("Page.printToPDF", {"paperWidth": 8.27, "paperHeight": 11.69})
+    pages = re.findall(rb"/Type /Page\b(?!s)", base64.b64decode(printed["data"]))
+    assert 2 <= len(pages) <= 3  # of two recordings, each with a comparison
