@@ -72,7 +72,9 @@ LEVEL_NAMES = ("quasi-static", "first-order", "dynamic")
 LEVEL_COLOURS = [(90, 100, 120), (125, 140, 170), (165, 190, 225)]
 PHASES = {HEEL_STRIKE: "stance", TOE_OFF: "swing"}
 """Phase of the gait that an event begins"""
-PHASE_COLOURS = [(105, 115, 140), (45, 50, 62)]
+NO_PHASE = "no stride yet"
+"""Before the first of these events"""
+PHASE_COLOURS = [(105, 115, 140), (45, 50, 62), (30, 33, 40)]
 REPEAT = 5 * NANOSECONDS
 """Time [ns] after which a lasting state is written again, where old data is dropped"""
 SINGLE = 5.0
@@ -152,6 +154,7 @@ class Scene:
         self._alone = not self._begun and len(answers) == 1
         if not self._begun:  # the first stamp decides whether the timeline shows dates or durations
             self._begun, self._dated = True, bool(stamps[0] >= DATES_FROM)
+            self._send(f"{STATES}/{GAIT}", stamps[:1], rr.StateChange.columns(state=[NO_PHASE]))
             self._write_events([remark_of_note(int(stamps[0]), name, values) for name, values in self._early])
         self._last_stamp = int(stamps[-1])
         self._write_curves(answers, self._read_off(answers))
@@ -215,7 +218,7 @@ class Scene:
         states = [
             (CONTACT, rr.StateConfiguration(values=names, colors=colours.OF_STATE.tolist())),
             (LEVEL, rr.StateConfiguration(values=LEVEL_NAMES, colors=LEVEL_COLOURS)),
-            (GAIT, rr.StateConfiguration(values=list(PHASES.values()), colors=PHASE_COLOURS)),
+            (GAIT, rr.StateConfiguration(values=[*PHASES.values(), NO_PHASE], colors=PHASE_COLOURS)),
         ]
         # A millimetre at the camera's distance is one on the screen.
         camera = rr.Pinhole(focal_length=DISTANCE, principal_point=(0.0, 0.0), resolution=(1.0, 1.0))
