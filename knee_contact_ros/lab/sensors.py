@@ -123,6 +123,14 @@ class SensorMap(Section):
         "refuse", description="what to do with a row that has no number (empty, NaN) where one is needed"
     )
 
+    @model_validator(mode="after")
+    def _complete(self) -> SensorMap:
+        parts = {"ankle_assistance": "ankle", "moment": "load", **dict.fromkeys(GROUND, "ground_force")}
+        for name, whole in parts.items():
+            if getattr(self, name) is not None and getattr(self, whole) is None:
+                raise ValueError(f"{name} needs {whole}")
+        return self
+
 
 def import_csv(files: Sequence[Path], maps: Sequence[Path], output: Path, *, overwrite: bool, anyway: bool) -> None:
     """Import files by maps, of which the later ones win, into the bag `output`, and print a summary.
