@@ -36,7 +36,7 @@ PYTHON = {
         "load_model", "solve", "estimate_load", "uncertainty", "sweep", "sensitivity", "calibrate", "UsageError",
         "streams.strides.sliding_per_stride", "streams.strides.impulse_per_stride", "streams.strides.strides_of",
     ],
-    "The model": ["model.knee.KneeModel: run stream readouts plausible_depth cartilage_thickness",
+    "The model": ["model.knee.KneeModel: run stream readouts uncertainty plausible_depth cartilage_thickness",
                   "model.knee.Stream: tick"],
     "Answers": [
         "Results: time readouts to_pandas to_polars to_xarray to_parquet plot", "model.types.Contact",

@@ -16,7 +16,7 @@ from knee_contact_ros.model import compiler, ticks
 from knee_contact_ros.model.inputs import Inputs
 from knee_contact_ros.model.laws import ContactLaw, check, hertz
 from knee_contact_ros.model.mechanisms import MECHANISMS
-from knee_contact_ros.model.readouts import ContactPatch, Readings
+from knee_contact_ros.model.readouts import ContactPatch, Readings, uncertainty
 from knee_contact_ros.model.solver import Knee
 from knee_contact_ros.model.statics import NO_LIMIT, START_HEIGHT, static_contact, static_depth
 from knee_contact_ros.model.surfaces import Circle, Closest, ContactPair, Plane
@@ -210,6 +210,23 @@ class KneeModel:
         if self.patch is None:
             raise ValueError("no readouts: contact.femoral_radius must be below contact.tibial_radius")
         return self.patch.readouts(self.law, answers)
+
+    def uncertainty(self, answers: Rows, load_deviation: Any) -> Readings:
+        """Compute how far force and depth may be off because the load is, from answers of this model.
+
+        To first order, and cheap: less than 0.1 ms for a tick of a stream. `error_estimate` says how exactly the model is
+        solved, and this how well the knee is known; parameters and shares are uncertain, too
+        (`knee_contact_ros.uncertainty`).
+
+        Args:
+            answers: Shape (n,): what `run` returns, or ticks of a stream in an array.
+            load_deviation: Standard deviation of the compartment's `load` [N], a number or shape (n,): of an estimated
+                load `standard_deviation` of `LoadEstimate`, times the share of the compartment.
+
+        Returns:
+            Record array of shape (n,) with the standard deviations `contact_force` [N] and `penetration_depth` [m].
+        """
+        return uncertainty(self.law, answers, load_deviation)
 
     def check_drive(self, height_given: bool) -> None:
         """Reject a series that does not fit the drive.

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.model.laws import ContactLaw
+from knee_contact_ros.model.statics import plain_static_depth
 from knee_contact_ros.model.types import NANOSECOND, ContactState, Rows, Status
 
 Readings = NDArray[Any]
@@ -91,6 +92,35 @@ class ContactPatch(NamedTuple):
         read["strain"] = rows["cartilage_depth"] / self.thickness
         read["loading_rate"] = loading_rate(rows)
         return read.view(np.recarray)
+
+
+UNCERTAINTY = np.dtype([("contact_force", "f8"), ("penetration_depth", "f8")])
+"""Standard deviations [N] and [m]"""
+
+
+def uncertainty(law: ContactLaw, rows: Rows, load_deviation: Any) -> Readings:
+    """Carry the standard deviation of the load on to contact force and depth, to first order, shape (n,).
+
+    A contact at rest carries the load: its force is off in the ratio of force to load, and its depth by that over the
+    stiffness of the law at rest. Where little presses that is too much, and the depth under the deviation alone is an
+    upper bound, which counts then. Inertia and damping are left out.
+
+    Args:
+        law: The contact law.
+        rows: Answers, shape (n,).
+        load_deviation: Standard deviation of `load` [N], a number or shape (n,); NaN where it is not known.
+    """
+    deviation = np.broadcast_to(np.asarray(load_deviation, dtype=np.float64), len(rows))
+    found = np.zeros(len(rows), dtype=UNCERTAINTY)
+    pressed = (rows["load"] > 0.0) & (rows["contact_force"] > 0.0)
+    ratio = np.divide(rows["contact_force"], rows["load"], out=np.ones(len(rows)), where=pressed)
+    force = found["contact_force"] = deviation * np.where(pressed, ratio, 1.0)
+    stiffness = np.array([law.force_at(depth, 0.0)[1] for depth in rows["penetration_depth"].tolist()])
+    slope = np.divide(force, stiffness, out=np.full(len(rows), np.inf), where=stiffness > 0.0)
+    for place in np.flatnonzero(rows["contact_force"] < force).tolist():  # elsewhere the slope is less, as laws harden
+        slope[place] = min(slope[place], plain_static_depth(law.rows, float(force[place])))
+    found["penetration_depth"] = slope * np.where(np.isnan(force), np.nan, 1.0)
+    return found.view(np.recarray)
 
 
 def loading_rate(rows: Rows) -> NDArray[np.float64]:

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from knee_contact_ros import load_model
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS
 from knee_contact_ros.model.readouts import READOUTS, UNITS
@@ -110,3 +111,27 @@ def test_radii_of_no_knee_give_no_readouts() -> None:
     model = knee(contact__law="kelvin_voigt", contact__femoral_radius=0.1)
     with pytest.raises(ValueError, match=r"contact\.femoral_radius must be below contact\.tibial_radius"):
         model.readouts(blank(1))
+
+
+@pytest.mark.parametrize("knee", ["healthy", "osteoarthritis", "mri_knee"])
+@pytest.mark.parametrize("deviation", [20.0, 100.0])
+def test_an_uncertain_load_is_carried_on_to_force_and_depth(knee: str, deviation: float) -> None:
+    """Against the model under the load, and a standard deviation more and less; a bound where little presses."""
+    model = load_model([knee, {"fidelity.level": "quasi_static"}], compiled=False)
+    load = np.concatenate((np.linspace(4.0 * deviation, 2000.0, 40), np.linspace(-50.0, deviation, 10)))
+    time, angle = 0.01 * np.arange(50), np.full(50, 0.2)
+    below, middle, above = (model.run(time, angle, load + off) for off in (-deviation, 0.0, deviation))
+    found = model.uncertainty(middle, deviation)
+    for name in ("contact_force", "penetration_depth"):
+        expected = 0.5 * (above[name] - below[name])
+        jumps = below.contact_state != above.contact_state  # from layer to layer the stiffness changes
+        seen = (load >= 4.0 * deviation) & ~jumps
+        np.testing.assert_allclose(found[name][seen], expected[seen], rtol=0.06)  # 5 % beside a jump, 2 % elsewhere
+        assert (found[name][40:] > 0.97 * (above[name] - middle[name])[40:]).all()
+    stream = model.stream()
+    ticks = [stream.tick(*row) for row in zip(time[:3], angle[:3], load[:3], strict=True)]
+    one_by_one = model.uncertainty(np.array(ticks), np.array([deviation, np.nan, 0.0]))
+    assert one_by_one.penetration_depth[0] == found.penetration_depth[0]
+    assert np.isnan(one_by_one.contact_force[1])
+    assert np.isnan(one_by_one.penetration_depth[1])
+    assert one_by_one.penetration_depth[2] == 0.0
