@@ -214,8 +214,8 @@ class KneeModel:
     def uncertainty(self, answers: Rows, load_deviation: Any) -> Readings:
         """Compute how far force and depth may be off because the load is, from answers of this model.
 
-        To first order, and cheap: less than 0.1 ms for a tick of a stream. `error_estimate` says how exactly the model is
-        solved, and this how well the knee is known; parameters and shares are uncertain, too
+        To first order, and cheap: 40 us for a tick of a stream, 1.5 us for one of many. `error_estimate` says how
+        exactly the model is solved, and this how well the knee is known; parameters and shares are uncertain, too
         (`knee_contact_ros.uncertainty`).
 
         Args:
