@@ -32,7 +32,7 @@ html_copy_source = False
 html_show_sphinx = False
 
 CONTENTS = {
-    "Begin": ["docs/README", "docs/tutorial"],
+    "Begin": ["docs/README", "docs/tutorial", "docs/robot"],
     "Use": [
         "docs/installing", "docs/python", "docs/node", "docs/load", "docs/conventions", "docs/bags", "docs/recording",
         "docs/recovery", "docs/viewing", "docs/viewing-elsewhere", "docs/report", "docs/companion", "docs/security",

@@ -1,0 +1,57 @@
+"""The tutorial "Your robot in 20 minutes": every line as it is printed, in one shell, with a robot that walks."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+
+from knee_contact_ros.bags.reader import read_answers
+from knee_contact_ros.model.types import FLAT, TOLD, UNUSABLE
+from knee_contact_ros.streams.strides import strides_of
+from tests import ROOT
+
+BLOCK = re.compile(r"^```(sh|text)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+PAGE = (ROOT / "docs" / "robot.md").read_text(encoding="utf-8")
+TIMEOUT = 400.0  # a new machine compiles first
+
+
+def sources(folder: Path) -> None:
+    """The folder of the sources, as links; its environment is the one that runs the tests."""
+    for path in ROOT.iterdir():
+        if path.name not in (".git", ".venv"):
+            (folder / path.name).symlink_to(path)
+    programs = folder / ".venv" / "bin"
+    programs.mkdir(parents=True)
+    for name, words in (("python", ""), ("knee-contact", "-m knee_contact_ros.commands.main")):
+        (programs / name).write_text(f'#!/bin/sh\nexec {sys.executable} {words} "$@"\n')
+        (programs / name).chmod(0o755)
+    (programs / "activate").write_text(f"export PATH={programs}:$PATH PYTHONPATH={ROOT}\n")
+
+
+def test_the_page_is_short() -> None:
+    assert len(PAGE.split()) <= 1200
+
+
+def test_every_line_does_what_the_page_says(tmp_path: Path) -> None:
+    sources(tmp_path)
+    blocks = BLOCK.findall(PAGE)
+    script = "".join(text for kind, text in blocks if kind == "sh")
+    done = subprocess.run(
+        ["/bin/bash", "-e", "-c", script], cwd=tmp_path, env=os.environ, stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, timeout=TIMEOUT, check=False,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stdout
+    for line in "".join(text for kind, text in blocks if kind == "text").splitlines():
+        assert line in done.stdout, f"{line}\n{done.stdout}"
+    live, again = (read_answers(tmp_path / name) for name in ("walk.mcap", "again.mcap"))
+    assert np.array_equal(live.view(FLAT)[list(TOLD)], again.view(FLAT)[list(TOLD)])
+    assert len(live) > 1000
+    assert (live["status"] & UNUSABLE == 0).mean() > 0.9  # a busy machine may be late
+    strides = strides_of(live, 737.0)
+    assert len(strides) >= 8
+    assert abs(np.median([each.span.duration for each in strides]) - 1.1) < 0.02
