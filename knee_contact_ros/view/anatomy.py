@@ -49,6 +49,8 @@ NEWTONS_PER_MM = 50.0
 """Scale of the force arrow [N/mm]"""
 WALKING = np.radians(np.arange(0.0, 81.0, 5.0))
 """Flexion angles [rad] of a walking knee at which its contact is looked for"""
+SHALLOW = 1e-6
+"""Depth [m] in the first layer of every law"""
 STILL = 1e-5
 """Movement [m] of the contact point below which it counts as standing still"""
 POINTS = 13
@@ -111,8 +113,7 @@ class KneeOutlines(NamedTuple):
     @property
     def rings(self) -> bool:
         """Whether nothing damps the first layer of the contact law, so that force and depth ripple."""
-        first = self.law.layers[0]
-        return first.damping == first.loss == 0.0
+        return self.law.force_at(SHALLOW, 0.0, impact_speed=1.0)[2] == 0.0
 
     @property
     def point_moves(self) -> bool:

@@ -15,7 +15,7 @@ from rerun.blueprint.api import Container
 from knee_contact_ros.model.types import Rows
 from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.view import layout
-from knee_contact_ros.view.anatomy import KneeOutlines, drawing_of, placed
+from knee_contact_ros.view.anatomy import KneeOutlines, drawing_of, drawings_of, placed
 from knee_contact_ros.view.colours import KNEE_COLOURS
 from knee_contact_ros.view.layout import DETAILS, KNEE, SOLVER, blueprint, title_of
 from tests.view.scenes import SHIPPED, WEIGHT
@@ -47,6 +47,23 @@ def test_a_steep_or_large_knee_is_seen_whole_with_its_words(changes: dict[str, f
         height = 1.0 + touching.depth / touching.normal_y  # a circle and a plane: the normal stays
         assert frame.y[0] < -1e3 * placed(drawing.anatomy.femur_bone, angle, x, height)[:, 1].max()
     assert (frame.y[1] - frame.scale[1]) / (frame.y[1] - frame.y[0]) > 0.05  # below the marks, where their words stand
+
+
+def test_both_compartments_are_drawn_as_one_knee(config: Path) -> None:
+    profiles = [{"femur.profile": str(config / f"femur_{side}.csv")} for side in ("medial", "lateral")]
+    models = [load_model([config / "mri_femur.yaml", profile]) for profile in profiles]
+
+    def sizes(drawing: KneeOutlines) -> tuple[float, float]:
+        """Widths of the femur's shaft and of the tibia [m]."""
+        femur = drawing.anatomy.femur_bone
+        return float(np.ptp(femur[femur[:, 1] > femur[:, 1].max() - 1e-6, 0])), float(
+            np.ptp(drawing.anatomy.tibia_bone[:, 0])
+        )
+
+    alone = [sizes(drawing_of(model, "knee", WEIGHT)) for model in models]
+    assert alone[1] > tuple(1.1 * size for size in alone[0])
+    medial, lateral = map(sizes, drawings_of(models, "knee", WEIGHT))
+    assert medial == pytest.approx(lateral, rel=1e-9)
 
 
 @pytest.mark.parametrize("number", [1, 2, 3, 4])
