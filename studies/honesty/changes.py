@@ -28,8 +28,8 @@ STILL = 0.2
 """Part of the scenes whose load and angle are held in the ticks around every change, so that it comes at rest"""
 LEAST_RATE = 1e-6
 """Rate of the depth [m/s] below which a contact is called at rest"""
-WHAT = ("law", "stiffness", "damping", "mass", "tolerance", "level", "everything")
-DECADES = {"stiffness": 0.5, "damping": 0.5, "mass": 0.5}
+WHAT = ("law", "stiffness", "damping", "exponent", "layer_depth", "mass", "tolerance", "level", "everything")
+DECADES = {"stiffness": 0.5, "damping": 0.5, "exponent": 0.05, "layer_depth": 0.2, "mass": 0.5}
 """Decimal logarithms of the largest factors"""
 BUDGETS = (20.0, 500.0)
 """Range of the budgets, of which decades are equally likely"""
@@ -112,10 +112,11 @@ def changed(random: Random, setting: Setting, parts: tuple[str, ...]) -> Setting
             if part == "mass":
                 scene = scene._replace(mass=float(scene.mass * size))
                 continue
-            names = [name for name in (part, f"{part}_2", "youngs_modulus") if name in scene.arguments]
-            if part == "damping" and not names:
-                names = [name for name in ("stiffness", "youngs_modulus") if name in scene.arguments]
+            names = [name for name in (part, f"{part}_2") if name in scene.arguments]
+            names = names or [name for name in ("stiffness", "youngs_modulus") if name in scene.arguments]
             new = {name: float(scene.arguments[name] * size) for name in names}
+            if "exponent" in new:
+                new["exponent"] = min(max(new["exponent"], 1.0), 3.0)
             scene = scene._replace(arguments={**scene.arguments, **new})
     return setting._replace(scene=scene, level=level, tolerance=tolerance)
 
