@@ -20,7 +20,6 @@ from knee_contact_ros.model.error_estimate import (
     decay_rate,
     force_reach,
     holding,
-    mapped,
     over_step,
     reach,
     response,
@@ -166,11 +165,6 @@ def test_what_adds_aside_leaves_a_late_femur_late() -> None:
     assert own == pytest.approx((100 * 1e-9) ** 2, rel=1e-2)  # a difference of squares
     once = with_uncorrelated_bound(EXACT, 3e-6, 0.0)
     assert with_uncorrelated_bound(once, 3e-6, 0.0).hh == pytest.approx(4.0 * once.hh, rel=1e-12)  # rounding
-
-
-def test_in_flight_a_velocity_is_carried_into_the_height() -> None:
-    carried = mapped(Error(3e-7, -1e-4, 4e-14, 0.0, 9e-10), 1.0, 2e-3, 0.0, 1.0)
-    assert carried == pytest.approx((1e-7, -1e-4, 4e-14 + 36e-16, 18e-13, 9e-10), rel=1e-9)  # rounding of differences
 
 
 FLORES = model(law("flores"), 1e-10, mass=MASS)

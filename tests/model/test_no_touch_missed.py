@@ -2,84 +2,22 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-from typing import Any, NamedTuple
-
 import numpy as np
 import pytest
 
-from knee_contact_ros.model.surfaces import ContactPair, Plane
-from knee_contact_ros.model.types import Status
+pytest.importorskip("tabulate", reason="the studies' tables")
+
+from studies.honesty.cut import rows
 from tests.helpers.scenes import law, model
-from tests.model.scenes import FORWARDS, HINGE, PAIRS, ellipse, fast, signed, thrown
-
-TICKS = 40
+from tests.model.scenes import ellipse, signed, thrown
 
 
-class Motion(NamedTuple):
-    """How a femur is turned and loaded."""
-
-    tick: float
-    """[s]"""
-    turn: float
-    """Largest turn in a tick [rad]"""
-    load: float
-    """Order of the load [N]"""
-    pulls: float
-    """Part of the ticks at which the load pulls, or nearly does"""
-
-
-MOTIONS = {
-    "hardly any load, 50 ms": Motion(0.05, 0.3, 0.5, 0.3),
-    "hardly any load, 100 ms": Motion(0.1, 0.3, 2.0, 0.3),
-    "no load at all": Motion(0.05, 0.2, 0.0, 0.0),
-    "fast turns": Motion(0.01, 0.5, 50.0, 0.3),
-    "fast and light": Motion(0.02, 0.8, 3.0, 0.5),
-    "walking": Motion(0.01, 0.05, 900.0, 0.2),
-}
-SURFACES = PAIRS | {
-    "ellipse": lambda: ContactPair(ellipse(160), Plane(), HINGE),
-    "dents on a slope": lambda: ContactPair(ellipse(80, noise=3e-4, seed=5), Plane(-0.1), FORWARDS),
-}
-
-
-def cut(columns: list[np.ndarray], parts: int) -> list[np.ndarray]:
-    """Samples with so many ticks in the place of each; those given are every `parts`-th of them."""
-    places = np.arange(TICKS * parts - parts + 1) / parts
-    return [np.interp(places, np.arange(TICKS), column) for column in columns]
-
-
-def answers(knee: Any, columns: list[np.ndarray], parts: int) -> Any:
-    """The answers at the given samples, of a run that is cut into parts."""
-    return fast(knee).run(*cut(columns, parts))[::parts]
-
-
-@pytest.mark.parametrize("name", ["kelvin_voigt", "two_layer_viscoelastic"])
-@pytest.mark.parametrize("surfaces", SURFACES)
-@pytest.mark.parametrize("kind", MOTIONS)
-def test_a_motion_that_is_cut_otherwise_has_the_same_answers(kind: str, surfaces: str, name: str) -> None:
-    motion, pair, compared = MOTIONS[kind], SURFACES[surfaces](), 0
-    for seed in range(3):
-        rng = np.random.default_rng((7, seed))
-        # Whole nanoseconds, in which stamps are; 16 parts of a tick have some, too.
-        time = motion.tick * np.arange(TICKS)
-        angle = np.clip(0.5 + np.cumsum(motion.turn * rng.uniform(-1.0, 1.0, TICKS)), -0.2, 1.6)
-        load = motion.load * np.abs(rng.normal(1.0, 0.5, TICKS))
-        load[rng.random(TICKS) < motion.pulls] *= -0.02
-        load[0] = max(load[0], 0.5 * motion.load)
-        knee = model(law(name), 1e-6, pair=pair, budget=20_000)
-        runs = [answers(knee, [time, angle, load], parts) for parts in (1, 4, 16)]
-        runs.append(answers(replace(knee, tolerance=1e-9), [time, angle, load], 4))
-        for one in runs[:3]:
-            for other in runs:
-                both = (one.status == Status.OK) & (other.status == Status.OK)
-                apart = np.abs(signed(one) - signed(other))
-                # An estimate is one: 2e-9 m is a five hundredth of the tolerance
-                bound = one.error_estimate + other.error_estimate + 2e-9
-                assert (apart <= bound)[both].mean() >= 0.97 if both.any() else True, seed
-                assert apart[both].max(initial=0.0) <= 2e-6, seed
-                compared += int(both.sum())
-    assert compared > 100
+def test_a_motion_that_is_cut_otherwise_has_the_same_answers() -> None:
+    """Next to no load, slow ticks, fast turns, live changes: in 1 and 4 parts as in 64."""
+    found = [one for seed in range(1_000_000, 1_000_016) for one in rows(seed)]
+    assert [one for one in found if one.wrong or one.not_finite] == []
+    assert sum(one.known for one in found) > 300
+    assert sum(one.covered for one in found) >= 0.99 * sum(one.known for one in found)
 
 
 @pytest.mark.parametrize("parts", [1, 3])
