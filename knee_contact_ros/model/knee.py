@@ -18,7 +18,7 @@ from knee_contact_ros.model.laws import ContactLaw, check, hertz
 from knee_contact_ros.model.mechanisms import MECHANISMS
 from knee_contact_ros.model.readouts import ContactPatch, Readings, uncertainty
 from knee_contact_ros.model.solver import Knee
-from knee_contact_ros.model.statics import NO_LIMIT, START_HEIGHT, static_contact, static_depth
+from knee_contact_ros.model.statics import NO_LIMIT, START_HEIGHT, plain_static_depth, static_contact
 from knee_contact_ros.model.surfaces import Circle, Closest, ContactPair, Plane
 from knee_contact_ros.model.types import NANOSECOND, ROW, Contact, Floats, Rows, blank
 
@@ -244,7 +244,7 @@ class KneeModel:
 
     def static_depth(self, load: float) -> float:
         """Return the depth [m] at which the law at rest carries a normal force [N]."""
-        return static_depth(self.law.rows, load, 0.0, 0.0, NO_LIMIT)[0]
+        return plain_static_depth(self.law.rows, load)
 
 
 @dataclass(repr=False)

@@ -128,19 +128,9 @@ class Surfaces(NamedTuple):
 
 @in_kernel
 def closest(surfaces: Surfaces, angle: float, height: float) -> tuple[float, float, float, float, float]:
-    """Return the fields of `Closest` at a flexion angle [rad] and a height of the femoral reference point [m].
-
-    On a plane the depth is h - n·(x, height), h being the femur's support at the angle less the slope.
-    """
+    """Return the fields of `Closest` at a flexion angle [rad] and a height of the femoral reference point [m]."""
     x, _ = translation(surfaces.pieces, angle)
-    sine, cosine = surfaces.sine, surfaces.cosine
-    if surfaces.kind != ON_PLANE:
-        return common_normal(surfaces, angle, x, height)
-    h, turning = surfaces.femoral_radius, 0.0
-    if h == 0.0:
-        turned = angle - surfaces.slope
-        h, turning = support_at(surfaces.cells, surfaces.begins, surfaces.starts, surfaces.cubics, turned)
-    return h + x * sine - cosine * height, h, turning, -sine, cosine
+    return closest_at(surfaces, angle, x, height)
 
 
 @inlined
@@ -151,15 +141,23 @@ def touch(surfaces: Surfaces, angle: float, angle_rate: float, height: float) ->
     times the contact force.
     """
     x, x_slope = translation(surfaces.pieces, angle)
-    sine, cosine = surfaces.sine, surfaces.cosine
+    depth, _, turning, normal_x, normal_y = closest_at(surfaces, angle, x, height)
+    return depth, turning * angle_rate - normal_x * (x_slope * angle_rate), normal_y
+
+
+@inlined
+def closest_at(surfaces: Surfaces, angle: float, x: float, height: float) -> tuple[float, float, float, float, float]:
+    """Return the fields of `Closest` for the reference point at (x, height) [m].
+
+    On a plane the depth is h - n·(x, height), h being the femur's support at the angle less the slope.
+    """
     if surfaces.kind != ON_PLANE:
-        depth, _, turning, normal_x, normal_y = common_normal(surfaces, angle, x, height)
-        return depth, turning * angle_rate - normal_x * (x_slope * angle_rate), normal_y
-    h, turning = surfaces.femoral_radius, 0.0
+        return common_normal(surfaces, angle, x, height)
+    sine, cosine, h, turning = surfaces.sine, surfaces.cosine, surfaces.femoral_radius, 0.0
     if h == 0.0:
         turned = angle - surfaces.slope
         h, turning = support_at(surfaces.cells, surfaces.begins, surfaces.starts, surfaces.cubics, turned)
-    return h + x * sine - cosine * height, turning * angle_rate + sine * (x_slope * angle_rate), cosine
+    return h + x * sine - cosine * height, h, turning, -sine, cosine
 
 
 @in_kernel

@@ -19,7 +19,6 @@ from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw, check, hertz_s
 from knee_contact_ros.model.mechanisms import MECHANISMS
 from knee_contact_ros.model.profiles import Circle, Profile
 from knee_contact_ros.model.readouts import POINT_CONTACT, SPREADS, ContactPatch
-from knee_contact_ros.model.statics import plain_static_depth
 from knee_contact_ros.model.surfaces import TIBIAL_GEOMETRIES, ContactPair
 from knee_contact_ros.model.ticks import LEVELS
 from knee_contact_ros.parameters.files import (
@@ -230,7 +229,7 @@ def _stiffness_doubt(parameters: Parameters, model: KneeModel) -> str:
     """Sentence about a stiffness or modulus that gives an implausible depth under the body weight; empty if it fits."""
     contact, share = parameters.contact, SHARES.get(parameters.load.rule, parameters.load.share)
     load, limit = share * parameters.body_weight, model.plausible_depth
-    depth = plain_static_depth(model.law.rows, load)
+    depth = model.static_depth(load)
     if depth <= limit:
         return ""
     under = f"{load:.1f} N ({share:g} body weights)"
