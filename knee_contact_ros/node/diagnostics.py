@@ -21,7 +21,7 @@ from knee_contact_ros.model.types import FLAT, ROW, UNUSABLE, Fidelity, Status
 from knee_contact_ros.node.outputs import WORTH_A_WARNING, Outputs
 from knee_contact_ros.streams.pairing import PairedStreams, Synchroniser
 from knee_contact_ros.streams.publishers import Publishers
-from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, JOINT_STATES
+from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, JOINT_STATES, NANOSECONDS
 from knee_contact_ros.system.ros import resolved
 
 if TYPE_CHECKING:
@@ -31,6 +31,10 @@ if TYPE_CHECKING:
 
 REFUSED_STAMPS = tuple(f"{stream}_{why}" for stream in ("angle", "load") for why in ("off_time", "not_in_order"))
 """Names of the counters of samples that are refused because of their stamps"""
+
+
+FROM_BOOT = 1e8
+"""Difference [s] of stamps that only a clock that counts from boot makes"""
 
 
 class Problem(NamedTuple):
@@ -261,6 +265,10 @@ class PairingMeter:
         }
         if lead is not None:
             values["force ahead of angle [s]"] = f"{lead:.3f}"
+        if synchroniser.leads:
+            usual = float(np.median(synchroniser.leads)) / NANOSECONDS
+            values["force ahead of angle, median [s] (pairing.angle_delay, if it is the sensor's)"] = f"{usual:.4f}"
+            synchroniser.leads = []
         problems = "; ".join(self._problems(synchroniser, lead, fill))
         lost = synchroniser.unrecorded > self._unrecorded
         self._unrecorded = synchroniser.unrecorded
@@ -279,7 +287,9 @@ class PairingMeter:
         self._refused = refused
         if lead is not None and abs(lead) > self._max_gap:
             first, second = (JOINT_STATES, self._force_topic)[:: 1 if lead > 0 else -1]
-            yield f"stamps of {first} lie {abs(lead):.3f} s behind those of {second}"
+            boot = "; one of them counts from boot" if abs(lead) > FROM_BOOT else ""
+            flagged = ", and the answers are flagged (STALE_INPUT)" if synchroniser.apart else ""
+            yield f"stamps of {first} lie {abs(lead):.3f} s behind those of {second}{boot}{flagged}"
         if fill >= WORTH_A_WARNING:
             yield f"{100.0 * fill:.0f} % of pairing.queue wait for the other topic"
 

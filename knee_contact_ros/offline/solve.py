@@ -195,7 +195,7 @@ class Run:
             self._pass_on([together[first::number] for first in range(number)])
 
     def _take_at_once(self, block: Batch) -> bool:
-        answers = take(self.pipeline, block.of(0), block.of(1))
+        answers = take(self.pipeline, block.of(0), block.of(1), block.numbers)
         if answers is None:
             return False
         if self.recorder:

@@ -38,6 +38,7 @@ from knee_contact_ros.streams.pairing import STEPS, AngleSample, LoadSample, Ste
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT_WRENCH, NANOSECONDS
 
 Floats = NDArray[np.float64]
+Numbers = NDArray[np.intp]
 Fresh = NDArray[np.bool_]
 """Whether an angle of a block is still to be recorded, for each angle, shape (n,)"""
 
@@ -65,14 +66,17 @@ class _Samples(NamedTuple):
     stamps: Stamps
     """Stamps [ns] of the angles, less `pairing.angle_delay`"""
     angles: Floats
+    """Flexion angles [rad] without the offset"""
     heights: Floats | None
     wrenches: Block
     axial: Floats
     moment: Floats
 
 
-def take(pipeline: ContactStream, states: Column, forces: Column) -> Answers | None:
+def take(pipeline: ContactStream, states: Column, forces: Column, numbers: Numbers) -> Answers | None:
     """Compute the ticks of a block at once, from the messages of both topics in the order in which they came.
+
+    `numbers` has the order of both, shape (n,): 0 for a state, 1 for a force.
 
     Afterwards `pipeline` is in the state that it would have after the same messages one by one. Returns None if the
     block has to be computed sample by sample; `pipeline` is unchanged then.
@@ -84,7 +88,7 @@ def take(pipeline: ContactStream, states: Column, forces: Column) -> Answers | N
     max_gap = round(pairing.max_gap * NANOSECONDS)
     block, fresh = _with_held(steady, states, forces)
     samples = _samples(block, pipeline) if max(map(len, block)) <= pairing.queue else None
-    if samples is None:
+    if samples is None or _apart(steady, samples, numbers, pipeline.synchroniser.angle_delay, max_gap):
         return None
     angle_steps, load_steps = _steps(steady, samples)
     if not all_go_on(angle_steps, len(steady.angle_steps), max_gap):
@@ -100,6 +104,21 @@ def take(pipeline: ContactStream, states: Column, forces: Column) -> Answers | N
     answers = _computed(pipeline, samples, paired, fresh)
     _hand_over(pipeline, block, samples, paired, fresh, (angle_steps, load_steps))
     return answers
+
+
+def _apart(steady: Steady, samples: _Samples, numbers: Numbers, delay: int, max_gap: int) -> bool:
+    """Whether stamps lie apart from the other stream's last one by more than `max_gap` [ns]; see `Synchroniser`."""
+    loads = numbers == 1
+    count = int(np.count_nonzero(loads))
+    both = np.empty(len(numbers), np.int64)
+    both[loads] = samples.wrenches.stamps[len(samples.wrenches.stamps) - count :]
+    both[~loads] = samples.states.stamps[len(samples.stamps) - (len(numbers) - count) :]
+    others = []
+    for chosen, last, moved in ((loads, steady.last_load, 0), (~loads, steady.last_angle, delay)):
+        place = np.maximum.accumulate(np.where(chosen, np.arange(len(both)), -1))
+        others.append(np.where(place < 0, both if last is None else last + moved, both[place]))
+    turns = np.diff(loads, prepend=not loads[0])
+    return bool((turns & (np.abs(both - np.where(loads, others[1], others[0])) > max_gap)).any())
 
 
 def _with_held(steady: Steady, states: Column, forces: Column) -> tuple[_Received, Fresh]:
@@ -133,9 +152,9 @@ def _samples(block: _Received, pipeline: ContactStream) -> _Samples | None:
     heights = _position(decoded, knee.height_joint_name) if pipeline.model.height_prescribed else None
     if position is None or (pipeline.model.height_prescribed and heights is None):
         return None
-    angles = knee.flexion_sign * position + knee.flexion_offset
+    angles = knee.flexion_sign * position
     axial, moment = -wrenches.numbers["force"][:, 1], wrenches.numbers["torque"][:, 0]
-    columns = [(angles, LARGEST_ANGLE), (position, np.inf), (axial, LARGEST_LOAD)]
+    columns = [(angles + knee.flexion_offset, LARGEST_ANGLE), (position, np.inf), (axial, LARGEST_LOAD)]
     if pipeline.by_moment:
         part = pipeline.by_moment(axial, moment, 0.0)
         columns += [(part, LARGEST_LOAD), (axial - part, LARGEST_LOAD)]
@@ -160,20 +179,20 @@ def _computed(pipeline: ContactStream, samples: _Samples, paired: PairedSamples,
     """Compute the loads that are paired with angles; return the answers, and the inputs and outputs to record."""
     number = len(paired.angle)
     stamps, frame_id = samples.wrenches.stamps[:number], samples.wrenches.shape[0]
-    axial = samples.axial[:number]
-    medial = pipeline.rule(axial, samples.moment[:number], paired.angle)
+    axial, angle = samples.axial[:number], paired.angle + pipeline.parameters.knee.flexion_offset
+    medial = pipeline.rule(axial, samples.moment[:number], angle)
     doubtful = np.isnan(samples.wrenches.numbers["torque"][:number, 1])
     if pipeline.by_moment:
         doubtful |= pipeline.by_moment.fails(axial, medial)
     status = paired.status | np.where(doubtful, DOUBTFUL_LOAD, 0).astype(paired.status.dtype)
     rows = tuple(
-        compartment.advance_all(stamps, paired.angle, loads, paired.height, status)
+        compartment.advance_all(stamps, angle, loads, paired.height, status)
         for compartment, loads in zip(pipeline.compartments, (medial, axial - medial), strict=False)
     )
     pipeline.ticks += number
     pipeline.doubts.axes.add_all(samples.wrenches.numbers["force"][:number])
     if pipeline.varies:
-        pipeline.split.add_all(axial, medial, pipeline.rule.beyond(axial, paired.angle))
+        pipeline.split.add_all(axial, medial, pipeline.rule.beyond(axial, angle))
     taken = fresh & (paired.tick_of_angle < number)
     states, each = samples.states, len(rows) + 3
     place = each * np.arange(number)

@@ -41,6 +41,7 @@ from knee_contact_ros.streams.topics import (
     is_lateral,
 )
 from knee_contact_ros.streams.watch import Doubts, Split, doubts_about
+from knee_contact_ros.system.errors import UsageError
 
 Floats = NDArray[np.float64]
 DOUBTFUL_LOAD = int(Status.DOUBTFUL_LOAD)  # a plain number: combining flags of an enumeration takes long
@@ -52,7 +53,7 @@ WRENCH_FIELDS = [f"contact_wrench_{part}_{axis}" for part in ("force", "torque")
 def angle_sample(
     message: JointState, knee: Knee, height_prescribed: bool = False, data: bytes = b"", delay: int = 0
 ) -> AngleSample:
-    """Sample with the flexion angle of a JointState, sign x position + offset.
+    """Sample with the flexion angle of a JointState before the offset, sign x position: the offset may still change.
 
     Args:
         message: The JointState.
@@ -65,7 +66,8 @@ def angle_sample(
         RefusedSampleError: a joint is missing, has no position, or its value is not finite or too large; or the stamp
             is not valid.
     """
-    angle = knee.flexion_sign * number_of(message, knee.joint_name, "position") + knee.flexion_offset
+    position = knee.flexion_sign * number_of(message, knee.joint_name, "position")
+    angle = position + knee.flexion_offset
     if abs(angle) > LARGEST_ANGLE:
         text = f"joint_states: flexion angle of joint {knee.joint_name!r} is {angle:g} rad, beyond {LARGEST_ANGLE:g}"
         text += degrees_hint(angle)
@@ -74,7 +76,7 @@ def angle_sample(
     if height is not None and abs(height) > LARGEST_HEIGHT:
         text = f"joint_states: height of joint {knee.height_joint_name!r} is {height:g} m, beyond {LARGEST_HEIGHT:g}"
         raise RefusedSampleError("out_of_range", text)
-    return AngleSample(checked_stamp(message.stamp, "joint_states") - delay, angle, data, height, delay)
+    return AngleSample(checked_stamp(message.stamp, "joint_states") - delay, position, data, height, delay)
 
 
 def load_sample(
@@ -168,19 +170,19 @@ class ContactStream(PairedStreams):
 
     def compute(self, pair: PairedSample) -> list[bytes]:
         """Compute a tick; return the answer of each compartment as the bytes of a `KneeContact`."""
-        load = pair.load
-        medial = self.rule(load.axial, load.moment, pair.angle)
+        load, angle = pair.load, pair.angle + self.parameters.knee.flexion_offset
+        medial = self.rule(load.axial, load.moment, angle)
         messages, status = [], pair.status
         if load.doubtful or (self.by_moment and self.by_moment.fails(load.axial, medial)):
             status |= DOUBTFUL_LOAD
         for compartment, part in zip(self.compartments, (medial, load.axial - medial), strict=False):
             if pair.status & TIME_RESET:
                 compartment.start_anew()
-            compartment.advance(load.stamp, pair.angle, part, pair.height, status)
+            compartment.advance(load.stamp, angle, part, pair.height, status)
             messages.append(encode_answer(load.stamp, load.frame_id, compartment.row.tobytes()))
         self.ticks += 1
         if self.varies:
-            self.split.add(load.axial, medial, self.rule.beyond(load.axial, pair.angle))
+            self.split.add(load.axial, medial, self.rule.beyond(load.axial, angle))
         return messages
 
     def answer(self, pair: PairedSample, messages: Sequence[bytes], latency: float = 0.0) -> Answer:
@@ -205,6 +207,10 @@ class ContactStream(PairedStreams):
     def check(self, parameters: Parameters) -> None:
         """Check that `retune` will take these parameters; raises what is against it, and changes nothing."""
         load_rule(parameters, self._texts)
+        offset = parameters.knee.flexion_offset
+        if any(abs(angle + offset) > LARGEST_ANGLE for angle in self.synchroniser.angles):
+            text = f"with an angle that waits for its force, {offset:g} rad is beyond {LARGEST_ANGLE:g} rad"
+            raise UsageError(f"parameter knee.flexion_offset: {text}")
         knees = (parameters, lateral_knee(parameters))
         for compartment, knee in zip(self.compartments, knees, strict=False):
             doubts_about(knee, retuned(compartment.model, knee))

@@ -41,13 +41,17 @@ OK, STALE_INPUT, TIME_RESET = int(Status.OK), int(Status.STALE_INPUT), int(Statu
 INPUT_HELD, INPUT_REJECTED = int(Status.INPUT_HELD), int(Status.INPUT_REJECTED)
 
 
+APART, MOST_LEADS = NANOSECONDS, 10_000
+"""Time [ns] for which both streams must lie apart before the answers are flagged; largest number of `leads` kept"""
+
+
 class AngleSample(NamedTuple):
     """Flexion angle at a stamp, and femoral height with the displacement drive."""
 
     stamp: int
     """Stamp [ns] at which the angle holds: that of the message minus `delay`, which may be negative"""
     angle: float
-    """Flexion angle [rad], positive in flexion"""
+    """Flexion angle [rad], positive in flexion; without `knee.flexion_offset`, which is that of the tick"""
     data: bytes = b""
     """Bytes of the message as it is recorded; those that came may hold old memory of the sender between fields"""
     height: float | None = None
@@ -263,7 +267,7 @@ class PairedSample(NamedTuple):
 
     load: LoadSample
     angle: float
-    """Flexion angle [rad] at the load's stamp"""
+    """Flexion angle [rad] at the load's stamp; see `AngleSample`"""
     height: float | None
     """Femoral height [m] at the load's stamp, with the displacement drive"""
     status: int
@@ -318,6 +322,12 @@ class Synchroniser:
         self._left: list[AngleSample] = []  # likewise, from before a jump: they go to the next pair
         self._last_load: int | None = None
         self._last_pair: int | None = None
+        self.apart = False
+        """Whether the stamps of both streams lie apart by more than `pairing.max_gap`, although both come in turns"""
+        self.leads: list[int] = []
+        """Stamps of loads less those of angles [ns], as they came in turns since the last report"""
+        self._loads_came = False  # last
+        self._apart_since: int | None = None  # stamp of a load
         self._met = False  # loads before all angles are due to the clocks, and not to the beginning
         self._flags = OK
 
@@ -325,6 +335,11 @@ class Synchroniser:
     def waiting(self) -> int:
         """Number of loads that wait for an angle."""
         return len(self._loads)
+
+    @property
+    def angles(self) -> list[float]:
+        """Angles [rad] that may still belong to a pair, before the offset."""
+        return [sample.angle for sample in (*self._angles, *self.angle_time.pending)]
 
     @property
     def fill(self) -> float:
@@ -337,8 +352,32 @@ class Synchroniser:
         angle, load = self.angle_time.last, self.load_time.last
         return None if angle is None or load is None else (load - angle - self.angle_delay) / NANOSECONDS
 
+    def _compare(self, stamp: int, of_load: bool) -> None:
+        """Compare a stamp [ns], as it came, with the other stream's last one, if that came before it.
+
+        Streams that come in turns for a second, and lie apart all that time, have clocks that differ, or one of them a
+        latency: bursts do not, as their last samples are at the other stream's time.
+        """
+        if of_load == self._loads_came:
+            return
+        self._loads_came = of_load
+        last = self.angle_time.last if of_load else self.load_time.last
+        if last is None:
+            return
+        other = last + self.angle_delay if of_load else last
+        if abs(stamp - other) <= self._max_gap:
+            self._apart_since, self.apart = None, False
+        elif of_load and self._apart_since is None:
+            self._apart_since = stamp
+        elif of_load and self._apart_since is not None:
+            self.apart |= not -APART < stamp - self._apart_since < APART
+        if of_load and len(self.leads) < MOST_LEADS:
+            self.leads.append(stamp - other)
+
     def steady(self) -> Steady | None:
         """Current state; None after something unusual, until a pair has been flagged with it."""
+        if self._apart_since is not None:
+            return None
         if self._flags or self.refused.is_new or self._left or self.angle_time.pending or self.load_time.pending:
             return None
         return Steady(
@@ -364,7 +403,7 @@ class Synchroniser:
         """Forget the last stamps, so that the streams may continue anywhere; to be called after `finish`."""
         self.angle_time.clear()
         self.load_time.clear()
-        self._last_load = None
+        self._last_load, self._apart_since, self.apart = None, None, False
 
     def forget_angles(self) -> None:
         """Use no earlier angle any more; to be called after `forget` if the streams are interrupted."""
@@ -375,6 +414,7 @@ class Synchroniser:
 
     def push_angle(self, sample: AngleSample) -> list[PairedSample]:
         """Take an angle; return the pairs that it makes possible."""
+        self._compare(sample.came_at, of_load=False)
         jumps = self.angle_time.jumps
         pairs = self._take_angles(self.angle_time.take(sample, self.load_time))
         if not self.load_time.pending:
@@ -384,6 +424,7 @@ class Synchroniser:
 
     def push_load(self, sample: LoadSample) -> list[PairedSample]:
         """Take a load; return the pairs that it makes possible."""
+        self._compare(sample.stamp, of_load=True)
         jumps = self.load_time.jumps
         believed = self.load_time.take(sample, self.angle_time)
         if not self.angle_time.pending:
@@ -467,7 +508,9 @@ class Synchroniser:
                 status |= STALE_INPUT
             self._last_pair = load.stamp
             taken = self._taken(max(load.stamp, pose.stamp))
-            status |= self._flags | (INPUT_REJECTED if self.refused.is_new else OK)
+            status |= (
+                self._flags | (INPUT_REJECTED if self.refused.is_new else OK) | (STALE_INPUT if self.apart else OK)
+            )
             pairs.append(PairedSample(load, pose.angle, pose.height, status, taken, pose.others))
             self._flags, self.refused.is_new = OK, False
         return pairs

@@ -340,3 +340,35 @@ def test_an_angle_ahead_from_the_start_is_held_and_flagged(ahead: int) -> None:
     assert len(pairs) >= 38
     assert {pair.status for pair in pairs[2:]} == {HELD | STALE}
     assert pairs[-1].angle == 195 + ahead
+
+
+@pytest.mark.parametrize("apart", [-500, -200, 200, 500])
+def test_a_clock_that_is_wrong_for_good_is_flagged_though_both_come_together(apart: int) -> None:
+    """Stamps of the angles lie apart by more than `pairing.max_gap` from the third second on; later they fit again."""
+    synchroniser, stale = Synchroniser(Pairing(wait=2.0)), []
+    for time in range(0, 8000, 10):
+        off = apart if 2000 <= time < 6000 else 0
+        pairs = [*synchroniser.push_angle(angle(time + off)), *synchroniser.push_load(load(time))]
+        stale += [(time, pair.status & Status.STALE_INPUT) for pair in pairs]
+    assert not any(flag for time, flag in stale if time < 2000)
+    assert all(flag for time, flag in stale if 4000 <= time < 6000)
+    assert not any(flag for time, flag in stale if time > 7000)
+
+
+def test_bursts_and_a_stream_that_comes_as_a_whole_are_not_taken_for_a_wrong_clock() -> None:
+    synchroniser, pairs = Synchroniser(Pairing(wait=2.0)), []
+    for burst in range(0, 6000, 300):
+        for time in range(burst, burst + 300, 10):
+            pairs += synchroniser.push_angle(angle(time))
+        for time in range(burst, burst + 300, 10):
+            pairs += synchroniser.push_load(load(time))
+    assert len(pairs) == 600
+    assert not any(pair.status for pair in pairs)
+
+
+def test_a_constant_latency_is_told_as_it_is() -> None:
+    synchroniser = Synchroniser(Pairing(angle_delay=0.02))
+    for time in range(0, 1000, 10):
+        synchroniser.push_load(load(time))
+        synchroniser.push_angle(angle(time + 10)._replace(delay=round(20 * MS)))
+    assert set(synchroniser.leads[2:]) == {-20 * MS}
