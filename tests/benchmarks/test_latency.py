@@ -120,13 +120,3 @@ def test_recordings_are_compared_byte_by_byte(tmp_path: Path) -> None:
     assert study.same_answers(one, one) == (3, 3, 0)
     assert study.same_answers(one, recording(tmp_path / "two.mcap", b"abcd", b"efgX", b"ijkl")) == (3, 3, 1)
     assert study.same_answers(one, recording(tmp_path / "three.mcap", b"abcd")) == (3, 1, 2)
-
-
-STANDS_IN = """
-import signal, sys
-signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
-print("ready", flush=True)
-if {waits}:
-    signal.sigwait([signal.SIGINT])
-sys.exit({code})
-"""

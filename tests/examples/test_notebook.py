@@ -45,6 +45,8 @@ def test_it_is_kept_without_outputs_and_runs(name: str) -> None:
     assert all(picture.startswith(b"\x89PNG") for picture in pictures)
     texts = [output.data["text/plain"] for output in outputs if "text/plain" in output.get("data", {})]
     assert max(len(text.splitlines()) for text in texts) <= 20
+    if name == "own_data":  # ticks of a stream are those of a run
+        assert any(output.text.endswith("True\n") for output in outputs if output.get("name") == "stdout")
     if name == "knee":
         (printed,) = [output.text for output in outputs if output.get("name") == "stdout"]
         found, spread, hidden = map(float, re.findall(r"[\d.]+", printed))

@@ -261,7 +261,7 @@ def test_files_that_are_none_and_loads_that_no_share_divides_are_refused(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     free, output = ("--free", STIFFNESS), ("--output", tmp_path / "fitted.yaml")
-    for name, reason in (("none.csv", "cannot read"), ("", "it is one of the contact, which is fitted to a table")):
+    for name, reason in (("none.csv", "cannot read"), ("", "is no rosbag2 folder")):
         assert run(tmp_path / name, *free, *output) == 2
         assert reason in capsys.readouterr().err
     axial = trial(1)
