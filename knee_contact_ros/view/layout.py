@@ -255,7 +255,8 @@ def blueprint(drawings: Sequence[KneeOutlines], latency: bool = False, follow: b
         for plots in (KNEE, DETAILS, SOLVER)
     )
     first = drawings[0].knee
-    about = rrb.TextDocumentView(origin=f"{first}/{ABOUT}", name="What you see")
+    explained = max(drawings, key=lambda one: (one.rings, one.has_bone))  # the one with most to tell
+    about = rrb.TextDocumentView(origin=f"{explained.knee}/{ABOUT}", name="What you see")
     walking = [one.knee for one in drawings if not one.knee.endswith(LATERAL)][:ABREAST]  # both compartments walk alike
     gait = _states(walking or [first], [GAIT], "Stance, shaded, and swing", follow)
     words = ": contact and level" if len(drawings) <= ABREAST else ""
