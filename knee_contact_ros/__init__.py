@@ -13,7 +13,7 @@ from typing import Any
 
 # The generated message modules lie in another folder when this package runs from its source tree.
 __path__ = extend_path(__path__, __name__)
-__version__ = "0.2.0"
+__version__ = "1.0.0"
 __all__ = [
     "Results", "UsageError", "calibrate", "estimate_load", "load_model", "sensitivity", "solve", "sweep", "uncertainty",
 ]  # fmt: skip

@@ -1,0 +1,56 @@
+"""What answers cost, counted and not timed: evaluations of the law, and calls. A change that costs more fails.
+
+The limits are what was counted when they were set, and a fiftieth more. One that is lowered or raised says so here.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import Any
+
+import numpy as np
+import pytest
+
+from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.system.files import share_folder
+from tests.helpers.messages import raw_inputs
+
+BAG = share_folder() / "bags" / "gait2354_right"
+ALLOWED = 1.02
+EVALUATIONS = {"healthy": 7165, "osteoarthritis": 15582, "mri_knee": 7157, "both_compartments": 14330}
+"""Contact law evaluations of the shipped gait's 387 ticks, by parameter file"""
+CALLS = 136
+"""Calls of functions, Python's and C's, from the bytes of an angle and a force to those of the answer"""
+
+
+@pytest.mark.parametrize("name", EVALUATIONS)
+def test_a_gait_takes_no_more_evaluations(name: str) -> None:
+    counted: list[int] = []
+
+    def keep(rows: Any) -> None:
+        counted.extend(int(part["evaluations"].sum()) for part in rows)
+
+    solve(BAG, load_parameters(["healthy", name]), None, lambda *_: None, keep=keep)
+    assert 0.5 * EVALUATIONS[name] < sum(counted) <= ALLOWED * EVALUATIONS[name]
+
+
+def test_a_live_sample_takes_no_more_calls() -> None:
+    stream = ContactStream(load_parameters("healthy"), compiled=True)
+    calls: list[int] = []
+
+    def on_event(_frame: object, event: str, _argument: object) -> None:
+        calls[-1] += event in ("call", "c_call")
+
+    for message in raw_inputs(BAG):
+        calls.append(0)
+        take = stream.take_force if message.topic.endswith("force") else stream.take_joint_state
+        sys.setprofile(on_event)
+        try:
+            for pair in take(message.data):
+                stream.answer(pair, stream.compute(pair))
+        finally:
+            sys.setprofile(None)
+    pairs = np.array(calls[200:600]).reshape(-1, 2).sum(axis=1)  # an angle and a force each
+    assert 0.5 * CALLS < np.median(pairs) <= ALLOWED * CALLS
