@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 import math
+from collections import Counter
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from knee_contact_ros.lab.report.figures import over_cycle
 from knee_contact_ros.lab.report.page import summary
 from knee_contact_ros.lab.report.runs import BUCKETS, CURVES, FIELDS, PERCENT, Gathered, Run
+from knee_contact_ros.model.readouts import SPREAD
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.gait_events import HEEL_STRIKE, LOAD_PEAK, TOE_OFF
 from knee_contact_ros.streams.watch import Doubts
@@ -27,9 +31,6 @@ def gathered(samples: Samples, **columns: np.ndarray) -> Gathered:
 
 
 def told(of: Gathered) -> dict[str, str]:
-    from collections import Counter
-    from pathlib import Path
-
     return summary(Run("a", "a", Path("a"), "/knee_contact", Parameters(), "", Counter(), (), of))
 
 
@@ -117,3 +118,13 @@ def test_a_course_keeps_extremes(number: int) -> None:
     assert time == pytest.approx(1e-9 * stamps[np.unique(buckets, return_index=True)[1]])
     for bucket, low, high in zip(np.unique(buckets), *ranges["flexion_angle"], strict=True):
         assert (low, high) == (values[buckets == bucket].min(), values[buckets == bucket].max())
+
+
+def test_what_an_old_recording_lacks_draws_no_empty_figure() -> None:
+    stamps, angle, load = walking(200.0, 5.0)
+    unknown = np.full(len(stamps), np.nan)
+    columns = dict.fromkeys((*FIELDS, *SPREAD), unknown) | dict.fromkeys(("contact_state", "status"), 0.0 * load)
+    columns |= {"stamp": stamps, "flexion_angle": angle, "load": load, "contact_force": load, "fidelity": 0.0 * load}
+    of = Gathered(columns | {"penetration_depth": 1e-6 * load}, BODY_WEIGHT, Doubts())
+    run = Run("a", "a", Path("a"), "/knee_contact", Parameters(), "", Counter(), (), of)
+    assert [each.name for each in over_cycle([run], [run])] == ["contact_force", "depth", "flexion"]
