@@ -441,7 +441,7 @@ class ContactHealth(Health):
             compartment.doubts.add_all(own)
 
     def special_entries(self) -> list[Any]:
-        """Entries for the load, with its split where the share varies, and for the flexion; problems are logged."""
+        """Entries for the load (with its split where that varies, and its deviation) and flexion; problems are logged."""
         doubts, values, flexion = self._contacts.doubts, {}, {}
         inputs, angle = doubts.inputs, doubts.inputs.about_angle
         problem = "; ".join(sentence for sentence in doubts.about_inputs if sentence != angle)
@@ -455,6 +455,11 @@ class ContactHealth(Health):
             split = self._contacts.split
             values |= {"share of the axial load": split.text, "above 1": str(split.above), "below 0": str(split.below)}
             problem = problem or split.problem
+        deviation = self._contacts.parameters.diagnostics.load_deviation * self._contacts.parameters.body_weight
+        for compartment in self._contacts.compartments if deviation and doubts.ticks else ():
+            (found,) = compartment.model.uncertainty(compartment.row, deviation)
+            values[f"{compartment.topic}: force +- [N]"] = f"{found['contact_force']:.1f}"
+            values[f"{compartment.topic}: depth +- [mm]"] = f"{1e3 * found['penetration_depth']:.4f}"
         if problem:
             self.node.get_logger().warning(problem, **at_most_every(SILENCE_LOG_PERIOD))
         if angle:

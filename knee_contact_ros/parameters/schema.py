@@ -205,6 +205,14 @@ class Diagnostics(Section):
     timeout: float = parameter(1.0, "[s] silence after which an input is stale", gt=0.0, le=3600.0)
 
 
+class ContactDiagnostics(Diagnostics):
+    """The same of the contact node, which also tells how far force and depth may be off because the load is."""
+
+    load_deviation: float = parameter(
+        0.0, "standard deviation of a compartment's load, as part of the body weight; 0: not known", ge=0.0, le=10.0
+    )
+
+
 def queue(answers: int) -> Any:
     """Field for the number of answers that may wait for an output's process; `answers` is the default."""
     return parameter(answers, "answers that may wait for the output's process", ge=100, le=10_000_000)
@@ -473,7 +481,7 @@ class Parameters(NodeSection):
     deadline: float = parameter(
         0.02, "[s] longest time from a force to its answer; later answers are counted", gt=0.0, le=3600.0
     )
-    diagnostics: Diagnostics = Diagnostics()
+    diagnostics: ContactDiagnostics = ContactDiagnostics()
     record: Record = Record()
     rerun: Rerun = Rerun()
 

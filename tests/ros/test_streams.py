@@ -359,9 +359,9 @@ def test_a_load_of_the_other_sign_is_told(peer: Peer, start_node: Start) -> None
 
 def test_a_split_that_cannot_be_used_is_told(peer: Peer, start_node: Start) -> None:
     """By the frontal moment: 43.75 N m between compartments 70 mm apart move 625 N from one to the other."""
-    node = start_node("-p", "load.compartment:=moment_balance")
+    node = start_node("-p", "load.compartment:=moment_balance", "-p", "diagnostics.load_deviation:=0.1")
     peer.wait_for_node()
-    for i, moment in enumerate((0.0, -43.75, 43.75)):
+    for i, moment in enumerate((0.0, 43.75, -43.75)):
         peer.send_angle(i * 5 * MILLISECOND, 0.2)
         force = RosMessages.Vector3(x=0.0, y=-900.0, z=0.0)
         wrench = RosMessages.Wrench(force=force, torque=RosMessages.Vector3(x=moment, y=0.0, z=0.0))
@@ -369,11 +369,15 @@ def test_a_split_that_cannot_be_used_is_told(peer: Peer, start_node: Start) -> N
         peer.force.publish(RosMessages.WrenchStamped(header=stamp, wrench=wrench))
     peer.wait_until(lambda: len(peer.contacts) == 3)
     loads = [contact.load for contact in peer.contacts]
-    assert loads == pytest.approx([450.0, 450.0 + 625.0, 450.0 - 625.0], rel=1e-12)
+    assert loads == pytest.approx([450.0, 450.0 - 625.0, 450.0 + 625.0], rel=1e-12)
     assert [contact.status for contact in peer.contacts] == [0, Status.DOUBTFUL_LOAD, Status.DOUBTFUL_LOAD]
     peer.wait_until(lambda: peer.problems.get("knee_contact: load"))
+    last = peer.contacts[-1]
+    force = 73.7068 * last.contact_force / last.load  # a tenth of 737.07 N
+    depth = force / (1.5 * 7.905694e7 * last.penetration_depth**0.5)
+    off = {"knee_contact: force +- [N]": f"{force:.1f}", "knee_contact: depth +- [mm]": f"{1e3 * depth:.4f}"}
     assert peer.diagnostics["knee_contact: load"] == {
         "from [N]": "-175.0", "to [N]": "1075.0",
-        "share of the axial load": "-0.19 to 1.19", "above 1": "1", "below 0": "1",
+        "share of the axial load": "-0.19 to 1.19", "above 1": "1", "below 0": "1", **off,
     }  # fmt: skip
     assert "above 1 in 33.3 % and below 0 in 33.3 %" in node.stop()[1]
