@@ -441,7 +441,7 @@ class ContactHealth(Health):
             compartment.doubts.add_all(own)
 
     def special_entries(self) -> list[Any]:
-        """Entries for the load (with its split where that varies, and its deviation) and flexion; problems are logged."""
+        """Entries for load (with split where that varies, and deviation) and flexion; problems are logged."""
         doubts, values, flexion = self._contacts.doubts, {}, {}
         inputs, angle = doubts.inputs, doubts.inputs.about_angle
         problem = "; ".join(sentence for sentence in doubts.about_inputs if sentence != angle)
