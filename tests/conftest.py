@@ -18,6 +18,7 @@ from tests import ROOT
 from tests.helpers.browser import started_browser
 from tests.helpers.sinks import Started
 
+os.environ.pop("RMW_IMPLEMENTATION", None)  # the tests have a graph of their own, with what is installed
 settings.register_profile("no timed tests", deadline=None)
 settings.load_profile("no timed tests")
 

@@ -190,7 +190,7 @@ def fit_share(
 )
 @click.option("--output", type=Output(".yaml"), required=True, metavar="OUT.yaml", help="Parameter file to write.")
 @click.option("--overwrite", is_flag=True, help="Replace OUT.yaml if it exists.")
-@names_in_bag_options
+@names_in_bag_options()
 def calibrate(
     data: tuple[Path, ...],
     parameter_files: tuple[Path, ...],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -10,6 +11,8 @@ from typing import Any
 import click
 
 from knee_contact_ros.commands.options import FILE, Output, find_parameters, names_in_bag_options, parameter_files
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.files import missing_middleware
 
 CLOCK = "--clock"
 WITH_EVERY_MESSAGE = "0"
@@ -61,6 +64,8 @@ def demo(
     Starts the real node, replays a recorded gait over real topics on this machine only, records to MCAP, writes a
     Rerun file and prints the peaks.
     """
+    if missing_middleware():  # the graph is its own, and what is there will do
+        del os.environ["RMW_IMPLEMENTATION"]
     from knee_contact_ros.commands.demo import LOAD_FILE, Recorded, Sensors, Source, run_demo
     from knee_contact_ros.system.files import share_folder
 
@@ -75,6 +80,16 @@ def demo(
     run_demo(source, output, rate)
 
 
+def check_middleware() -> None:
+    """Check that the middleware that is asked for is installed.
+
+    Raises:
+        UsageError: it is not.
+    """
+    if words := missing_middleware():
+        raise UsageError(words)
+
+
 def ros_command(options_metavar: str) -> Callable[[Callable[..., None]], click.Command]:
     """Make a command that leaves its arguments to ROS 2, even `-h`; `options_metavar` stands in the help text."""
     settings = {"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": list[str]()}
@@ -86,6 +101,7 @@ def run(ros_arguments: tuple[str, ...], kinds: Callable[[], Sequence[Any]]) -> N
     if ros_arguments in (("--help",), ("-h",)):
         click.echo(click.get_current_context().get_help())
         return
+    check_middleware()
     from knee_contact_ros.node.managed_node import run_nodes
 
     if code := run_nodes(list(ros_arguments), list(kinds())):
@@ -192,7 +208,9 @@ def is_number(text: str) -> bool:
     show_default=True,
     help="How long to wait for subscribers [s] before publishing all the same.",
 )
-@names_in_bag_options
+@names_in_bag_options(
+    "Publish into a namespace, what the bag has there, else what it has without one: a node in it hears one knee."
+)
 @click.option(
     "--sensors", is_flag=True, help="Publish /ground_reaction_force for the load node, and not /joint_reaction_force."
 )
@@ -203,11 +221,13 @@ def replay(bag: Path, remaps: tuple[str, ...], namespace: str, sensors: bool, **
     On a terminal, space pauses and goes on, s or the right arrow steps while paused, the up and down arrows change the
     rate.
     """
+    check_middleware()
     from knee_contact_ros.bags.reader import names_in_bag, others_beside
-    from knee_contact_ros.commands.replay import Timing, run_replay
+    from knee_contact_ros.commands.replay import Timing, has_inputs, run_replay
     from knee_contact_ros.streams.topics import INPUTS, LOAD_INPUTS
     from knee_contact_ros.system.terminal import warn
 
     warn(others_beside(bag))
     inputs = LOAD_INPUTS if sensors else INPUTS
-    run_replay(bag, Timing(**timing), names_in_bag(remaps, namespace, inputs), inputs)
+    inside = namespace if has_inputs(bag, namespace, inputs) else ""
+    run_replay(bag, Timing(**timing), names_in_bag(remaps, inside, inputs), inputs, namespace)

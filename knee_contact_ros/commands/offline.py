@@ -10,6 +10,7 @@ from knee_contact_ros.commands.options import (
     DEFAULT_PARAMETERS,
     FILE,
     Output,
+    check_input,
     find_parameters,
     names_in_bag_options,
     parameter_files,
@@ -31,7 +32,7 @@ from knee_contact_ros.system.errors import IncompleteError, UsageError
 )
 @click.option("--output", type=Output(".mcap"), required=True, metavar="OUT.mcap", help="Recording to write.")
 @click.option("--overwrite", is_flag=True, help="Replace OUT.mcap if it exists.")
-@names_in_bag_options
+@names_in_bag_options()
 def solve(
     bag: Path | None,
     parameter_files: tuple[Path, ...],
@@ -88,7 +89,7 @@ def solve(
 @parameter_values
 @click.option("--output", type=Output(".mcap"), required=True, metavar="OUT.mcap", help="Bag to write.")
 @click.option("--overwrite", is_flag=True, help="Replace OUT.mcap if it exists.")
-@names_in_bag_options
+@names_in_bag_options()
 def estimate_load(
     bag: Path,
     parameter_files: tuple[Path, ...],
@@ -174,6 +175,8 @@ def view(
     """
     from knee_contact_ros.view.viewer import executable
 
+    for source in sources:
+        check_input(Path(source))  # an address is no path that is there
     executable()  # before what imports its library
     from knee_contact_ros.bags.reader import others_beside
     from knee_contact_ros.commands.view import ViewOptions, run_view

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import stat
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
@@ -9,12 +10,49 @@ from typing import Any, TypeVar
 import click
 
 from knee_contact_ros.system import files
+from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import checked_output
 
 DEFAULT_PARAMETERS = files.DEFAULT_PARAMETERS
-FILE = click.Path(path_type=Path)
-"""Type of an option or an argument that names an input file or folder"""
 Function = TypeVar("Function", bound=Callable[..., Any])
+
+
+class Input(click.Path):
+    """Type of an option or an argument that names an input file or folder.
+
+    What is neither, such as a pipe or a device, might never end: it is refused. What is not there is left to the
+    command, which says what it should be.
+    """
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
+        """Convert the argument to a path.
+
+        Raises:
+            UsageError: it is no file or folder, or a link that leads nowhere.
+        """
+        path = Path(str(super().convert(value, param, ctx)))
+        check_input(path)
+        return path
+
+
+def check_input(path: Path) -> None:
+    """Check that a path, if anything is there, is a regular file or a folder.
+
+    Raises:
+        UsageError: it is something else, or a link that leads to itself.
+    """
+    try:
+        mode = path.stat().st_mode
+    except (FileNotFoundError, NotADirectoryError):
+        return
+    except (OSError, ValueError) as error:
+        raise UsageError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
+    if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
+        raise UsageError(f"{path}: it is no regular file, and no folder")
+
+
+FILE = Input(path_type=Path)
+"""Type of an option or an argument that names an input file or folder"""
 
 
 class Output(click.Path):
@@ -73,23 +111,22 @@ def together(*options: Callable[[Function], Function]) -> Callable[[Function], F
     return decorate
 
 
-names_in_bag_options = together(
-    click.option(
-        "--remap",
-        "remaps",
-        multiple=True,
-        metavar="FROM:=TO",
-        help="Take an input from another topic of the bag, as --remap joint_states:=/exo/joint_states. Can be given "
-        "several times.",
-    ),
-    click.option(
-        "--namespace",
-        default="",
-        metavar="NAME",
-        help="Take the inputs from /NAME/... of the bag, and from parameter files what a node there would, as "
-        "--namespace left.",
-    ),
-)
+def names_in_bag_options(
+    of_namespace: str = "Take the inputs from /NAME/... of the bag, and from parameter files what a node there would, "
+    "as --namespace left.",
+) -> Callable[[Function], Function]:
+    """Make the options of names in a bag; the help text of `--namespace` is given."""
+    return together(
+        click.option(
+            "--remap",
+            "remaps",
+            multiple=True,
+            metavar="FROM:=TO",
+            help="Take an input from another topic of the bag, as --remap joint_states:=/exo/joint_states. Can be "
+            "given several times.",
+        ),
+        click.option("--namespace", default="", metavar="NAME", help=of_namespace),
+    )
 
 
 def find_parameters(names: tuple[Path, ...], default: str | None = DEFAULT_PARAMETERS) -> list[Path]:

@@ -24,6 +24,7 @@ from types import FrameType
 from typing import Any
 
 from knee_contact_ros.bags.reader import RawMessage
+from knee_contact_ros.streams.messages import stamp_in
 from knee_contact_ros.streams.topics import NANOSECONDS
 
 
@@ -208,6 +209,26 @@ def sleep(seconds: float) -> Sequence[Command]:
     return ()
 
 
+LONGEST_PAUSE = 600 * NANOSECONDS
+"""Longest pause [ns] that is waited for"""
+JITTER = 1_000_000
+"""Time [ns] by which log times may go back without a clock that was set"""
+
+
+def paced(messages: Iterable[RawMessage]) -> Iterator[tuple[RawMessage, int]]:
+    """Messages with the times [ns] at which they are due: log times, and where these are equal as the stamps go on."""
+    last, begins = -1, dict[str, int]()
+    for message in messages:
+        if message.log_time != last:
+            last, begins = message.log_time, {}
+        try:
+            stamp = stamp_in(message.data)
+        except ValueError:
+            stamp = begins.get(message.topic, 0)
+        step = stamp - begins.setdefault(message.topic, stamp)
+        yield message, message.log_time + (step if 0 < step <= LONGEST_PAUSE else 0)
+
+
 class Player:
     """Plays messages one after another."""
 
@@ -229,6 +250,8 @@ class Player:
         self._publish = publish
         self._wait = wait
         self._changed = changed
+        self.skipped: Callable[[float], None] = lambda _pause: None
+        """Called with a pause [s] that is left out"""
         self._schedule: Schedule | None = None
         self._publish_clock: Callable[[int], None] | None = None
         self._clock_period = 0.0
@@ -248,10 +271,15 @@ class Player:
         The delay is None for a message to which a key stepped.
         """
         self._schedule = None
-        for message in messages:
+        for message, due in paced(messages):
             if self._schedule is None:
-                self._schedule = self._begin(message.log_time)
-            late = self._wait_for(message.log_time, self._schedule)
+                self._schedule, last = self._begin(due), due
+            if not -JITTER <= due - last <= LONGEST_PAUSE:  # a clock was set, or nothing came for long
+                if due > last:
+                    self.skipped((due - last) / NANOSECONDS)
+                self._schedule.step_to(due, time.perf_counter())
+            last = due
+            late = self._wait_for(due, self._schedule)
             if self._publish_clock and not self._clock_period:
                 self._publish_clock(message.log_time)
             self._publish(message)

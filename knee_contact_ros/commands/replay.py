@@ -23,7 +23,7 @@ from rclpy.signals import SignalHandlerOptions
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
-from knee_contact_ros.bags.reader import OWN_NAMES, BagReader, Names, RawMessage
+from knee_contact_ros.bags.reader import OWN_NAMES, BagReader, Names, RawMessage, absolute
 from knee_contact_ros.commands.player import HELP, Keyboard, Lateness, Player, has_terminal, unwinding_on_signals
 from knee_contact_ros.offline.bag_inputs import transform_messages
 from knee_contact_ros.streams.frames import TF_STATIC
@@ -125,8 +125,17 @@ class Replayer:
             publisher.wait_for_all_acked(Duration(seconds=max(0.0, deadline - time.monotonic())))
 
 
-def run_replay(bag: Path, timing: Timing, names: Names = OWN_NAMES, inputs: Sequence[str] = INPUTS) -> None:
-    """Publish a bag's inputs in time, with a progress bar and keys, and print at the end how late they were.
+def has_inputs(bag: Path, namespace: str, inputs: Sequence[str]) -> bool:
+    """Whether a bag has one of the inputs in a namespace."""
+    with BagReader(bag, {}) as reader:
+        topics = {absolute(connection.topic) for connection in reader.connections}
+    return bool(namespace) and any(absolute(topic, namespace) in topics for topic in inputs)
+
+
+def run_replay(
+    bag: Path, timing: Timing, names: Names = OWN_NAMES, inputs: Sequence[str] = INPUTS, namespace: str = ""
+) -> None:
+    """Publish a bag's inputs in time into a namespace, with a progress bar and keys; print how late they were.
 
     Raises:
         UsageError: the bag cannot be used, no message is in the span, nobody could end the pause at the beginning, or
@@ -143,7 +152,7 @@ def run_replay(bag: Path, timing: Timing, names: Names = OWN_NAMES, inputs: Sequ
         with joining():
             rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
             opened.callback(rclpy.shutdown)
-            node = Node("knee_contact_replay")
+            node = Node("knee_contact_replay", namespace=namespace)
             opened.callback(node.destroy_node)
         transforms = transform_messages(bag)
         replayer = Replayer(node, inputs=inputs, clock=timing.clock is not None, transforms=transforms)
@@ -201,8 +210,12 @@ def make_player(replayer: Replayer, timing: Timing, bar: Bar, name: str, opened:
     def changed(rate: float, paused: bool) -> None:
         bar.describe(description(name, rate, paused))
 
+    def skipped(pause: float) -> None:
+        say(f"{name} pauses for {pause:.6g} s, which is skipped", err=True)
+
     keyboard = opened.enter_context(Keyboard(stood_still))
     player = Player(replayer.publish, keyboard.wait, rate=timing.rate, paused=timing.start_paused, changed=changed)
+    player.skipped = skipped
     if timing.clock is not None:
         player.drive_clock(replayer.publish_clock, timing.clock)
     return player

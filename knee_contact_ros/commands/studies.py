@@ -69,7 +69,7 @@ def sensitivity(study: Path, output: str, workers: int | None, scheduler: str) -
 @click.argument("bag", type=FILE)
 @parameter_files
 @parameter_values
-@names_in_bag_options
+@names_in_bag_options()
 @click.option(
     "--worth",
     type=click.FloatRange(min=0.0, min_open=True),
@@ -146,7 +146,7 @@ def trade(
     help="Show what the standard deviations in this YAML file make of depth and force, as 'contact.stiffness: 20 %'.",
 )
 @click.option("--label", "labels", multiple=True, metavar="TEXT", help="Name of a FILE; once for each, in their order.")
-@names_in_bag_options
+@names_in_bag_options()
 def report(
     files: tuple[Path, ...],
     output: Path,

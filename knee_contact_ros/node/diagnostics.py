@@ -379,6 +379,11 @@ class Health:
         if silent:
             names = " and ".join(resolved(self.node, stream.topic) for stream in silent)
             text = f"nothing received on {names} for {SILENCE:g} s or more"
+            if any(stream.publishers and not stream.meter.received for stream in silent):
+                text += (
+                    ", although a publisher is there: it does not publish, or is of another user, whose shared memory "
+                    "cannot be read (FASTDDS_BUILTIN_TRANSPORTS=UDPv4 for both)"
+                )
             self.node.get_logger().warning(text, **at_most_every(SILENCE_LOG_PERIOD))
 
     def _refused_status(self) -> Any:

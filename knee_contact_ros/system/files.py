@@ -41,6 +41,21 @@ def share_folder() -> Path:
     return share
 
 
+def ament_prefixes() -> list[str]:
+    """Prefixes in which ROS 2 packages may be installed."""
+    return [prefix for prefix in (*os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix) if prefix]
+
+
+def missing_middleware() -> str:
+    """Sentence that the middleware that RMW_IMPLEMENTATION names is not installed, else empty; ROS would just exit."""
+    wanted, index = os.environ.get("RMW_IMPLEMENTATION", ""), "share/ament_index/resource_index/rmw_typesupport"
+    known = {each.name for prefix in ament_prefixes() for each in Path(prefix, index).glob("rmw_*_cpp")}
+    if not wanted or not known or wanted in known:
+        return ""
+    there = ", ".join(sorted(known))
+    return f"RMW_IMPLEMENTATION asks for {wanted}, which is not installed here (there is {there}): unset it"
+
+
 def installed_share(package: str) -> Path | None:
     """Share folder of an installed ROS 2 package; None if there is none."""
     prefixes = [*os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix]

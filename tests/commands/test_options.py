@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -70,3 +71,28 @@ def test_what_solve_cannot_take_is_told_in_one_line(
 def test_the_clocks_rate_may_be_left_out(arguments: list[str], clock: float | None, bag: str) -> None:
     taken = replay.make_context("replay", arguments).params
     assert (taken["clock"], taken["bag"]) == (clock, Path(bag))
+
+
+COMMANDS = {
+    "solve": ["solve", "{}", "--output", "o.mcap"], "solve --params": ["solve", "--params", "{}", "--output", "o.mcap"],
+    "solve --subject": ["solve", "--subject", "{}", "--output", "o.mcap"], "view": ["view", "{}", "--save", "o.rrd"],
+    "estimate-load": ["estimate-load", "{}", "--output", "o.mcap"], "recover": ["recover", "{}", "o.mcap"],
+    "replay": ["replay", "{}"], "demo": ["demo", "--bag", "{}"], "report": ["report", "{}", "--output", "o"],
+    "report --compare": ["report", "--compare", "{}", "--output", "o"], "sweep": ["sweep", "{}", "--output", "o"],
+    "trade": ["trade", "{}", "--output", "o"], "fit-profile": ["fit-profile", "{}", "--output", "o.csv"],
+    "calibrate": ["calibrate", "{}", "--output", "o.yaml"],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("kind", ["loop", "pipe", "device", "folder"])
+def test_what_is_no_file_is_refused_in_one_line_and_not_waited_for(
+    name: str, kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("loop").symlink_to("loop")
+    Path("folder").mkdir()
+    os.mkfifo("pipe")
+    path = "/dev/zero" if kind == "device" else kind
+    assert main([word.format(path) for word in COMMANDS[name]]) == 2
+    assert len(capsys.readouterr().err.splitlines()) == 1

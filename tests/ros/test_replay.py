@@ -37,13 +37,13 @@ LAST_LINE = (
 class Ear:
     """Hears what a replay publishes."""
 
-    def __init__(self, peer: Peer) -> None:
+    def __init__(self, peer: Peer, namespace: str = "") -> None:
         self.peer = peer
         self.heard: dict[str, list[bytes]] = {ANGLE: [], FORCE: []}
         self.clock: list[int] = []
         qos = QoSProfile(depth=5000)
         for topic, kind in ((ANGLE, JointState), (FORCE, WrenchStamped)):
-            peer.node.create_subscription(kind, topic, self.heard[topic].append, qos, raw=True)
+            peer.node.create_subscription(kind, f"{namespace}{topic}", self.heard[topic].append, qos, raw=True)
         peer.node.create_subscription(Clock, "/clock", lambda m: self.clock.append(stamp_to_ns(m.clock)), qos)
 
     @property
@@ -116,10 +116,12 @@ def test_who_is_found_later_misses_nothing(ear: Ear, start, right_bag: Path, gai
     assert later.heard == ear.heard == by_topic(gait)
 
 
-def test_a_part_of_a_namespace_with_a_clock_of_its_own_rate(
-    ear: Ear, start, gait: list[RawMessage], tmp_path: Path
+@pytest.mark.parametrize("there", [True, False], ids=["in the bag too", "in no bag"])
+def test_a_part_into_a_namespace_with_a_clock_of_its_own_rate(
+    peer: Peer, start, gait: list[RawMessage], tmp_path: Path, there: bool
 ) -> None:
-    bag = write_rosbag2(tmp_path / "bag", gait, name=lambda topic: f"/left{topic}")
+    ear = Ear(peer, "/left")
+    bag = write_rosbag2(tmp_path / "bag", gait, name=lambda topic: f"/left{topic}" if there else topic)
     replay = start(bag, "--namespace", "left", "--start-offset", "0.5", "--duration", "0.4", "--clock", "50")
     ear.listen_to(replay)
     begin = gait[0].log_time + NANOSECONDS // 2

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import pytest
 
 from knee_contact_ros.bags.reader import RawMessage
-from knee_contact_ros.commands.player import Command, Player
+from knee_contact_ros.commands.player import Command, Player, paced
 
 MILLISECOND = 1_000_000
 BEGIN = 1_700_000_000_000_000_000
@@ -123,3 +123,25 @@ def test_the_clock_ticks_at_its_own_rate_also_in_pauses() -> None:
     assert BEGIN < told[-1] <= BEGIN + 310 * MILLISECOND
     assert 10 < len(told) <= 60  # 30 and those in the pause; a busy machine may leave some out
     assert len(set(told)) > 10
+
+
+def stamped(log_time: int, stamp: int) -> RawMessage:
+    data = b"\x00\x01\x00\x00" + (stamp // 10**9).to_bytes(4, "little") + (stamp % 10**9).to_bytes(4, "little")
+    return RawMessage("/a", log_time, data)
+
+
+def test_equal_log_times_are_paced_by_the_stamps_and_long_pauses_are_told_and_left_out() -> None:
+    """A recorder that waited for /clock: log times of 0, then those of today; and a clock that is set back later."""
+    first = [stamped(0, BEGIN + i * 20 * MILLISECOND) for i in range(6)]
+    today = [stamped(BEGIN + i * 20 * MILLISECOND, BEGIN + (6 + i) * 20 * MILLISECOND) for i in range(6)]
+    back = [stamped(BEGIN - 10**12 + i * 20 * MILLISECOND, BEGIN) for i in range(6)]
+    day = [stamped(BEGIN + 86_400 * 10**9, BEGIN)]
+    sent: list[float] = []
+    pauses: list[float] = []
+    player = Player(lambda _: sent.append(time.perf_counter()))
+    player.skipped = pauses.append
+    late = [lateness for _, lateness in player.play([*first, *today, *back, *day])]
+    assert len(sent) == len(late) == 19
+    assert sent[-1] - sent[0] > 0.29
+    assert [due for _, due in paced(first)] == [i * 20 * MILLISECOND for i in range(6)]
+    assert [round(pause) for pause in pauses] == [BEGIN // 10**9, 86_400 + 1000]
