@@ -318,7 +318,10 @@ def _check_units(name: str, channel: Channel, table: Table) -> None:
         said = table.units.get(column, "")
         theirs = tables.ALIASES.get(said, said)
         if theirs in known and theirs != ours and abs(weight * channel.scale) == 1.0:
-            raise UsageError(f"{table.path} says {said} of column {column}, and map: {name}.unit {channel.unit}")
+            raise UsageError(
+                f"{table.path} says {said} of column {column}, and map: {name}.unit {channel.unit}; where the file is "
+                f"wrong, give unit {theirs} and a scale"
+            )
 
 
 def gait_of(channels: dict[str, Series], sensors: SensorMap) -> Gait:

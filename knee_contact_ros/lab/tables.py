@@ -489,7 +489,7 @@ def read_numbers(
                 flat.append(_number(cell, "" if either else decimal, strict=not stated))
             except ValueError:
                 fault = f"{header.path}: line {line}, column {header.names[place]}: {cell[:40]!r} is no number"
-                raise UsageError(fault + (_stated(cell, decimal) if stated else _cause(cell))) from None
+                raise UsageError(fault + _cause(cell, decimal if stated else "")) from None
             if not stated:
                 marks.add(place, cell, line)
     if not stated:
@@ -575,19 +575,26 @@ def _bracketed(name: str) -> str:
 
 
 def _records(header: Header, table_format: TableFormat, units: dict[int, str]) -> Iterator[tuple[int, list[str]]]:
-    """Yield number and cells of each row below the names; `units` gets what a row without a number says before them."""
-    width, first, begun = len(header.names), table_format.first_line, False
+    """Yield number and cells of each row below the names; `units` gets what a row without a number says before them.
+
+    A blank line ends a table if another one follows, of another width.
+    """
+    width, first, begun, blank = len(header.names), table_format.first_line, False, False
     chosen = {header.place(name): str(value) for name, value in table_format.rows.items()}
     with _opened(header.path, header.encoding) as file:
         for line, cells in _rows(file, header.path, header.delimiter):
             if line < (first or header.line + 1) or not any(cells) or cells[0].startswith(COMMENT):
+                blank = not any(cells)
                 continue
             begun = begun or first is not None or any(_is_number(cell) or CLOCK.fullmatch(cell) for cell in cells)
             if not begun:
                 units |= {place: cell.strip(" []()") for place, cell in enumerate(cells) if not units.get(place)}
                 continue
+            if begun and blank and len(cells) == 1 < width:
+                return
             if len(cells) < width or any(cells[width:]):
                 raise UsageError(f"{header.path}: line {line} has {len(cells)} columns, and the names are {width}")
+            blank = False
             if all(cells[place].strip() == value for place, value in chosen.items()):
                 yield line, cells
 
@@ -669,14 +676,12 @@ def _number(cell: str, decimal: str, *, strict: bool = False) -> float:
     return float(text.replace(mark, ".", 1))
 
 
-def _stated(cell: str, decimal: str) -> str:
-    """Hint at a cell with the mark that is not the stated decimal mark."""
-    other = "." if decimal == "," else ","
-    return f"; table.decimal says {decimal!r}, and digits are not grouped by {other!r}" if other in cell else ""
-
-
-def _cause(cell: str) -> str:
-    """Hint at the cause of a cell that has no number."""
+def _cause(cell: str, decimal: str) -> str:
+    """Hint at the cause of a cell that has no number; `decimal` is the mark that is stated, if one is."""
+    if decimal:
+        other = "." if decimal == "," else ","
+        said = f"; table.decimal says {decimal!r}, and digits are not grouped by {other!r}"
+        return said if other in cell else ""
     if GROUPED.fullmatch(cell):
         return "; say which mark is the decimal one (table.decimal: '.' or ',' in a map)"
     return "; for decimal commas say table.decimal: ','" if "," in cell else ""

@@ -117,6 +117,9 @@ SIMPLE = "time: {column: t}\nangle: {column: a, unit: deg}\nload: {column: f, un
 WAYS: dict[str, tuple[str | bytes, str]] = {
     "names of two lines": (VICON, "time: {column: Frame, rate: 50}\nangle: {column: RKneeAngles.X, unit: deg}\n"
                                   "load: {column: 'P01:RKneeForce.Z', unit: N}\n"),
+    "one table of several": (f"{VICON}\nTrajectories\n50\n,,P01:LASI\nFrame,Sub Frame,X\n,,mm\n101,0,7\n",
+                             "time: {column: Frame, rate: 50}\nangle: {column: RKneeAngles.X, unit: deg}\n"
+                             "load: {column: RKneeForce.Z, unit: N}\n"),
     "places": (VICON, "time: {rate: 50}\nangle: {column: 3, unit: deg}\nload: {columns: {8: 1}, unit: N}\n"),
     "places without names": (rows(), "time: {column: 1}\nangle: {column: 2, unit: deg}\nload: {column: 3, unit: N}\n"),
     "frames": ("t,a,f\n" + "".join(f"{n},{line.partition(',')[2]}\n" for n, line in enumerate(rows().splitlines())),
