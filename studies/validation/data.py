@@ -87,6 +87,8 @@ class Walk(NamedTuple):
     """Net moments by inverse dynamics with motion capture, length n"""
     used: Flags
     """Samples that are judged and fitted to, shape (n,)"""
+    sensors: Path | None = None
+    """Bag with what the leg's sensors tell, and the measured force; None: there is none"""
 
     @property
     def flexion(self) -> Floats:
@@ -178,7 +180,11 @@ def _walk(person: Person, path: Path) -> Walk:
         np.abs(plantarflexion) > ANKLE_SPIKE * person.body_weight
     )
     used = ~near(time, spikes) & ~missed(time, vertical > ON_PLATE, total > MISSED_LOAD * person.body_weight)
-    return Walk(person, stem, time, vertical, total, medial, frontal, external, joints, motions, moments, used)
+    bag = path.with_name(f"{stem}_sensors_and_implant.mcap")
+    return Walk(
+        person, stem, time, vertical, total, medial, frontal, external, joints, motions, moments, used,
+        bag if bag.is_file() else None,
+    )  # fmt: skip
 
 
 def near(time: Floats, spikes: Flags) -> Flags:

@@ -22,6 +22,7 @@ from studies.validation.total import (
     OWN,
     Estimate,
     by_person,
+    by_sensors,
     covered,
     deviation_of,
     fitted,
@@ -80,7 +81,14 @@ def total_section(found: Sequence[Estimate], walks: Sequence[Walk]) -> Section:
     together = fitted(walks, list(LEVELS), DEFAULT.moment_arm_scale)
     values = ", ".join(f"{name} {value:g}" for name, value in zip(FREE, together, strict=True))
     header = ("level", "constants", "JW", "PS", "mean", "first peak, JW / PS", "second peak, JW / PS")
-    return Section("The total force", WORDS["total"].format(values=values), header, rows)
+    sensed = []
+    for level in LEVELS:
+        own = [
+            by_sensors(one.walk, level, one.values) for one in chosen(found, level, OTHER_PERSON) if one.walk.sensors
+        ]
+        sensed.append(fmean(own) if own else float("nan"))
+    text = WORDS["total"].format(values=values, sensed=", ".join(f"{error:.2f}" for error in sensed))
+    return Section("The total force", text, header, rows)
 
 
 def deviation_section(found: Sequence[Estimate]) -> Section:

@@ -9,10 +9,13 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import least_squares
 
+from knee_contact_ros import estimate_load
+from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.joint_reaction.estimator import LEVELS, Deviation, Estimator, Trust
 from knee_contact_ros.joint_reaction.leg import GRAVITY, UNKNOWN, Ground
 from knee_contact_ros.joint_reaction.muscles import Person as Constants
 from knee_contact_ros.parameters.schema import PersonParameters
+from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, MESSAGE_TYPES, stamp_to_ns
 from studies.validation.data import SECOND, Flags, Floats, Walk
 
 LANDING, MIDDLE = 0.1, 0.5
@@ -38,6 +41,21 @@ def axial(walk: Walk, level: str, person: Constants) -> Floats:
         estimator.react(stamp, joints, Ground((0.0, force, 0.0), (UNKNOWN,) * 3), net, 0)[0].axial
         for stamp, joints, net, force in rows
     ])  # fmt: skip
+
+
+def by_sensors(walk: Walk, level: str, values: Sequence[float]) -> float:
+    """RMS error [body weights] of `estimate-load` on the bag of a walk, with our own inverse dynamics."""
+    assert walk.sensors  # noqa: S101  (the caller chooses such walks)
+    given = {"level": level} | {f"person.{name}": value for name, value in zip(FREE, values, strict=True)}
+    body = {"person.mass": walk.person.body_weight / GRAVITY, "person.height": walk.person.height}
+    found = estimate_load(str(walk.sensors), ["load/inverse_dynamics", given | body])
+    measured = [
+        (stamp_to_ns(each.message.header.stamp), -each.message.wrench.force.y)
+        for each in read_bag(walk.sensors, {f"/{JOINT_REACTION_FORCE}": MESSAGE_TYPES[JOINT_REACTION_FORCE]})
+    ]
+    stamps, forces = (np.array(column, dtype=np.float64) for column in zip(*measured, strict=True))
+    error = found["axial_force"] - np.interp(found["stamp"].astype(np.float64), stamps, forces)
+    return float(np.sqrt(np.mean(error**2))) / walk.person.body_weight
 
 
 def weights(walks: Sequence[Walk]) -> list[float]:
