@@ -18,7 +18,7 @@ RUN apt-get update \
         --dependency-types=buildtool --dependency-types=build --dependency-types=exec \
     && rm -rf /var/lib/apt/lists/*
 
-# The rest, from PyPI, as docs/installing.md says; NumPy stays Ubuntu's.
+# The rest, from PyPI, as docs/how-to/install.md says; NumPy stays Ubuntu's.
 RUN python3 -m venv --system-site-packages venv \
     && venv/bin/pip install "numpy<2" "numba>=0.68,<0.69" "mcap>=1.6,<1.7" "rosbags>=0.11,<0.12" \
         "pydantic>=2.6,<3" "ruamel.yaml>=0.18,<1" "zstandard>=0.21,<1" "lz4>=4"

@@ -32,25 +32,20 @@ html_copy_source = False
 html_show_sphinx = False
 
 CONTENTS = {
-    "Begin": ["docs/README", "docs/tutorial", "docs/robot"],
-    "Use": [
-        "docs/installing", "docs/python", "docs/node", "docs/load", "docs/conventions", "docs/bags", "docs/recording",
-        "docs/recovery", "docs/viewing", "docs/viewing-elsewhere", "docs/report", "docs/companion", "docs/security",
+    "Tutorials": [f"docs/tutorials/{page}" for page in ("first-knee", "your-robot", "your-subject", "notebook")],
+    "How-to": [f"docs/how-to/{page}" for page in (
+        "install", "run-beside-a-controller", "security", "record-and-replay", "see-it", "report", "import-data",
+        "surfaces-and-shares", "python", "many-knees", "uncertainty-and-calibration",
+    )],
+    "Reference": [f"docs/reference/{page}" for page in (
+        "README", "topics", "files", "parameters", "commands", "messages", "python", "faults", "glossary",
+    )],
+    "Explanation": [f"docs/explanation/{page}" for page in ("numbers", "model", "load", "accuracy", "validation")],
+    "Project": [
+        "docs/README", "CONTRIBUTING", "QUALITY_DECLARATION", "SECURITY", "docs/decisions/README",
+        "docs/studies/README", "docs/reproduction", "docs/validation", "docs/osteoarthritis-study", "docs/assistance",
+        "bags/README", "examples/README", "CHANGELOG",
     ],
-    "Subjects": [
-        "docs/tutorial-own-subject", "docs/subjects", "docs/files", "docs/opensim", "docs/sensors",
-        "docs/fit-profile", "docs/fit-share", "docs/uncertainty", "docs/cohorts", "docs/sensitivity",
-        "docs/calibration", "bags/README",
-    ],
-    "Model": [
-        "docs/model", "docs/choosing-fidelity", "docs/reproduction", "docs/osteoarthritis-study", "docs/validation",
-        "docs/assistance", "docs/studies/README",
-    ],
-    "Reference": [
-        "docs/reference/README", "docs/reference/parameters", "docs/reference/commands", "docs/reference/messages",
-        "docs/reference/python", "docs/reference/glossary",
-    ],
-    "Project": ["CONTRIBUTING", "docs/from-source", "QUALITY_DECLARATION", "docs/decisions/README", "CHANGELOG"],
 }  # fmt: skip
 
 

@@ -5,7 +5,7 @@
     knee_effort_controller/commands    std_msgs/Float64MultiArray, in: the torque of the knee's motor [N m]
 
 Nobody walks: angle and force are sums of simple curves, at 1.1 s a stride, which a real robot replaces by its sensors.
-The torque is only printed. `docs/robot.md` takes it from here.
+The torque is only printed. `docs/tutorials/your-robot.md` takes it from here.
 
     python examples/fake_exoskeleton.py
 """

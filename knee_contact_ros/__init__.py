@@ -2,7 +2,7 @@
 
 `load_model` gives the model, `solve` the answers to a recorded gait, `estimate_load` a load for it from sensors,
 `uncertainty` how far they may be off, `sweep` what many knees come to, `sensitivity` which parameter matters, and
-`calibrate` parameters from what was measured, all without ROS; docs/python.md shows them.
+`calibrate` parameters from what was measured, all without ROS; docs/how-to/python.md shows them.
 """
 
 from __future__ import annotations

@@ -117,7 +117,7 @@ def messages() -> str:
         "",
         MADE,
         "",
-        "All values are in SI units. [The node](../node.md) and [the load node](../load.md) publish them.",
+        "All values are in SI units. [Topics](topics.md) says who publishes what.",
     ]
     for name in ("KneeContact", "LoadEstimate"):
         text = (ROOT / "msg" / f"{name}.msg").read_text(encoding="utf-8").rstrip()
@@ -127,7 +127,7 @@ def messages() -> str:
 
 def python() -> str:
     """Public names in Python with their docstrings."""
-    lines = ["# Python", "", MADE, "", "`import knee_contact_ros` needs no ROS. [The how-to](../python.md) has "
+    lines = ["# Python", "", MADE, "", "`import knee_contact_ros` needs no ROS. [The how-to](../how-to/python.md) has "
              "examples. A name with dots is imported from that module of `knee_contact_ros`."]  # fmt: skip
     for heading, names in PYTHON.items():
         lines += ["", f"## {heading}"]

@@ -420,7 +420,7 @@ class Cohort:
     values: dict[str, NDArray[Any]]
     """Values of the varied parameters, by name, shape (k,)"""
     outcomes: np.recarray[Any, Any]
-    """Outcomes of each case, shape (k,), by the names in docs/cohorts.md; not a number where the case failed"""
+    """Outcomes of each case, shape (k,), by the names in docs/how-to/many-knees.md; NaN where the case failed"""
     lateral: np.recarray[Any, Any] | None
     """Outcomes of the lateral compartment, shape (k,); None unless both compartments are modelled"""
     failed: NDArray[Any]

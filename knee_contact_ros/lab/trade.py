@@ -1,7 +1,7 @@
 """What accuracy costs: a recorded gait and its knee at every level and tolerance, against the tightest tolerance.
 
 The reference is the same model at `dynamic` and `REFERENCE`. So the errors are those of level and tolerance. What the
-model itself leaves out, they do not show; docs/choosing-fidelity.md compares with code of others.
+model itself leaves out, they do not show; docs/explanation/accuracy.md compares with code of others.
 """
 
 from __future__ import annotations

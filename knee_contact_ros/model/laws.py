@@ -8,7 +8,8 @@ with h the depth at which the layer begins, F₀ the force of the layers above a
 the contact began. Eqs. 8 to 12 of the paper are such rows.
 
 To add a law, write its factory here: the keyword arguments are the `contact.*` parameters that it uses, and a constant
-that no other law has gets a `Range` and a default. Then name it in `CONTACT_LAWS`, and give it a row in docs/model.md.
+that no other law has gets a `Range` and a default. Then name it in `CONTACT_LAWS`, and give it a row in
+docs/explanation/model.md.
 A formula that is no row of the common one is a function of its own, marked `in_kernel`, with another value of
 `Layer.form`, which `force_at` passes to it. What every formula must fulfil stands in `ContactLaw`.
 """

@@ -14,7 +14,7 @@ Knee extension peaks shortly before the foot lands, and the knee flexes most qui
 ground. The times between were measured against the vertical ground reaction (above 20 N) of two persons who walked at
 their own speed: the two shipped bags (27 to 34 ms at four heel strikes, 16 to 26 ms at three toe-offs), and the walking
 trial published with Rajagopal et al. (2016), doi:10.1109/TBME.2016.2586891 (subject 11, angle from marker clusters: 19
-to 29 ms at three heel strikes, 20 to 35 ms at three toe-offs). `docs/report.md` has the errors that remain.
+to 29 ms at three heel strikes, 20 to 35 ms at three toe-offs). `docs/how-to/report.md` has the errors that remain.
 
 Limits: these are times of level walking at a usual speed; at other speeds and in running expect errors of some tens of
 ms. Where the knee does not flex after landing (a stiff knee, or going upstairs, where the foot lands on a bent knee and

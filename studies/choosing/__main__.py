@@ -2,7 +2,7 @@
 
 python -m studies.choosing [--page FILE] [--data FILE] [--picture FILE]
 
-Puts tables and picture into the measured part of docs/choosing-fidelity.md. `knee-contact trade` measures levels and
+Puts tables and picture into the measured part of docs/studies/choosing.md. `knee-contact trade` measures levels and
 tolerances on a bag and knee of one's own, against the model itself; here other code judges.
 """
 
@@ -243,24 +243,24 @@ def block(study: Study, picture: str, measured_on: str) -> str:
     parts = [
         f"Made by `python -m studies.choosing` on {measured_on}.",
         f"![Error of depth, force and contact point over the cost of a tick, beside geometry and inputs]({picture})",
-        "### Level and tolerance",
+        "## Level and tolerance",
         "Against the same geometry solved exactly by other code (SciPy's DOP853, event by event). Every cell: the "
         "largest error of depth, of contact force and of the contact point's x on the plateau at any tick; processor "
         f"time per tick, compiled, the least of {TURNS} runs; behind that the ticks that say `NOT_CONVERGED`, if any "
         f"do. {wrong} of all {ticks} ticks say that they are within the tolerance and are not.",
         table(("geometry", "level", "tolerance [m]", *names), levels),
-        "### Geometry",
+        "## Geometry",
         f"Each solved exactly, against the {MRI_KNEE}: what a simpler surface leaves out, whatever the level. Largest "
         "differences of depth, force and contact point at any tick. The exact solutions are good to "
         f"{own} (the largest difference from a second solution with 100 times the tolerance).",
         table(("geometry", *names), simpler),
-        "### Inputs",
+        "## Inputs",
         "On the recorded gait with the MRI knee, one input changed at a time: change of the largest depth and force, "
         "and the largest move of the contact point at any tick.",
         table(("input", "", "peak depth", "peak force", "contact point"), inputs),
-        "### Scenes",
-        "All with the constants of [healthy.yaml](../config/healthy.yaml) (Kelvin-Voigt, 9.3 kg); defined in "
-        "[scenes.py](../studies/choosing/scenes.py).",
+        "## Scenes",
+        "All with the constants of [healthy.yaml](../../config/healthy.yaml) (Kelvin-Voigt, 9.3 kg); defined in "
+        "[scenes.py](../../studies/choosing/scenes.py).",
         table(("scene", ""), [(scene.name, scene.about) for scene in study.scenes]),
     ]
     return "\n\n".join(parts)
@@ -351,7 +351,7 @@ FILE = click.Path(path_type=Path, dir_okay=False)
 
 
 @click.command()
-@click.option("--page", type=FILE, default="docs/choosing-fidelity.md", show_default=True)
+@click.option("--page", type=FILE, default="docs/studies/choosing.md", show_default=True)
 @click.option("--data", type=FILE, default="docs/studies/choosing.csv", show_default=True)
 @click.option("--picture", type=FILE, default="docs/images/choosing_fidelity.png", show_default=True)
 def main(page: Path, data: Path, picture: Path) -> None:

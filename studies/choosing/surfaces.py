@@ -1,8 +1,8 @@
 """The measured surfaces for the reference solution, written down once more: nothing of the package is used here.
 
-Curves are SciPy's C2 cubic splines through the points of the CSV files, as docs/model.md says. The deepest point is the
-best of a dense row of points of the femur, made exact by Newton's method on the conditions of the common normal.
-Compiled, as a solution asks some million times.
+Curves are SciPy's C2 cubic splines through the points of the CSV files, as docs/explanation/model.md says. The deepest
+point is the best of a dense row of points of the femur, made exact by Newton's method on the conditions of the common
+normal. Compiled, as a solution asks some million times.
 """
 
 from __future__ import annotations

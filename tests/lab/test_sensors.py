@@ -464,7 +464,7 @@ def test_a_long_file_is_read_row_by_row(importing: Importing) -> None:
 
 
 def test_the_map_of_the_page_is_one(importing: Importing) -> None:
-    page = (ROOT / "docs" / "sensors.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "how-to" / "import-data.md").read_text(encoding="utf-8")
     (shown,) = re.findall("```yaml\n(time: .*?)```", page, re.DOTALL)
     assert importing(cells(), shown, files=("cells.csv", write_csv(Path("motion.csv"), motion()))) == 0
     assert len(solve(Path("bag"))) == 720

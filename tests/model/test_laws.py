@@ -36,7 +36,7 @@ LOSSES = {
 
 @pytest.mark.parametrize("name", CONTACT_LAWS)
 def test_every_law_has_a_row_in_the_page_of_the_model(name: str) -> None:
-    assert f"\n| `{name}` |" in (ROOT / "docs" / "model.md").read_text(encoding="utf-8")
+    assert f"\n| `{name}` |" in (ROOT / "docs" / "explanation" / "model.md").read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("name", CONTACT_LAWS)

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 from scripts.make_reference import PAGES, REFERENCE
+from scripts.words import long_sentences, user_pages, words
 from tests import ROOT
 
 DECISIONS = sorted(path for path in (ROOT / "docs" / "decisions").glob("*.md") if path.name != "README.md")
@@ -16,6 +19,16 @@ def test_the_reference_is_what_the_code_says(name: str) -> None:
     assert page == PAGES[name](), "run python -m scripts.make_reference"
 
 
+def test_pages_for_users_are_few_words() -> None:
+    assert sum(map(words, user_pages())) <= 20_000
+    assert words(ROOT / "README.md") <= 500
+
+
+@pytest.mark.parametrize("page", user_pages(), ids=lambda page: str(page.relative_to(ROOT)))
+def test_no_sentence_is_long(page: Path) -> None:
+    assert long_sentences(page) == []
+
+
 def test_decisions_are_few_and_short() -> None:
     assert len(DECISIONS) <= 20
-    assert {path.name for path in DECISIONS if len(path.read_text(encoding="utf-8").split()) > 260} == set()
+    assert {path.name: words(path) for path in DECISIONS if words(path) > 300} == {}

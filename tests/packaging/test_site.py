@@ -47,7 +47,7 @@ def test_every_page_is_on_it(site: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "page", [FRONT, "docs/choosing-fidelity.html", "docs/reference/python.html", "docs/reference/commands.html"]
+    "page", [FRONT, "docs/how-to/see-it.html", "docs/reference/python.html", "docs/reference/commands.html"]
 )
 def test_a_browser_asks_no_network_for_it(browser: Any, site: Path, page: str) -> None:
     browser.get_log("browser"), browser.get_log("performance")  # those of before

@@ -1,4 +1,4 @@
-"""What may go wrong between two good samples, and what it costs: the table of docs/node.md, as far as streams go."""
+"""What may go wrong between two good samples, and what it costs: the part of docs/reference/faults.md about streams."""
 
 from __future__ import annotations
 

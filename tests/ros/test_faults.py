@@ -116,7 +116,7 @@ ENTRIES = {"pairing", "reliability"}
 
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
 def test_the_documented_table_says_what_a_fault_costs(fault: Fault) -> None:
-    page = (ROOT / "docs" / "node.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "reference" / "faults.md").read_text(encoding="utf-8")
     rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in page.splitlines() if line[:2] == "| "]
     ((_, lost, status, counters),) = [row for row in rows if row[0] == fault.name]
     assert lost

@@ -28,7 +28,7 @@ from tests.helpers.sinks import shown_ticks
 from tests.ros.conftest import PATIENCE, Peer
 from tests.ros.series import STEP
 
-pytest.importorskip("launch_ros", reason="the launch packages are not installed (docs/from-source.md)")
+pytest.importorskip("launch_ros", reason="the launch packages are not installed (CONTRIBUTING.md)")
 FOLDER = share_folder() / "launch"
 INTERRUPTED = "130"
 """The code of a replay that was interrupted"""

@@ -16,7 +16,7 @@ from knee_contact_ros.streams.strides import strides_of
 from tests import ROOT
 
 BLOCK = re.compile(r"^```(sh|text)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-PAGE = (ROOT / "docs" / "robot.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "tutorials" / "your-robot.md").read_text(encoding="utf-8")
 TIMEOUT = 400.0  # a new machine compiles first
 
 

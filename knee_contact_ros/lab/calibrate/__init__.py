@@ -110,7 +110,8 @@ def calibrate(
 
     From a table, parameters of one compartment's model are fitted to a depth, force, gap or height; from a bag, a
     person's constants of the load estimate are fitted to the joint reaction. The method is bounded nonlinear least
-    squares (SciPy's `least_squares`), with intervals by profile likelihood; docs/calibration.md says what they mean.
+    squares (SciPy's `least_squares`), with intervals by profile likelihood;
+    docs/how-to/uncertainty-and-calibration.md says what they mean.
     While fitting, the model is solved to 1e-9 m or better, without a budget.
 
     Args:

@@ -37,7 +37,7 @@ LEAST_DEVIATION, LARGEST_DEVIATION = 0.01, 10.0
 """Range of the parameter `standard_deviation` [body weights]"""
 OTHER_TRIALS = (
     "standard_deviation is the RMS of what is left of these data; in another trial of the same person it was up to 1.4 "
-    "times as large (docs/calibration.md)"
+    "times as large (docs/how-to/uncertainty-and-calibration.md)"
 )
 
 

@@ -101,7 +101,9 @@ def test_a_missing_extra_is_named(library: str, study: Path, capfd: Capture, mon
 
 
 def test_the_example_of_the_page_runs(address: str, study: Path, tmp_path: Path, capfd: Capture) -> None:
-    example = re.search(r"```yaml\n(.*?)```", (ROOT / "docs" / "cohorts.md").read_text(encoding="utf-8"), re.DOTALL)
+    example = re.search(
+        r"```yaml\n(.*?)```", (ROOT / "docs" / "how-to" / "many-knees.md").read_text(encoding="utf-8"), re.DOTALL
+    )
     assert example
     study.write_text(example[1])
     assert main(sweep(study, tmp_path / "out", address)) == 0

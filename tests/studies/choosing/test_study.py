@@ -63,7 +63,7 @@ def test_every_change_changes_the_answer() -> None:
 
 
 def test_the_page_has_a_measured_part() -> None:
-    text = (ROOT / "docs" / "choosing-fidelity.md").read_text(encoding="utf-8")
+    text = (ROOT / "docs" / "studies" / "choosing.md").read_text(encoding="utf-8")
     assert with_block(text, "") != text
 
 

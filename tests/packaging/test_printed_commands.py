@@ -1,0 +1,139 @@
+"""What README, tutorials and how-to print runs as it stands: a shell and a Python session for each page."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import os
+import re
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import pytest
+from domain_coordinator import domain_id
+
+from tests import ROOT
+from tests.helpers.needs import HAS_REPORT, HAS_VIEWER
+
+PAGES = [Path("README.md"), *sorted(path.relative_to(ROOT) for kind in ("tutorials", "how-to")
+                                    for path in (ROOT / "docs" / kind).glob("*.md"))]  # fmt: skip
+PAGES.remove(Path("docs/tutorials/your-robot.md"))  # tests/ros/test_robot.py runs it
+BLOCK = re.compile(r"^(?P<before>[^\n]*)\n+```(?P<kind>\w+)\n(?P<text>.*?)^```$", re.MULTILINE | re.DOTALL)
+NEED = re.compile(r"<!-- not run: (.*) -->")
+NEEDS = {"a download", "a screen", "apt", "OpenSim", "Docker", "ros2", "systemd", "other machines", "hours", "itself"}
+"""What a block may need that a test does not have"""
+SAVED = re.compile(r"Save this as `([\w.]+)`")
+INSTALLED = ROOT / ".venv" / ".installed"
+OWN = Path(sys.prefix) == ROOT / ".venv" and INSTALLED.exists()
+"""Whether this is the environment that `make demo` makes"""
+TIMEOUT = 400.0
+END = "@@ block ended"
+OF_MAKE = ("MAKEFLAGS", "MAKEOVERRIDES", "MFLAGS", "MAKELEVEL", "ARGS")  # of `make test ARGS=...`
+
+pytestmark = [
+    pytest.mark.skipif(not (HAS_VIEWER and HAS_REPORT), reason="needs the environment that `make demo` makes"),
+    pytest.mark.filterwarnings("ignore"),
+]
+
+
+class Block(NamedTuple):
+    """A block of a page, and the line before it."""
+
+    before: str
+    kind: str
+    text: str
+
+
+def blocks_of(page: Path) -> list[Block]:
+    """All blocks of a page that are shown with a language."""
+    return [Block(*found.groups()) for found in BLOCK.finditer((ROOT / page).read_text(encoding="utf-8"))]
+
+
+class Shell:
+    """A shell in a folder, which keeps its variables and jobs from block to block."""
+
+    def __init__(self, folder: Path, domain: int) -> None:
+        self.domain = domain
+        environment = {name: value for name, value in os.environ.items() if name not in OF_MAKE}
+        environment |= {"PATH": f"{sys.prefix}/bin:{environment['PATH']}", "MPLBACKEND": "Agg", "COLUMNS": "120"}
+        self.process = subprocess.Popen(
+            ["/bin/bash", "-e", "-o", "pipefail"], cwd=folder, env=environment, stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True,
+        )  # fmt: skip
+
+    def run(self, text: str) -> str:
+        """Run a block; return what it prints."""
+        assert self.process.stdin
+        assert self.process.stdout
+        text = re.sub(r"ROS_DOMAIN_ID=\d+", f"ROS_DOMAIN_ID={self.domain}", text)
+        self.process.stdin.write(f"{{ {text}\n}} < /dev/null\necho '{END}'\n")
+        self.process.stdin.flush()
+        timer = threading.Timer(TIMEOUT, self.close)
+        timer.start()
+        printed = []
+        for line in self.process.stdout:
+            printed.append(line.replace(f"{END}\n", ""))
+            if line.endswith(f"{END}\n"):
+                timer.cancel()
+                return "".join(printed)
+        raise AssertionError(f"failed:\n{text}\n{''.join(printed)}")
+
+    def close(self) -> None:
+        """End the shell and all that it has started."""
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(self.process.pid, 9)
+        self.process.wait()
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of the sources, as links, so that what the commands write stays out of it."""
+    for path in ROOT.iterdir():
+        if path.name not in ("knee_contact_demo", ".git", ".venv"):
+            (tmp_path / path.name).symlink_to(path)
+    (tmp_path / ".venv").symlink_to(sys.prefix)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    return tmp_path
+
+
+@pytest.fixture
+def shell(folder: Path) -> Iterator[Shell]:
+    """A shell in that folder, with a ROS domain that no other test has."""
+    with domain_id() as domain:
+        shell = Shell(folder, domain)
+        yield shell
+        shell.close()
+
+
+@pytest.mark.parametrize("page", PAGES, ids=str)
+def test_what_a_page_prints_runs_and_prints_what_is_shown(page: Path, shell: Shell, folder: Path) -> None:
+    names: dict[str, Any] = {"__name__": "page"}
+    printed = ""
+    for before, kind, text in blocks_of(page):
+        if need := NEED.search(before):
+            assert need[1] in NEEDS
+            printed = ""
+        elif saved := SAVED.search(before):
+            (folder / saved[1]).write_text(text, encoding="utf-8")
+        elif kind == "sh":
+            printed = shell.run(text if OWN else re.sub("^make demo", "knee-contact demo", text))
+        elif kind == "python":
+            with contextlib.redirect_stdout(io.StringIO()) as out:
+                exec(compile(text, str(page), "exec"), names)  # noqa: S102
+            printed = out.getvalue()
+        elif kind == "text" and printed:
+            lines = [line.rstrip() for line in printed.splitlines()]
+            for line in text.splitlines():
+                assert any(each.startswith(line.rstrip()) for each in lines), f"{line!r} is not in\n{printed}"
+            printed = ""
+
+
+@pytest.mark.parametrize("page", PAGES, ids=str)
+def test_pictures_and_files_that_a_page_names_are_there(page: Path) -> None:
+    for name in re.findall(r"`((?:examples|config|bags|docs)/[\w/.-]+)`", (ROOT / page).read_text(encoding="utf-8")):
+        assert (ROOT / name).exists(), name
