@@ -13,7 +13,7 @@ from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab import checks
 from knee_contact_ros.lab.opensim import leg
-from knee_contact_ros.lab.opensim.leg import FootForce, GroundFile, Places, data_file, read_ground
+from knee_contact_ros.lab.opensim.leg import FootForce, GroundFile, data_file, read_ground
 from knee_contact_ros.lab.tables import Table, read_storage
 from knee_contact_ros.streams.topics import GROUND_REACTION_FORCE, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
@@ -277,12 +277,6 @@ def test_the_knee_is_the_same_as_without(results: list[str], loads: list[str], t
     ground = [m.log_time for m in messages if m.topic == "/ground_reaction_force"]
     assert ground == [5_000_000 * row for row in range(241)]
     assert len(angles) == (241 if rate == "200" else 121)
-
-
-def test_the_thighs_angle_grows_as_the_knee_goes_ahead() -> None:
-    knee = np.array([[0.3, -0.4, 0.1], [-0.4, -0.4, 0.1]])
-    places = Places(np.zeros((2, 3)), knee, *[np.zeros((2, 3))] * 3)
-    assert leg.thigh_angle(places)[:, 0] == pytest.approx([np.arctan2(3, 4), -np.pi / 4])
 
 
 def test_the_joints_are_found_by_their_names_and_the_knees_angle(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import pytest
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.opensim import pipeline, setup_files
 from knee_contact_ros.lab.opensim.command import judge, show_checks
-from knee_contact_ros.lab.opensim.pipeline import Check, Run, assess
+from knee_contact_ros.lab.opensim.pipeline import Run, assess
 from knee_contact_ros.lab.opensim.setup_files import Setup, find_setups, plan, read_setup
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import not_installed
@@ -254,6 +254,8 @@ def test_peaks_and_what_is_allowed(run: Run, capsys: pytest.CaptureFixture[str])
     for check in found:
         peak, allowed, passed = JUDGED[check.name]
         assert (check.peak, check.allowed, check.passed) == (pytest.approx(peak), pytest.approx(allowed), passed)
+        verdict = f"{check.unit}, {'within' if passed else 'ABOVE'} {allowed:.3g} ({check.basis})"
+        assert check.sentence() == f"{check.name}: peak {check.peak:.3g}, RMS {check.rms:.3g} {verdict}"
     assert found[0].rms == pytest.approx(13.0 / np.sqrt(3.0))
     show_checks(found)
     said = " ".join(capsys.readouterr().out.split())
@@ -273,8 +275,3 @@ def test_a_run_that_cannot_be_judged_says_why(run: Run, capsys: pytest.CaptureFi
     assert str(run.moments) in fault
     show_checks(found, fault)
     assert capsys.readouterr().out.startswith("Residuals and reserves could not be judged: cannot read")
-
-
-def test_a_check_in_a_sentence() -> None:
-    check = Check("residual force", 50.0, 12.34, 45.0, "N", "5 % of 900 N of external force")
-    assert check.sentence() == "residual force: peak 50, RMS 12.3 N, ABOVE 45 (5 % of 900 N of external force)"

@@ -295,41 +295,30 @@ def test_rows_outside_the_time_that_is_asked_for_do_not_matter(tmp_path: Path) -
         knee(Files(q, reactions(tmp_path / "jr.sto")), start=0.1)
 
 
-def strange(folder: Path, what: str) -> Files:
-    """Results of which something is likely a mistake."""
-    read, model = files(folder), storages.write_model(folder / "m.osim")
+def loaded(folder: Path, times: float, model: bool) -> Files:
+    """Results with a multiple of a usual load, which is 1800 N at most."""
     time = np.linspace(0.0, DURATION, 241)
-    load = 900.0 + 900.0 * np.sin(2.0 * np.pi * time / DURATION) ** 2
-    if what == "ms":
-        columns = {f"knee_angle_{side}": -np.degrees(flexion(TIME)) for side in "rl"}
-        return read._replace(kinematics=storages.write_storage(folder / "q.sto", 1e3 * TIME, columns, "yes"),
-                             reactions=reactions(folder / "jr.sto", end=1e3 * DURATION))  # fmt: skip
-    if what == "spike":
-        load[100] = 5000.0
-    load *= {"large": 5.0, "small": 0.2, "much": 4.8}.get(what, 1.0)
-    columns = {f"{ON_TIBIA}_{axis}": -load if axis == "fy" else 0.0 * load for axis in AXES[:6]}
+    columns = dict(zip([f"{ON_TIBIA}_{axis}" for axis in AXES[:6]], reaction_columns(time, times), strict=True))
     jr = storages.write_storage(folder / "jr.sto", time, columns, "no")
-    return Files(read.kinematics, jr, model=None if what == "much" else model)
+    return Files(kinematics(folder / "q.sto"), jr, model=storages.write_model(folder / "m.osim") if model else None)
 
 
 @pytest.mark.parametrize(
-    ("what", "says"),
+    ("times", "says"),
     [
-        ("ms", r"q\.sto has 0\.1 rows a second: are its times in s\? In ms there would be 100"),
-        ("spike", r"jr\.sto: .*_fy is 5000 N at 0\.5 s and \d+.* N at most in the rows beside: a spike\?"),
-        ("large", r"presses with 9000 N, 12\.6 body weights at most, .*model"),
-        ("small", r"presses with 360 N, 0\.506 body weights at most"),
+        (5.0, r"presses with 9000 N, 12\.6 body weights at most, .*model"),
+        (0.2, r"presses with 360 N, 0\.506 body weights at most"),
     ],
 )
-def test_what_is_likely_a_mistake_is_imported_only_if_the_user_insists(tmp_path: Path, what: str, says: str) -> None:
-    read = strange(tmp_path, what)
+def test_what_is_likely_a_mistake_is_imported_only_if_the_user_insists(tmp_path: Path, times: float, says: str) -> None:
+    read = loaded(tmp_path, times, model=True)
     with pytest.raises(UsageError, match=f"{says}.*--anyway"):
         knee(read)
     assert re.search(says, knee(read, anyway=True).doubts[0])
 
 
 def test_without_a_model_a_large_load_is_a_warning(tmp_path: Path) -> None:
-    assert "presses with 8640 N at most, which is much" in knee(strange(tmp_path, "much")).doubts[0]
+    assert "presses with 8640 N at most, which is much" in knee(loaded(tmp_path, 4.8, model=False)).doubts[0]
     assert not knee(files(tmp_path)).doubts
 
 
