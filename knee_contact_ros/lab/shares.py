@@ -33,7 +33,7 @@ from knee_contact_ros.model.types import NANOSECOND, Floats
 from knee_contact_ros.parameters.files import SHARE_COLUMNS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import refuse_existing, write_complete
-from knee_contact_ros.system.terminal import WIDTH, say, shown
+from knee_contact_ros.system.terminal import WIDTH, say, shown, warn
 
 TERM = re.compile(r"\s*([+-])?\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)\s*\*?\s*)?([^\W\d]\w*|'[^']+'|\"[^\"]+\")\s*")
 """A term of a sum: sign, factor, column, in quotes if it has other signs than letters and digits"""
@@ -53,6 +53,8 @@ LEAST_LOAD, MOST_LOAD = 0.05, 5.0
 QUARTERS, COLUMNS = 4, ("flexion", "load", "medial", "moment")
 CURVE_FLEXION, CURVE_STEP, CURVE_END = (-0.5, 2.7), 0.1, 6.0
 """Flexion [rad] of a written curve's two rows, and step and last of its loads [body weights]"""
+SPACINGS = 0.02, 0.15
+"""Range of plausible spacings [m] of the compartments: in two implants 64 to 93 mm, contacts are some 40 mm apart"""
 OUTLIER = 0.1
 """Error of the medial force [body weights] beyond which a sample counts less in the fit of the spacing"""
 LARGEST_MOMENT = 0.12
@@ -453,3 +455,6 @@ def _show(trials: Sequence[Trial], found: Found) -> None:
     say(f"Fitted to all: {found.form}")
     if not math.isnan(found.spacing):
         say(f"For moment_balance: load.compartment_spacing: {found.spacing:.4f}")
+        if not SPACINGS[0] <= found.spacing <= SPACINGS[1]:
+            hint = "look at the sign and the unit of --moment, which is torque.x of the joint reaction"
+            warn([f"a spacing of {found.spacing:.3g} m fits no knee: {hint}"])

@@ -53,7 +53,7 @@ def draw(found: Sequence[Estimate], walks: Sequence[Walk], folder: Path) -> None
     for panel, label in zip(grid[:, 0], ("total force [BW]", "medial force, total given [BW]"), strict=True):
         panel.set_ylabel(label)
     for row in grid:
-        row[0].legend(fontsize="small", loc="upper right")
+        row[-1].legend(fontsize="small", loc="upper right")
     folder.mkdir(parents=True, exist_ok=True)
     figure.savefig(folder / "validation.png", dpi=DPI, metadata={"Software": None})
     plt.close(figure)

@@ -115,18 +115,8 @@ def run(*arguments: object) -> int:
 def test_the_command_writes_a_table_and_its_source(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     trials = [f"--trial={','.join(map(str, written(tmp_path, drawn(seed))))}" for seed in (1, 2)]
     output = tmp_path / "share.csv"
-    arguments = (
-        *trials,
-        *SUMS,
-        "--moment",
-        "mx",
-        "--body-weight",
-        WEIGHT,
-        "--source",
-        "somebody\nelse",
-        "--output",
-        output,
-    )
+    source = ("--source", "somebody\nelse")
+    arguments = (*trials, *SUMS, "--moment=mx", "--body-weight", WEIGHT, *source, "--output", output)
     assert run(*arguments) == 0
     said = capsys.readouterr().out
     assert "drawn2" in said
@@ -136,6 +126,9 @@ def test_the_command_writes_a_table_and_its_source(tmp_path: Path, capsys: pytes
     assert "# Source: somebody\n# Source: else\n" in text
     table = read_share_table("share.csv", text)
     assert np.abs(table.share - TRUE.share)[:, 2:].max() < 0.01  # smoothed
+    turned = ["--moment=-mx" if each == "--moment=mx" else each for each in arguments]
+    assert run(*turned, "--overwrite") == 0
+    assert "a spacing of -0.08 m fits no knee: look at the sign" in capsys.readouterr().err
     assert run(*arguments) == 2
     assert "exists already" in capsys.readouterr().err
     assert run(*arguments, "--overwrite") == 0
