@@ -61,7 +61,6 @@ def test_lift_offs_and_landings_are_covered(seed: int, level: str, tolerance: fl
     (1000010, "quasi_static", 1e-4),  # a load that ends, and the speed at which the surfaces part
     (1009001027, "dynamic", 1e-4),  # a flight that begins on the surface itself, into which the load then presses it
     (1009001376, "quasi_static", 1e-6),  # a load that leaves the soft beginning of a layer
-    (2011000266, "quasi_static", 1e-6),  # a turning surface throws up a light, hard contact, some time after its kick
     (1013001293, "dynamic", 1e-5),  # a swing that is not resolved, and ends in a flight
 ])  # fmt: skip
 def test_what_was_said_right_and_wrong_is_not_any_more(seed: int, level: str, tolerance: float) -> None:
@@ -142,8 +141,14 @@ def test_a_running_arthritic_knee_is_not_lost() -> None:
     assert found.said_right.mean() >= 0.95
 
 
-@pytest.mark.parametrize(("seed", "tolerance"), [(1009000581, 1e-6), (1013001986, 1e-4)])
-def test_a_femur_that_is_somewhere_in_the_air_is_not_found_by_a_landing(seed: int, tolerance: float) -> None:
-    """The run lands after flights whose error is metres, and rests; the exact femur still flies."""
-    found = answered(draw(seed), "dynamic", tolerance)
+@pytest.mark.parametrize(("seed", "level", "tolerance"), [
+    (1009000581, "dynamic", 1e-6), (1013001986, "dynamic", 1e-4),
+    (2011000266, "quasi_static", 1e-6),  # a turning surface throws up a light, hard contact, some time after its kick
+])  # fmt: skip
+def test_a_femur_that_is_somewhere_in_the_air_is_not_found_by_a_landing(
+    seed: int, level: str, tolerance: float
+) -> None:
+    """The run lands after flights whose error is metres, or rests all along; the exact femur still flies."""
+    found = answered(draw(seed), level, tolerance)
+    assert found.depth.known.sum() > 10
     assert not found.depth.wrong.any()
