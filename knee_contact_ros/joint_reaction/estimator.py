@@ -67,8 +67,8 @@ class EstimationLevel(NamedTuple):
 
 
 KNEE_LEVER = 0.6
-"""Part of the lever of a body that stands upright above a bent knee, as trunk and momentum carry the rest. Between 0.4
-and 0.7 the error on the two measured knees is within 5 % of its least"""
+"""Part of the lever of a body that stands upright above a bent knee, as trunk and momentum carry the rest. Between 0.5
+and 0.7 the error on the two measured knees is within 3 % of its least"""
 SWING = 0.5
 """Part of the shank's inertia that the knee's own acceleration shows, as the thigh, which is not measured, turns the
 other way; the knee moments of the two measured walkers in swing ask for 0.4 and 0.2, their loads for 0.5"""
@@ -197,7 +197,7 @@ class Movement:
         A foot that bears nothing for longer than in walking counts, too: sitting, cycling, or a sensor that is off.
         """
         force = vertical / self._weight
-        if self._last is None or stamp < self._last:
+        if self._last is None or not 0 <= stamp - self._last <= TOO_LONG / NANOSECOND:  # after a pause as at first
             self._other_until, self._bore = None, stamp
         self._last = stamp
         if force > UNLOADED:

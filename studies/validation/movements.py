@@ -1,9 +1,9 @@
-"""Movements that are made up from published curves, and whether those without measured constants are marked.
+"""Movements that are made up after published curves, and whether those without measured constants are marked.
 
 Each is a flexion [deg] and a vertical ground force [body weights] over a cycle, of points that are joined smoothly:
 walking (Winter 2009), running (Novacheck 1998, doi:10.1016/S0966-6362(97)00038-6), stairs (Riener et al. 2002,
 doi:10.1016/S0966-6362(01)00162-X), sit to stand (Kralj et al. 1990, doi:10.1016/0021-9290(90)90005-N) and squats
-(Kutzner et al. 2010, doi:10.1016/j.jbiomech.2010.03.046), read off their figures.
+(Kutzner et al. 2010, doi:10.1016/j.jbiomech.2010.03.046), by peaks and course, not digitised.
 """
 
 from __future__ import annotations

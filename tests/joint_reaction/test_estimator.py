@@ -201,3 +201,38 @@ def test_moments_of_joints_that_turn_steadily_quicker_are_those_of_lagrange(draw
     # Accelerations to 4e-9 rad/s^2 (`test_leg.py`), with inertias of 2 kg m^2 and masses by lengths of 4 kg m
     told = (found.knee_moment + 7.0, found.ankle_moment + 4.0, found.resultant_force)
     assert told == pytest.approx(expected, abs=2e-8)
+
+
+SECOND = 1000 * MS
+
+
+@pytest.mark.parametrize(
+    ("flexion", "force", "marked"),
+    [
+        (0.3, 1.1, False),  # stance of walking
+        (1.1, 0.0, False),  # its swing
+        (0.8, 0.2, False),  # its toe-off
+        (0.1, 0.5, False),  # standing on both legs
+        (1.0, 0.5, True),  # a stair, or a chair
+        (0.7, 2.3, True),  # running
+    ],
+)
+def test_movements_without_constants_are_doubtful_for_a_stride(flexion: float, force: float, marked: bool) -> None:
+    weight, one = PERSON.weight, Seeing("ground_force")
+
+    def status(stamp: int, flexion: float, force: float) -> int:
+        sensed = Ground((0.0, force * weight, 0.0), NOT_MEASURED)
+        return one.at(EPOCH + stamp, Joints(flexion, UNKNOWN, UNKNOWN), sensed).status
+
+    assert status(0, flexion, force) == (Status.DOUBTFUL_LOAD if marked else 0)
+    assert status(SECOND, 0.1, 0.5) == (Status.DOUBTFUL_LOAD if marked else 0)
+    assert status(2 * SECOND, 0.1, 0.5) == 0
+
+
+def test_a_foot_that_bears_nothing_for_long_is_doubtful_and_a_pause_is_not() -> None:
+    still, one = Joints(1.2, UNKNOWN, UNKNOWN), Seeing("ground_force")
+    found = [
+        one.at(EPOCH + number * SECOND, still, Ground((0.0, 0.0, 0.0), NOT_MEASURED)).status for number in range(6)
+    ]
+    assert found == [0] * 4 + [Status.DOUBTFUL_LOAD] * 2
+    assert one.at(EPOCH + 20 * SECOND, still, Ground((0.0, 0.0, 0.0), NOT_MEASURED)).status == 0
