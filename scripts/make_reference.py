@@ -62,15 +62,15 @@ def parameters() -> str:
         "lateral twins such as `lateral.femur.radius`, which follow the medial ones unless you set them.",
     ]  # fmt: skip
     for kind in (CONTACT_NODE, LOAD_NODE):
-        lines += ["", f"## {kind.schema.node}", "", "| parameter | unit | default | range | meaning | live |",
-                  "|---|---|---|---|---|---|"]  # fmt: skip
+        lines += ["", f"## {kind.schema.node}", "", "| parameter | meaning | default | range | live |",
+                  "|---|---|---|---|---|"]  # fmt: skip
         for name, declaration in known_parameters(kind.schema).items():
             if not name.startswith(LATERAL):
                 unit = UNIT.match(declaration.description)
                 meaning = UNIT.sub("", declaration.description)
                 lines.append(
-                    f"| `{name}` | {unit[1] if unit else ''} | `{shown(declaration.default)}` | {allowed(declaration)} "
-                    f"| {meaning} | {'yes' if name in kind.live else ''} |"
+                    f"| `{name}` | {meaning} | `{shown(declaration.default)}` {unit[1] if unit else ''} "
+                    f"| {allowed(declaration)} | {'yes' if name in kind.live else ''} |"
                 )
     return "\n".join([*lines, ""])
 
