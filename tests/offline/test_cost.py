@@ -21,8 +21,9 @@ BAG = share_folder() / "bags" / "gait2354_right"
 ALLOWED = 1.02
 EVALUATIONS = {"healthy": 7165, "osteoarthritis": 15582, "mri_knee": 7157, "both_compartments": 14330}
 """Contact law evaluations of the shipped gait's 387 ticks, by parameter file"""
-CALLS = 136
-"""Calls of functions, Python's and C's, from the bytes of an angle and a force to those of the answer"""
+CALLS = 141
+"""Calls of functions, Python's and C's, from the bytes of an angle and a force to those of the answer; 136
+before a doubtful load and a clock that is wrong for good were flagged (9f2c254 to 1a670c1)"""
 
 
 @pytest.mark.parametrize("name", EVALUATIONS)
