@@ -216,8 +216,8 @@ LOAD_FILE = "load/gait2354.yaml"
 FORCE_LIMIT = 700.0
 """Contact force [N] above which the companion lowers its torque; its default is above what the estimate reaches"""
 NOT_KNOWN = (
-    "with an actuator's help people pull their muscles against each other otherwise than without, and nothing here "
-    "measures that: what the estimate loses is the net moment alone"
+    "people change how much they co-contract when assisted, and this estimate cannot see that: it only takes the "
+    "torque off the net moment"
 )
 
 
