@@ -181,7 +181,8 @@ def _computed(pipeline: ContactStream, samples: _Samples, paired: PairedSamples,
     stamps, frame_id = samples.wrenches.stamps[:number], samples.wrenches.shape[0]
     axial, angle = samples.axial[:number], paired.angle + pipeline.parameters.knee.flexion_offset
     medial = pipeline.rule(axial, samples.moment[:number], angle)
-    doubtful = np.isnan(samples.wrenches.numbers["torque"][:number, 1])
+    torque = samples.wrenches.numbers["torque"][:number]
+    doubtful = np.isnan(torque[:, 1]) & np.isfinite(torque[:, 2])
     if pipeline.by_moment:
         doubtful |= pipeline.by_moment.fails(axial, medial)
     status = paired.status | np.where(doubtful, DOUBTFUL_LOAD, 0).astype(paired.status.dtype)

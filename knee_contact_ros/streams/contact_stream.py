@@ -84,7 +84,8 @@ def load_sample(
 ) -> LoadSample:
     """Sample with the axial load L = -F_y and the frontal moment of a WrenchStamped on the tibia.
 
-    A `torque.y` that is not a number says that the load is doubtful: the load node does so.
+    A `torque.y` that is NaN beside a number as `torque.z` says that the load is doubtful: the load node does so. Who
+    knows no torque at all may fill it with NaN.
 
     Args:
         message: The WrenchStamped.
@@ -111,7 +112,8 @@ def load_sample(
             "out_of_range", f"joint_reaction_force: torque.x of {moment:g} N m makes a load of {part:g} N"
         )
     stamp = checked_stamp(message.stamp, "joint_reaction_force")
-    return LoadSample(stamp, -axial, moment, message.frame_id, data, arrived, None, math.isnan(message.torque[1]))
+    doubtful = math.isnan(message.torque[1]) and math.isfinite(message.torque[2])
+    return LoadSample(stamp, -axial, moment, message.frame_id, data, arrived, None, doubtful)
 
 
 class ContactStream(PairedStreams):

@@ -367,10 +367,10 @@ class Synchroniser:
         other = last + self.angle_delay if of_load else last
         if abs(stamp - other) <= self._max_gap:
             self._apart_since, self.apart = None, False
-        elif of_load and self._apart_since is None:
+        elif of_load and (self._apart_since is None or stamp < self._apart_since):
             self._apart_since = stamp
         elif of_load and self._apart_since is not None:
-            self.apart |= not -APART < stamp - self._apart_since < APART
+            self.apart |= stamp - self._apart_since >= APART
         if of_load and len(self.leads) < MOST_LEADS:
             self.leads.append(stamp - other)
 

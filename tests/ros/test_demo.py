@@ -266,7 +266,7 @@ def test_a_full_disk_leaves_nothing_half_written(right_bag: Path, tmp_path: Path
 
 def test_help_and_version_are_quick_to_say() -> None:
     assert "not a medical device" in " ".join(run("--help").stdout.split())
-    assert run("--version").stdout.startswith("knee-contact 0.")
+    assert run("--version").stdout.startswith("knee-contact 1.")
     assert "--ros-args" in run("node", "--help").stdout
 
 
