@@ -16,7 +16,7 @@ from knee_contact_ros.joint_reaction.estimator import LEAST_PEAK, LIGHTEST, MOST
 from knee_contact_ros.lab.tables import BODY_WEIGHT, FORCE, PERCENT, Floats, Series, Table, factor
 from knee_contact_ros.model.inputs import CLEAR, TIMES_MORE, WIDEST
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_LOAD
-from knee_contact_ros.model.ticks import EXTENDS, FLEXES
+from knee_contact_ros.model.types import EXTENDS, FLEXES
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 

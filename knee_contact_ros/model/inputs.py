@@ -11,8 +11,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.model.ticks import EXTENDS, FLEXES
-from knee_contact_ros.model.types import NANOSECOND
+from knee_contact_ros.model.types import EXTENDS, FLEXES, NANOSECOND
 
 ONE_SIDED_TICKS, ONE_SIDED_TIME = 100, 1.0
 """Number of ticks, and time [s], from which a sign, or a load that is never there, cannot be a swing phase"""

@@ -45,7 +45,19 @@ from knee_contact_ros.model.solver import (
 )
 from knee_contact_ros.model.statics import ANSWER, START_HEIGHT, static_contact
 from knee_contact_ros.model.surfaces import closest, next_kink, touch
-from knee_contact_ros.model.types import Bytes, Counts, Fidelity, Floats, Status, byte, word
+from knee_contact_ros.model.types import (
+    EXTENDS,
+    FARTHEST_GAP,
+    FARTHEST_POINT,
+    FLEXES,
+    Bytes,
+    Counts,
+    Fidelity,
+    Floats,
+    Status,
+    byte,
+    word,
+)
 
 QUASI_STATIC, DYNAMIC, PRESCRIBED_HEIGHT = int(Fidelity.QUASI_STATIC), int(Fidelity.DYNAMIC), 3
 LEVELS = {"quasi_static": QUASI_STATIC, "dynamic": DYNAMIC, "auto": DYNAMIC}
@@ -78,10 +90,8 @@ IN_STEP, ANY_PHASE = 0.5, 2.5
 """Phase error of an oscillation [rad] up to which its phase counts as known; how far others may have grown beyond it"""
 UNKNOWN_INERTIA = 0.8
 """Unknown part of the inertia that the quasi-static level leaves out, of which only the mean over a tick is known"""
-FARTHEST_GAP, SETTLING = 0.01, 0.1
-"""Gap [m] that no knee has, and time of contact [s] in which the femur settles after such a flight"""
-EXTENDS, FLEXES, FARTHEST_POINT = math.radians(-30.0), math.radians(170.0), 0.06
-"""Range of flexion angles of any knee [rad], and x [m] of a contact, from the tibia's origin, that is on no plateau"""
+SETTLING = 0.1
+"""Time of contact [s] in which the femur settles after a flight farther than any knee's"""
 NOT_CONVERGED, IMPLAUSIBLE = int(Status.NOT_CONVERGED), int(Status.IMPLAUSIBLE)
 (
     W_ANGLE, W_LOAD, W_FORCE, W_DEPTH, W_GAP, W_RATE, W_SLIDING, W_POINT, W_HEIGHT, W_CARTILAGE, W_BONE, W_ERROR,

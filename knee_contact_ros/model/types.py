@@ -7,6 +7,7 @@ constants in `msg/KneeContact.msg`.
 
 from __future__ import annotations
 
+import math
 import struct
 from collections.abc import Iterator
 from enum import IntEnum, IntFlag
@@ -20,6 +21,11 @@ Rows = NDArray[Any]
 Floats = NDArray[np.float64]
 Bytes = NDArray[np.uint8]
 Counts = NDArray[np.uint32]
+
+EXTENDS, FLEXES = math.radians(-30.0), math.radians(170.0)
+"""Range of flexion angles of any knee [rad]"""
+FARTHEST_GAP, FARTHEST_POINT = 0.01, 0.06
+"""Gap [m] that no knee has, and x [m] of a contact, from the tibia's origin, that is on no plateau"""
 
 
 class Field(NamedTuple):

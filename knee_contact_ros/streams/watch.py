@@ -17,8 +17,7 @@ from knee_contact_ros.joint_reaction.compartments import LOADED
 from knee_contact_ros.joint_reaction.estimator import weight_doubt
 from knee_contact_ros.model.inputs import Axes, Inputs
 from knee_contact_ros.model.knee import KneeModel
-from knee_contact_ros.model.ticks import EXTENDS, FARTHEST_GAP, FARTHEST_POINT, FLEXES
-from knee_contact_ros.model.types import FLAT, Rows, Status
+from knee_contact_ros.model.types import EXTENDS, FARTHEST_GAP, FARTHEST_POINT, FLAT, FLEXES, Rows, Status
 from knee_contact_ros.parameters.build import beyond_words, parameter_doubts
 from knee_contact_ros.parameters.schema import Parameters
 
