@@ -295,7 +295,7 @@ FAULTS = [
     Fault("angle beyond 10 rad", lambda p, t: p.send_angle(t, 57.3), ("out_of_range",), REJECTED),
     Fault("force beyond 1e6 N", lambda p, t: p.send_force(t, 2e6), ("out_of_range",), REJECTED),
     Fault("joint missing", lambda p, t: p.send_angle(t, 0.2, joint="elbow"), ("joint_missing",), REJECTED),
-    Fault("joint without position", without_position, ("joint_missing",), REJECTED),
+    Fault("fewer positions than names", without_position, ("lengths_differ",), REJECTED),
     Fault("empty joint state", joint_state, ("joint_missing",), REJECTED),
     Fault("joints in another order", other_order),
     Fault("thousands of joints", many_joints),
