@@ -87,7 +87,7 @@ def _lives(files: Sequence[File], numbers: Sequence[Numbers]) -> list[list[Part]
         for number, segment in enumerate(file.segments)
         if not numbers[index].keys().isdisjoint(segment.counts)
     ]
-    if not any(file.goes_back for file in files) and not _back(files, numbers):
+    if not parts or not (any(file.goes_back for file in files) or _back(files, numbers)):
         return [parts]
     pieces = [_piece(files, numbers, part) for part in parts]
     return _cut(pieces)

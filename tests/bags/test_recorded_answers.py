@@ -64,6 +64,16 @@ def test_frames_of_different_length_and_trailing_bytes(tmp_path: Path) -> None:
     assert answer_topics(tmp_path / "x.mcap") == ["/left/knee_contact"]
 
 
+def test_topics_of_a_recording_whose_stamps_go_back(tmp_path: Path) -> None:
+    stamps = [*range(10), *range(3, 10)]
+    with BagWriter(tmp_path / "x.mcap") as bag:
+        bag.add_topic("/knee_contact", CONTACT)
+        for stamp in stamps:
+            bag.write("/knee_contact", stamp, message(stamp, "tibia"))
+    assert answer_topics(tmp_path / "x.mcap") == ["/knee_contact"]
+    assert read_answers(tmp_path / "x.mcap")["stamp"].tolist() == stamps
+
+
 def test_recordings_from_before_a_field_stay_readable(
     old_recording: Path, config: Path, right_bag: Path, tmp_path: Path
 ) -> None:
