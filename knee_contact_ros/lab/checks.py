@@ -28,8 +28,8 @@ SPIKE, ALONE = 1.5, 2.0
 """Load [BW] by which a row exceeds both its neighbours, and how many times as large it is, that point to a spike"""
 JUMP = math.radians(30.0)
 """Step [rad] from one row to the next that points to a loose contact, or to a new turn of an encoder"""
-SLOWEST = 5.0
-"""Lowest plausible rate of rows [Hz]"""
+SLOWEST, FASTEST = 5.0, 1e4
+"""Range of plausible rates of rows [Hz]"""
 MOVES, FITS = 0.1, (0.5, 2.0)
 """RMS of the rate [rad/s] below which a given rate cannot be checked; and range of the slope of given over derived
 rate, outside of which the given one has another unit or is another joint's"""
@@ -224,9 +224,10 @@ def unusual(load: Series, weight: float | None) -> list[str]:
 
 def _slow(series: Series, ask: str) -> str:
     rate = NANOSECONDS / float(np.median(np.diff(series.stamps)))
-    if rate >= SLOWEST:
+    if SLOWEST <= rate <= FASTEST:
         return ""
-    return f"{series.path} has {rate:.3g} rows a second: {ask} In ms there would be {1000.0 * rate:.3g}"
+    hint = f" In ms there would be {1000.0 * rate:.3g}" if rate < SLOWEST else ""
+    return f"{series.path} has {rate:.3g} rows a second: {ask}{hint}"
 
 
 def _included(angle: Series, mapped: bool) -> str:

@@ -167,6 +167,12 @@ def test_tables_that_could_be_misread_are_refused(importing: Importing, capsys: 
             "2 columns X; say which: P01:RKneeAngles.X, P01:RKneeForce.X",
         ),
         ("t,a,f\n" + rows(), SIMPLE.replace("t}", "t, rate: 50}"), (), "has 0.02, and with time.rate it must count"),
+        (
+            "t,a,f\ns,deg,N\n" + rows(),
+            SIMPLE.replace("t}", "t, unit: ms}"),
+            (),
+            "has 5e+04 rows a second: is time.unit",
+        ),
         (by_clock, SIMPLE, (other,), "must have times of one clock"),
         (
             "t,a,f[kN]\n" + rows(),
