@@ -10,6 +10,7 @@ Parameters: `parameters/schema.py`.
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Collection
 from contextlib import AbstractContextManager
@@ -38,7 +39,7 @@ from knee_contact_ros.streams.messages import JointState as StrideNumbers
 from knee_contact_ros.streams.messages import encode_joint_state
 from knee_contact_ros.streams.output import Knee
 from knee_contact_ros.streams.pairing import LoadSample, PairedSample
-from knee_contact_ros.streams.strides import Stride, Strides
+from knee_contact_ros.streams.strides import CERTAIN, Stride, Strides
 from knee_contact_ros.streams.topics import (
     INPUTS,
     KNEE_CONTACT,
@@ -116,12 +117,13 @@ def encode_stride(stride: Stride, frame_id: str, now: int) -> bytes:
     """Bytes of the message of a stride: a JointState with a number for each of `STRIDE_NUMBERS`.
 
     Its stamp is the heel strike that ends the stride. `phase` is that of the answer at the stamp `now` [ns] in the
-    stride that follows, if this lasts as long.
+    stride that follows, if this lasts as long; NaN if stamps have jumped since.
     """
     span = stride.span
+    since = now - span.end if 0 <= now - span.end <= CERTAIN else math.nan
     numbers = (
         stride.peak_force, stride.peak_depth, stride.impulse, stride.stance_impulse, stride.loading_rate,
-        1e-9 * (span.toe_off - span.start), span.duration, (now - span.end) / (span.end - span.start),
+        1e-9 * (span.toe_off - span.start), span.duration, since / (span.end - span.start),
         float(stride.usable),
     )  # fmt: skip
     return encode_joint_state(StrideNumbers(span.end, frame_id, STRIDE_NUMBERS, numbers, (), ()))

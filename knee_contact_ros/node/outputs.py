@@ -395,19 +395,26 @@ MOST_ENDING = 4
 
 
 class Ring:
-    """Last answers, and the notes between them, for a snapshot; bounded by their stamps and by their number."""
+    """Last answers, and the notes between them, for a snapshot; bounded by their time and by their number."""
 
     def __init__(self, duration: float, most: int) -> None:
-        """Keep the answers of the last `duration` [s] of stamps, and at most so many of them; none if it is 0."""
+        """Keep the answers of the last `duration` [s], and at most so many of them; none if it is 0.
+
+        Their time is that of their stamps, without the steps back of a clock that is set.
+        """
         self._duration, self._most = round(duration * NANOSECONDS), most
-        self._items: deque[Answer | Note] = deque()
+        self._items: deque[tuple[int, Answer | Note]] = deque()
+        self._now = self._last = 0
 
     def put(self, answer: Answer) -> None:
         """Keep an answer, and forget what is too old."""
-        items = self._items
-        items.append(answer)
-        oldest = answer.records[-1][1] - self._duration
-        while len(items) > self._most or isinstance(items[0], Note) or items[0].records[-1][1] <= oldest:
+        stamp = answer.records[-1][1]
+        if stamp > self._last:
+            self._now += stamp - self._last
+        self._last = stamp
+        items, oldest = self._items, self._now - self._duration
+        items.append((self._now, answer))
+        while len(items) > self._most or isinstance(items[0][1], Note) or items[0][0] <= oldest:
             items.popleft()
             if not items:
                 return
@@ -416,11 +423,12 @@ class Ring:
         """Keep a note. Answers before other parameters are forgotten: a recording begins with one set of them."""
         if note.name == PARAMETERS_CHANGED and any(not name.startswith(("record.", TICK)) for name in note.values):
             self._items.clear()
-        self._items.append(note)
+        self._items.append((self._now, note))
 
-    def taken(self) -> list[Answer | Note]:
-        """What is kept, the oldest first."""
-        return list(self._items)
+    def taken(self) -> tuple[list[Answer | Note], float]:
+        """What is kept, the oldest first, and the time [s] from its first answer to its last."""
+        times = [at for at, item in self._items if isinstance(item, Answer)]
+        return [item for _, item in self._items], (times[-1] - times[0]) / NANOSECONDS if times else 0.0
 
 
 class Outputs:

@@ -246,9 +246,9 @@ class Session(ABC):
         return f"{path} will be complete in a moment"
 
     def _save_snapshot(self) -> str:
-        items = self.outputs.ring.taken()
-        stamps = [item.records[-1][1] for item in items if isinstance(item, Answer)]
-        if not stamps:
+        items, duration = self.outputs.ring.taken()
+        answers = sum(isinstance(item, Answer) for item in items)
+        if not answers:
             raise UsageError(
                 "there is nothing to save: no answer since the parameters changed, or record.snapshot is 0"
             )
@@ -256,10 +256,9 @@ class Session(ABC):
         path = path.with_name(f"{path.stem}_snapshot{path.suffix}")
         record = self.parameters.record.model_copy(update={"path": stamped(str(path))})
         knee = self._described(self.parameters.model_copy(update={"record": record}))
-        before = {TICKS_BEFORE: str(self.pipeline.ticks - len(stamps))}
+        before = {TICKS_BEFORE: str(self.pipeline.ticks - answers)}
         name = self.outputs.save_snapshot(items, knee._replace(provenance={**knee.provenance, **before}))
-        duration = 1e-9 * (stamps[-1] - stamps[0])
-        return f"{name} will be complete in a moment: {len(stamps)} answers, {duration:.3f} s"
+        return f"{name} will be complete in a moment: {answers} answers, {duration:.3f} s"
 
     def _knee(self) -> Knee:
         """Description for outputs that begin now, with the time in the names of their files."""

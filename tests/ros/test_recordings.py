@@ -92,7 +92,13 @@ def test_a_snapshot_is_a_complete_recording_of_the_last_seconds(peer: Peer, star
     walk(peer, 300, 40)
     peer.wait_until(lambda: len(peer.contacts) == 340)
     assert save().message.startswith(f"{tmp_path / 'knee_snapshot_1.mcap'} ")
+    walk(peer, 100, 40)  # the clock is set back
+    peer.wait_until(lambda: len(peer.contacts) == 380)
+    third = [save()]
+    wait_until(lambda: third[-1].success or third.append(save()))  # once the one before is open
+    assert third[-1].message.endswith("moment: 101 answers, 0.495 s")
     assert node.stop()[0] == 0
+    assert stamps(tmp_path / "knee_snapshot_2.mcap") == [*range(279, 340), *range(100, 140)]
     assert stamps(tmp_path / "knee_snapshot.mcap") == list(range(200, 300))
     assert stamps(tmp_path / "knee_snapshot_1.mcap") == list(range(240, 340))
     how = read_provenance(tmp_path / "knee_snapshot_1.mcap")

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 
 from knee_contact_ros.bags.reader import read_answers
-from knee_contact_ros.streams.strides import strides_of
+from knee_contact_ros.node.contact_node import encode_stride
+from knee_contact_ros.streams.strides import Span, Stride, strides_of
 from tests.ros.conftest import NodeProcess, Peer
 from tests.streams.test_gait_events import BODY_WEIGHT, walking
 
@@ -41,3 +44,10 @@ def test_each_stride_is_told_once_with_the_numbers_of_python(peer: Peer, start_n
         assert numbers["stride_time"] == stride.span.duration
         assert numbers["stance_time"] == pytest.approx(0.01 * stride.span.stance * stride.span.duration, rel=1e-12)
         assert 0.2 < numbers["phase"] * numbers["stride_time"] < 0.7  # [s] after the heel strike
+
+
+@pytest.mark.parametrize(("now", "phase"), [(2.5, 0.5), (2.0, 0.0), (1.9, math.nan), (3600.0, math.nan)])
+def test_the_phase_is_not_told_where_stamps_have_jumped(now: float, phase: float) -> None:
+    stride = Stride(Span(10**9, 16 * 10**8, 2 * 10**9), 1.0, 1.0, 1.0, 1.0, 1.0, usable=True)
+    message = deserialize_message(encode_stride(stride, "", round(now * 1e9)), JointState)
+    assert message.position[message.name.index("phase")] == pytest.approx(phase, nan_ok=True)
