@@ -15,6 +15,7 @@ import math
 import re
 from collections.abc import Callable, Sequence
 from functools import partial
+from itertools import combinations
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -124,6 +125,10 @@ def run_fit_share(
         raise UsageError(f"--body-weight: {len(body_weight)} for {len(files)} trials; give one, or one for each")
     weights = list(body_weight) * (len(files) // len(body_weight))
     trials = [read_trial(paths, wanted, weight) for paths, weight in zip(files, weights, strict=True)]
+    for one, other in combinations(trials, 2):
+        if np.array_equal(one.load, other.load) and np.array_equal(one.medial, other.medial):
+            fault = f"trials {one.name} and {other.name} are the same: each is left out in turn, and must be a new one"
+            raise UsageError(f"--trial: {fault}")
     found = chosen(trials, form, smoothing)
     text = _csv(found, trials, source)
     write_complete({output: text.encode()})

@@ -225,6 +225,9 @@ class KneeModel:
 
         Returns:
             Record array of shape (n,) with the standard deviations `contact_force` [N] and `penetration_depth` [m].
+
+        Raises:
+            ValueError: a standard deviation is negative.
         """
         return uncertainty(self.law, answers, load_deviation)
 

@@ -109,8 +109,13 @@ def uncertainty(law: ContactLaw, rows: Rows, load_deviation: Any) -> Readings:
         law: The contact law.
         rows: Answers, shape (n,).
         load_deviation: Standard deviation of `load` [N], a number or shape (n,); NaN where it is not known.
+
+    Raises:
+        ValueError: a standard deviation is negative.
     """
     deviation = np.broadcast_to(np.asarray(load_deviation, dtype=np.float64), len(rows))
+    if (deviation < 0.0).any():
+        raise ValueError(f"load_deviation must not be negative, got {deviation.min()}")
     found = np.zeros(len(rows), dtype=UNCERTAINTY)
     pressed = (rows["load"] > 0.0) & (rows["contact_force"] > 0.0)
     ratio = np.divide(rows["contact_force"], rows["load"], out=np.ones(len(rows)), where=pressed)

@@ -129,6 +129,8 @@ def test_the_command_writes_a_table_and_its_source(tmp_path: Path, capsys: pytes
     turned = ["--moment=-mx" if each == "--moment=mx" else each for each in arguments]
     assert run(*turned, "--overwrite") == 0
     assert "a spacing of -0.08 m fits no knee: look at the sign" in capsys.readouterr().err
+    assert run(trials[0], *arguments, "--overwrite") == 2
+    assert "trials drawn1 and drawn1 are the same" in capsys.readouterr().err
     assert run(*arguments) == 2
     assert "exists already" in capsys.readouterr().err
     assert run(*arguments, "--overwrite") == 0

@@ -135,3 +135,5 @@ def test_an_uncertain_load_is_carried_on_to_force_and_depth(knee: str, deviation
     assert np.isnan(one_by_one.contact_force[1])
     assert np.isnan(one_by_one.penetration_depth[1])
     assert one_by_one.penetration_depth[2] == 0.0
+    with pytest.raises(ValueError, match=r"load_deviation must not be negative, got -1\.0"):
+        model.uncertainty(middle, -1.0)

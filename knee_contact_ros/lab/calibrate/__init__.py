@@ -213,7 +213,7 @@ def _left_out(
     with progress("Leaving one out") as advance:
         found = problem.left_out(lambda others: fitted(others, loss, noise, 1, advance).place)
     lines = [
-        f"{bag}: {own:.3f} body weights with constants of the other bags, {start:.3f} with those of the start"
+        f"bag {bag}: {own:.3f} body weights with constants of the other bags, {start:.3f} with those of the start"
         for bag, own, start in found
     ]
     mean, before = (float(np.sqrt(np.mean(np.square(column)))) for column in list(zip(*found, strict=True))[1:])

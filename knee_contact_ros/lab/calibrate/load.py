@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -68,10 +69,20 @@ class Referenced(Data):
 def referenced_in(
     bags: Sequence[Path], parameters: LoadParameters, names: Names, advance: Callable[[int, int], None]
 ) -> Referenced:
-    """Read one or several bags of a person, one after the other; see `referenced`."""
+    """Read one or several bags of a person, one after the other; see `referenced`.
+
+    Raises:
+        UsageError: as `referenced`, or two bags are the same.
+    """
     parts = [referenced(bag, parameters, names, advance) for bag in bags]
     if len(parts) == 1:
         return parts[0]
+    for one, other in combinations(parts, 2):
+        if one.digest == other.digest:
+            fault = (
+                f"bags {one.source} and {other.source} are the same: each is left out in turn, and must be a new one"
+            )
+            raise UsageError(fault)
     left_out = Counter[str]()
     for part in parts:
         left_out.update(part.left_out)

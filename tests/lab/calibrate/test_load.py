@@ -75,7 +75,7 @@ def test_of_several_bags_each_is_left_out_and_the_gain_is_told(
         loads = estimate_load(bag, [BODY, others.to_parameters()])[AXIAL]
         reference = fitted(bag, [TONE], with_intervals=False).measured.answers[AXIAL]
         error = float(np.sqrt(np.mean((loads - reference) ** 2))) / WEIGHT
-        assert line.startswith(f"{bag.name}: {error:.3f} body weights")
+        assert line.startswith(f"bag {bag.name}: {error:.3f} body weights")
     left_out = [float(line.split(": ")[1].split(" ")[0]) for line in told]
     assert found.also["standard_deviation"] == pytest.approx(np.sqrt(np.mean(np.square(left_out))), abs=1e-3)
     assert re.search(
@@ -86,6 +86,8 @@ def test_of_several_bags_each_is_left_out_and_the_gain_is_told(
     words = ["--free", "person.tone", "--output", tmp_path / "me.yaml"]
     assert run(*bags, "--no-intervals", *words, *(f"-p{name}:={value}" for name, value in BODY.items())) == 0
     assert "constants of the other bags" in capsys.readouterr().out
+    assert run(bags[0], bags[1], bags[0], *words, "--overwrite") == 2
+    assert "are the same: each is left out in turn" in capsys.readouterr().err
     assert run(bags[0], table, *words) == 2
     assert "table.csv: it is not a bag; several bags can be given, but only one table" in capsys.readouterr().err
 
