@@ -112,8 +112,8 @@ def trade(
         results = solve(bag, parameter_files or None, parameters_of(parameter_values), remap=remap, namespace=namespace)
     with progress("Measuring") as advance:
         found = measure(results, worth, advance)
-    draw(found, picture)
     show(found)
+    draw(found, picture)
     say(f"Picture: {picture}")
     warn(str(doubt.message) for doubt in doubts)
 

@@ -6,6 +6,7 @@ model itself leaves out, they do not show; docs/explanation/accuracy.md compares
 
 from __future__ import annotations
 
+import io
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import replace
@@ -23,6 +24,7 @@ from knee_contact_ros.model.ticks import LEVELS
 from knee_contact_ros.model.types import Rows, Status
 from knee_contact_ros.results import Results
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.output_files import write_complete
 from knee_contact_ros.system.terminal import WIDTH, say, shown
 
 TOLERANCES = tuple(float(f"1e-{exponent}") for exponent in range(3, 10))
@@ -188,7 +190,11 @@ def show(trade: Trade) -> None:
 
 
 def draw(trade: Trade, path: Path) -> None:
-    """Draw errors and cost over the tolerance, a line per level, and write the picture as PNG."""
+    """Draw errors and cost over the tolerance, a line per level, and write the picture as PNG.
+
+    Raises:
+        UsageError: it cannot be written; an earlier picture is kept then.
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
@@ -205,7 +211,9 @@ def draw(trade: Trade, path: Path) -> None:
             axis.axhline(trade.worth, color="#009e73", linestyle="--", label="what the data are worth")
         axis.legend(fontsize=9, frameon=False, loc="upper left" if name == "microseconds" else "lower left")
     figure.supxlabel("fidelity.tolerance [m]; hollow: more than 1 % of the ticks are flagged")
-    figure.savefig(path, dpi=120, format="png")
+    file = io.BytesIO()
+    figure.savefig(file, dpi=120, format="png")
+    write_complete({path: file.getvalue()})
 
 
 def draw_panel(axis: Any, settings: Sequence[Setting], name: str, title: str) -> None:

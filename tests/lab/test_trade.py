@@ -9,7 +9,7 @@ import pytest
 
 from knee_contact_ros import UsageError, load_model, solve
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.lab.trade import LEVELS, NAMES, REFERENCE, TOLERANCES, Setting, Trade, advice, measure
+from knee_contact_ros.lab.trade import LEVELS, NAMES, REFERENCE, TOLERANCES, Setting, Trade, advice, draw, measure
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.results import Results
 
@@ -119,6 +119,14 @@ def test_answers_of_an_unknown_model_are_refused(arthritic: Results) -> None:
     unknown.model = None
     with pytest.raises(UsageError, match="say --params FILE"):
         measure(unknown)
+
+
+def test_an_earlier_picture_is_kept_where_the_disk_is_full(found: Trade, small_disk: Path) -> None:
+    (small_disk / "trade.png").write_bytes(b"earlier")
+    (small_disk / "other").write_bytes(bytes(1_000_000))
+    with pytest.raises(UsageError, match=r"cannot write .*trade\.png: No space left on device"):
+        draw(found, small_disk / "trade.png")
+    assert (small_disk / "trade.png").read_bytes() == b"earlier"
 
 
 def test_the_command_prints_a_table_and_a_sentence_and_draws(
