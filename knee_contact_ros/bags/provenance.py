@@ -161,6 +161,28 @@ def read_provenance(bag: Path) -> Provenance | None:
     return Provenance(bag, package, model, parameters, curves, before, tuple(changes), tuple(damage))
 
 
+def stored_load(bag: Path) -> tuple[dict[str, Any], int] | None:
+    """Parameters at the beginning of a recording of estimated loads, by name, and how often they changed in it.
+
+    None: the bag is no such recording.
+
+    Raises:
+        UsageError: The record that has the parameters is damaged.
+    """
+    records = list(_metadata(bag))
+    record = next((content for name, content in records if name == LOAD_PROVENANCE), None)
+    if record is None or not record.get("package", "").startswith(OURS):
+        return None
+    try:
+        values = dict(_json(record["parameters"]))
+    except (KeyError, TypeError, ValueError):
+        raise UsageError(
+            f"{bag}: its record {LOAD_PROVENANCE}, which has the parameters, is damaged: give --params"
+        ) from None
+    changes = [content.keys() - {TICK} for name, content in records if name == PARAMETERS_CHANGED]
+    return values, sum(any(not name.startswith(NOT_OF_THE_RESULT) for name in names) for names in changes)
+
+
 def with_values(provenance: Provenance, values: Mapping[str, Any]) -> Provenance:
     """Provenance with other values of some parameters, by dotted names; files that these name are read.
 

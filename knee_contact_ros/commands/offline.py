@@ -108,22 +108,23 @@ def estimate_load(
     from knee_contact_ros.bags.reader import names_in_bag, others_beside
     from knee_contact_ros.commands.tables import show_load
     from knee_contact_ros.offline.estimate_load import estimate_load as estimate
-    from knee_contact_ros.offline.solve import parameters_for, weight_doubt
+    from knee_contact_ros.offline.estimate_load import load_parameters_for
+    from knee_contact_ros.offline.solve import weight_doubt
     from knee_contact_ros.parameters.ros_files import parameters_of
-    from knee_contact_ros.parameters.schema import LoadParameters
     from knee_contact_ros.streams.topics import LOAD_INPUTS
     from knee_contact_ros.system.errors import in_a_line
     from knee_contact_ros.system.terminal import progress, warn
 
-    sources = [*find_parameters(parameter_files, None), parameters_of(parameter_values)]
-    parameters = parameters_for(bag, sources, namespace, LoadParameters)
+    parameters, without, doubts = load_parameters_for(
+        bag, find_parameters(parameter_files, None), parameters_of(parameter_values), namespace
+    )
     names = names_in_bag(remaps, namespace, LOAD_INPUTS)
     with progress("Estimating") as advance:
         summary = estimate(bag, parameters, output, advance, overwrite, names)
-    given = ", ".join([*map(str, parameter_files), *parameter_values]) or "the defaults"
+    given = ", ".join([*(map(str, parameter_files) if parameter_files else [without]), *parameter_values])
     rows = {"parameters": given, "body weight": f"{parameters.person.constants.weight:.7g} N"}
     show_load(summary, parameters, rows, str(output))
-    warn([*others_beside(bag), *weight_doubt(bag, parameters)])
+    warn([*others_beside(bag), *weight_doubt(bag, parameters), *doubts])
     if summary.damage:
         raise IncompleteError(f"bag {bag} is damaged, and read as far as it can be: {in_a_line(summary.damage)}")
 

@@ -51,7 +51,7 @@ def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, 
     figures.add_row("samples refused", counts(summary.refused))
     for name, each in compartments(summary):
         of = f"{name}: " if name else ""
-        figures.add_row("ticks flagged", of + counts(each.flagged))
+        figures.add_row("ticks flagged", of + counts(each.flagged, each.ticks_flagged))
         depth = error_text(each.largest_error * MICROMETRE, "um")
         errors = f"{depth} of depth at most, {error_text(each.largest_force_error, 'N')} of force"
         figures.add_row("error estimate", of + errors)
@@ -128,10 +128,10 @@ def peak_table(summary: Summary) -> Table:
     return table
 
 
-def counts(counter: Mapping[str, int]) -> str:
-    """Return the total of a counter as text, with the count of each name in brackets."""
+def counts(counter: Mapping[str, int], total: int | None = None) -> str:
+    """Return the total of a counter as text, with the count of each name in brackets; `total` where names overlap."""
     reasons = ", ".join(f"{count} x {name}" for name, count in counter.items())
-    return f"{sum(counter.values())}" + (f" ({reasons})" if reasons else "")
+    return f"{sum(counter.values()) if total is None else total}" + (f" ({reasons})" if reasons else "")
 
 
 def _shares(levels: Mapping[str, int]) -> str:
@@ -167,7 +167,7 @@ def show_load(summary: LoadSummary, parameters: LoadParameters, rows: Mapping[st
     for name, value in rows.items():
         figures.add_row(name, shown(value))
     figures.add_row("samples refused", counts(summary.refused))
-    figures.add_row("estimates flagged", counts(summary.flagged))
+    figures.add_row("estimates flagged", counts(summary.flagged, summary.ticks_flagged))
     console.print(figures)
     console.print()
     say(f"Bag: {output}")

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 from array import array
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.provenance import ORIGIN, load_provenance_record, weight_of
+from knee_contact_ros.bags.provenance import ORIGIN, load_provenance_record, stored_load, weight_of
 from knee_contact_ros.bags.reader import OWN_NAMES, Names, refuse_input
 from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
 from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.joint_reaction.leg import Ground, Joints, Motion
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms
-from knee_contact_ros.offline.solve import mark_damage
+from knee_contact_ros.offline.solve import mark_damage, parameters_for
 from knee_contact_ros.parameters.schema import LoadParameters, PersonParameters
 from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.load_stream import LoadStream
@@ -45,6 +45,8 @@ class LoadSummary:
     """Estimate with the largest axial force"""
     flagged: Counter[str] = field(default_factory=Counter)
     """Number of estimates by the name of a status bit that they have"""
+    ticks_flagged: int = 0
+    """Number of estimates that have any"""
     refused: Counter[str] = field(default_factory=Counter)
     """Number of refused samples by reason"""
     damage: list[str] = field(default_factory=list)
@@ -59,6 +61,7 @@ class LoadSummary:
         if self.peak is None or estimate.axial_force > self.peak.axial_force:
             self.peak = estimate
         if estimate.status:
+            self.ticks_flagged += 1
             self.flagged.update(bit.name or "" for bit in Status if estimate.status & bit)
 
     @property
@@ -75,6 +78,24 @@ class LoadSummary:
     def duration(self) -> float:
         """Time [s] from the first to the last estimate."""
         return (self._stamps[-1] - self._stamps[0]) / NANOSECONDS if self._stamps else 0.0
+
+
+def load_parameters_for(
+    bag: Path, sources: Sequence[Any], values: Mapping[str, Any], namespace: str = ""
+) -> tuple[LoadParameters, str, list[str]]:
+    """Parameters for a bag: given ones, else those of a recording of estimates, else the defaults.
+
+    Returns:
+        The parameters; what they are where no `sources` are given; and sentences of doubt about them.
+
+    Raises:
+        UsageError: parameters or the recording cannot be used; see `load_parameters` and `stored_load`.
+    """
+    stored = None if sources else stored_load(bag)
+    first, changes = stored or ({}, 0)
+    parameters = parameters_for(bag, [*sources, first, values], namespace, LoadParameters)
+    fault = f"bag {bag}: parameters changed {changes} times in it; those of its beginning are used throughout"
+    return parameters, f"those in {bag.name}" if stored else "the defaults", [fault] if changes else []
 
 
 def estimate_load(

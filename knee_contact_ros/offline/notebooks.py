@@ -19,10 +19,11 @@ from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import ROW, Rows
 from knee_contact_ros.offline.estimate_load import estimate_load as estimate
-from knee_contact_ros.offline.solve import Subject, basis_of, parameters_for, parameters_in, texts_of, weight_doubt
+from knee_contact_ros.offline.estimate_load import load_parameters_for
+from knee_contact_ros.offline.solve import Subject, basis_of, parameters_in, texts_of, weight_doubt
 from knee_contact_ros.offline.solve import solve as solve_bag
 from knee_contact_ros.parameters.files import Source, dotted
-from knee_contact_ros.parameters.schema import LoadParameters, Parameters
+from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.results import Records, Results
 from knee_contact_ros.streams.contact_stream import compartments_of
 from knee_contact_ros.streams.topics import LOAD_INPUTS
@@ -175,7 +176,8 @@ def estimate_load(
 
     Args:
         bag: An .mcap file, a .db3 file or a rosbag2 folder, with joint_states and ground_reaction_force.
-        params: A parameter file of the node knee_load, a mapping, or a list of these; None: the defaults.
+        params: A parameter file of the node knee_load, a mapping, or a list of these; None: those of a recording
+            of estimates, else the defaults.
         values: Single parameters, which win over all others: `{"person.mass": 70.0}`.
         output: A bag to write as well, from which `solve` can be run.
         overwrite: Replace `output` if it exists.
@@ -192,7 +194,7 @@ def estimate_load(
     with in_python_words():
         check_mappings(values, remap)
         sources = params if isinstance(params, (list, tuple)) else [] if params is None else [params]
-        parameters = parameters_for(path, [*sources, dotted(values or {})], namespace, LoadParameters)
+        parameters, _, changed = load_parameters_for(path, sources, dotted(values or {}), namespace)
         rules = [f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()]
         names = names_in_bag(rules, namespace, LOAD_INPUTS)
         written = checked_output(Path(output), "output", ".mcap") if output else None
@@ -201,7 +203,7 @@ def estimate_load(
             summary = estimate(
                 path, parameters, written, advance, overwrite, names, lambda stamp, each: rows.append((stamp, *each))
             )
-        doubts = others_beside(path)
+        doubts = [*others_beside(path), *changed]
         if summary.damage:
             doubts = [*doubts, f"bag {path} is damaged, and read as far as it can be: {in_a_line(summary.damage)}"]
         for sentence in doubts:

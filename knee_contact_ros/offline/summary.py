@@ -72,6 +72,8 @@ class Summary:
     """Time [s] from the first to the last tick of all runs"""
     flagged: Counter[str] = field(default_factory=Counter)
     """Number of ticks by the name of a status bit that they have"""
+    ticks_flagged: int = 0
+    """Number of ticks that have any"""
     refused: Counter[str] = field(default_factory=Counter)
     """Number of refused samples by reason"""
     unanswered: str = ""
@@ -141,6 +143,7 @@ class Summary:
                 self.peaks[name] = Peak(value, int(stamps[index]), implausible, self.runs)
         self.doubts.add_all(answers)
         self._find_peaks(answers)
+        self.ticks_flagged += int(np.count_nonzero(status))
         for bit in Status:
             if count := int(np.count_nonzero(status & bit)):
                 self.flagged[bit.name or ""] += count

@@ -10,12 +10,17 @@ from pathlib import Path
 
 import pytest
 
+from knee_contact_ros import estimate_load as estimate_load_in_python
+from knee_contact_ros.bags.provenance import change_record, load_provenance_record
+from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.joint_reaction.estimator import LEVELS
 from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
+from knee_contact_ros.streams.output import LOAD_PROVENANCE
+from knee_contact_ros.streams.topics import LOAD_INPUTS, MESSAGE_TYPES
 from tests.helpers.needs import HAS_REPORT, needs_viewer
 from tests.helpers.walking import WHOLE_LEG, walk, walking_bag
 
@@ -68,6 +73,35 @@ def test_the_table_says_the_level_the_parts_and_how_sure_it_is(walking: Path, tm
     assert rows["estimates"] == "240 over 1.20 s"
     assert (rows["samples refused"], rows["estimates flagged"]) == ("0", "0")
     assert f"Bag: {output}" in said.out
+
+
+def test_a_recording_is_computed_again_with_its_own_parameters(
+    estimated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Said
+) -> None:
+    own = estimate_load_in_python(estimated)
+    assert (own == estimate_load_in_python(estimated, WHOLE_LEG)).all()
+    other = estimate_load_in_python(estimated, values={"person.tone": 0.5})
+    assert (other == estimate_load_in_python(estimated, [WHOLE_LEG, {"person.tone": 0.5}])).all()
+    assert (own["axial_force"] < other["axial_force"]).all()
+    assert main(["estimate-load", str(estimated), "--output", str(tmp_path / "again.mcap")]) == 0
+    assert re.search(r"parameters +those in load\.mcap", capsys.readouterr().out)
+    assert (estimate_load_in_python(tmp_path / "again.mcap") == own).all()
+
+
+def test_changes_of_parameters_in_a_recording_are_told(tmp_path: Path, capsys: Said) -> None:
+    bag = tmp_path / "changed.mcap"
+    with BagWriter(bag) as writer:
+        for topic in LOAD_INPUTS:
+            writer.add_topic(f"/{topic}", MESSAGE_TYPES[topic])
+        writer.add_metadata(LOAD_PROVENANCE, load_provenance_record(load_parameters(WHOLE_LEG, LoadParameters)))
+        writer.add_metadata("parameters_changed", change_record(10, {"person.tone": 0.5}))
+        writer.add_metadata("parameters_changed", change_record(20, {"diagnostics.timeout": 2.0}))
+        for message in walk():
+            writer.write(message.topic, message.log_time, message.data)
+    assert main(["estimate-load", str(bag), "--output", str(tmp_path / "again.mcap")]) == 0
+    assert "parameters changed 1 times in it; those of its beginning are used" in " ".join(
+        capsys.readouterr().err.split()
+    )
 
 
 def test_bad_parameters_and_rules_are_told_in_one_line(walking: Path, tmp_path: Path, capsys: Said) -> None:

@@ -277,5 +277,6 @@ def test_a_bag_whose_angles_end_has_its_last_forces_held(tmp_path: Path) -> None
     bag = walking_bag(tmp_path / "bag.mcap", [m for m in WALK if m.topic == FORCE or m.log_time <= 1000 * MS])
     summary = estimate(bag, tmp_path / "o.mcap")
     assert summary.flagged == {"INPUT_HELD": 39, "STALE_INPUT": 19}
+    assert summary.ticks_flagged == 39
     status = [m.message.status for m in read_bag(tmp_path / "o.mcap", {ESTIMATE: TYPES[ESTIMATE]})]
     assert status[200:203] == [0, Status.INPUT_HELD, Status.INPUT_HELD]

@@ -249,7 +249,9 @@ def summary(run: Run) -> dict[str, str]:
         "error bound of the depth": _bounds(of.columns["error_estimate"], _length),
         "error bound of the contact force": _bounds(of.columns["force_error_estimate"], _newtons),
         "ticks not converged": str(of.flagged["NOT_CONVERGED"]),
-        "ticks flagged otherwise": _counts({k: n for k, n in of.flagged.items() if k != "NOT_CONVERGED"}),
+        "ticks flagged otherwise": _counts(
+            {k: n for k, n in of.flagged.items() if k != "NOT_CONVERGED"}, of.flagged_otherwise
+        ),
         "samples refused": _counts(run.refused),
         "levels of the model": ", ".join(f"{k} {100.0 * n / of.ticks:.1f} %" for k, n in sorted(of.levels.items())),
         "contact law evaluations": f"{of.columns['evaluations'].mean():.1f} a tick",
@@ -429,9 +431,9 @@ def _newtons(error: float) -> str:
     return f"{error:.2g} N" if math.isfinite(error) else "no bound"
 
 
-def _counts(counts: Mapping[str, int]) -> str:
+def _counts(counts: Mapping[str, int], total: int | None = None) -> str:
     reasons = ", ".join(f"{count} × {name}" for name, count in counts.items())
-    return f"{sum(counts.values())}" + (f" ({reasons})" if reasons else "")
+    return f"{sum(counts.values()) if total is None else total}" + (f" ({reasons})" if reasons else "")
 
 
 def _value(value: Any) -> str:

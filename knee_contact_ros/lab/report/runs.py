@@ -163,6 +163,7 @@ class Gathered:
         """Duration [s] without gaps"""
         self.flagged = Counter({bit.name or "": n for bit in Status if (n := int(np.count_nonzero(status & bit)))})
         """Number of ticks by the name of each status bit that they have"""
+        self.flagged_otherwise = int(np.count_nonzero(status & ~int(Status.NOT_CONVERGED)))
         levels = zip(*np.unique(columns["fidelity"], return_counts=True), strict=True)
         self.levels = {Fidelity(int(level)).name.lower(): int(count) for level, count in levels}
         """Number of ticks by the model level that computed them"""

@@ -87,6 +87,7 @@ def test_totals_leave_out_gaps_and_stamps_that_went_back() -> None:
     found = gathered((stamps, angle, load), error_estimate=1e-9 * load, status=flags,
                      force_error_estimate=np.where(np.arange(len(load)) == 7, np.nan, 1.0))  # fmt: skip
     assert found.flagged == dict.fromkeys(("STALE_INPUT", "NOT_CONVERGED"), np.count_nonzero(load > 1200.0))
+    assert found.flagged_otherwise == np.count_nonzero(load > 1200.0)
     assert found.time == pytest.approx(2397 * 0.005, abs=1e-6)  # 2399 steps, without the one back and the gap
     assert found.elapsed[1500] == found.elapsed[1499]  # as if it had gone on at once
     median, largest = 1e3 * np.median(load), 1e3 * load.max()
