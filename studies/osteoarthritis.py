@@ -34,31 +34,34 @@ TOLERANCE = {"fidelity.tolerance": 1e-9}
 BANDS = (0.15, 0.25, 0.5, 0.75, 0.95, 1.05, 2.0, 5.0, 20.0, 130.0)
 """Bounds of the colours for ratios of forces; the middle band is drawn as no change"""
 QUESTION = """
-The paper that this package follows finds that an arthritic knee, 0.5 mm of cartilage on bone, has less penetration than
-a healthy one **and a lower contact force**. When can that be? All knees walk the shipped gait of the right leg. They
-differ in the first layer h (`contact.layer_depth`, {layers[0]:g} to {layers[1]:g} mm, 25 values), the second stiffness
+The paper that this package follows models an arthritic knee as 0.5 mm of cartilage on bone. It finds less
+penetration than in a healthy knee, **and a lower contact force**. When can that be?
+
+All knees walk the shipped gait of the right leg. They differ
+in the first layer h (`contact.layer_depth`, {layers[0]:g} to {layers[1]:g} mm, 25 values), the second stiffness
 K₂ (`contact.stiffness_2`, {seconds[0]:.2g} to {seconds[1]:.3g} K₁, 20 values), the share of the load (0.5 to 0.8, 10
-values), and in what is prescribed: the load, or the height that the healthy knee of the same share has under it. The
-first half is a study file: `knee-contact sweep studies/osteoarthritis.yaml --output oa`.
+values), and in what is prescribed: the load, or the femur's height in the healthy knee of the same share. The first
+half is a study file: `knee-contact sweep studies/osteoarthritis.yaml --output oa`.
 """
 ANSWER = """
-A lower contact force is no property of an arthritic knee in this model, but of what is held fixed while its cartilage
-changes.
+In this model a lower contact force does not come from the arthritic knee. It comes from what is held fixed while the
+cartilage changes.
 
 **Load given**: the contact force balances the load, whatever the layers are made of: ∫ F dt = ∫ L dt + M Δẏ. Peaks are
-{forced[0]:.3f} to {forced[1]:.3f} of the healthy one; the higher ones ring, as the first layer is undamped. Depth,
-pressure and time on the second layer are what changes.
+{forced[0]:.3f} to {forced[1]:.3f} of the healthy one; the higher ones ring, because the first layer has no
+damping. What changes is depth, pressure and time on the second layer.
 
 **Height given**: at rest the force drops if h < δ and K₂ / K₁ < (δ^1.5 - h^1.5) / (δ - h)^1.5, with δ the healthy
 knee's largest depth, {depths[0]:.3f} mm at share 0.5 and {depths[1]:.3f} mm at 0.8. For h = 0.5 mm and share 0.5 the
-limit is {limit:.1f} K₁, and bone is {bone:.1f} K₁. This tells {right} of the {reached} knees that reach their second
-layer; on the shipped bone the force is {shipped:.1f} times the healthy one. If the surface, too, is worn off by ℓ, the
-force drops once ℓ exceeds what the arthritic knee is less deep under the load: {lost:.3f} mm for the shipped knee.
+limit is {limit:.1f} K₁, and bone is {bone:.1f} K₁. This rule is right for {right} of the {reached} knees that reach
+their second layer. On the shipped bone the force is {shipped:.1f} times the healthy one. If wear also lowers the
+surface by ℓ, the force drops once ℓ exceeds the difference of the two depths under the load:
+{lost:.3f} mm for the shipped knee.
 
-Every knee at shares 0.5 and 0.8 is in [osteoarthritis.csv](studies/osteoarthritis.csv). One layer of one planar knee
+Every knee at shares 0.5 and 0.8 is in [osteoarthritis.csv](osteoarthritis.csv). One layer of one planar knee
 without menisci, ligaments and friction: nothing here is a statement about patients.
 
-![Peak contact force over the healthy knee's, for both drives and two shares](images/osteoarthritis_force.png)
+![Peak contact force over the healthy knee's, for both drives and two shares](../images/osteoarthritis_force.png)
 """
 CHOSEN = ((0.25, 39.4), (0.5, 39.4), (0.5, 2.68), (0.5, 0.848), (0.7, 39.4), (1.0, 39.4))
 """Layers [mm] and K₂ / K₁ in the table"""
@@ -210,12 +213,12 @@ def write_csv(knees: Knees, path: Path) -> None:
 
 
 @click.command()
-@click.option("--folder", type=click.Path(path_type=Path), default=Path("docs"), help="Of page, images/ and studies/.")
+@click.option("--folder", type=click.Path(path_type=Path), default=Path("docs"), help="Gets studies/ and images/.")
 def main(folder: Path) -> None:
     """Compute all knees, and write page, picture and table."""
     grid = read_study(STUDY).grid
     knees = compute((np.array(grid[SHARE]), np.array(grid[LAYER]), np.array(grid[SECOND])))
-    save(folder / "osteoarthritis-study.md", "Can the contact force drop in osteoarthritis?",
+    save(folder / "studies" / "osteoarthritis-study.md", "Can the contact force drop in osteoarthritis?",
          "python -m studies.osteoarthritis", sections(knees), machine())  # fmt: skip
     write_csv(knees, folder / "studies" / "osteoarthritis.csv")
     draw(knees, folder / "images" / "osteoarthritis_force.png")

@@ -4,17 +4,14 @@ from __future__ import annotations
 
 import math
 from itertools import product
-from pathlib import Path
 
 import numpy as np
 
 from benchmarks.gait import BODY_WEIGHT
-from benchmarks.report import Section, words
 from knee_contact_ros.lab.report.figures import COMPUTED, Range
 from knee_contact_ros.model.laws import hertz_stiffness, relative_radius
 from studies.reproduction.scenes import (
     ARTHRITIC,
-    COMPARISON,
     CURVED_TIBIAE,
     CYCLE,
     HEALTHY,
@@ -25,15 +22,14 @@ from studies.reproduction.scenes import (
     PERCENT,
     SPHERE_AND_CURVE,
     Moment,
+    Table,
     at,
     body_weights,
     compare,
-    figure,
     gait,
     load_peaks,
     model,
     parameters,
-    passages,
     peak,
     phases,
     run,
@@ -45,43 +41,32 @@ from studies.reproduction.scenes import (
     within,
 )
 
-WORDS = words(Path(__file__).with_name("words.txt"))
-
 PAPER_PEAKS = (1.81, 2.19)
 """Load peaks of the paper [BW]"""
 SUBJECT_WEIGHT = 72.6 * 9.80665
 """Weight [N] of the scaled model, whose gait it is"""
 
 
-def loads_section() -> Section:
-    """Section on the load peaks of the right leg."""
+def loads() -> list[list[str]]:
+    """Rows on the load peaks of the right leg."""
     rows = [
         compare(f"{name} load peak, second stance", paper, load_peak(time), "BW", 3, _why(time, bounds))
         for name, paper, time, bounds in zip(("first", "second"), PAPER_PEAKS, second_stance(), COMPUTED, strict=True)
     ]
-    rows += [
+    return rows + [
         unprinted(f"{name} load peak, first stance", f"{load_peak(time):.3f} BW",
                   f"{_newton(time)}; another step of the same walk")
         for name, time in zip(("first", "second"), load_peaks("right")[:2], strict=True)
     ]  # fmt: skip
-    text = WORDS["loads"].format(
-        BODY_WEIGHT=BODY_WEIGHT,
-        own_first=_own(second_stance()[0]),
-        own_second=_own(second_stance()[1]),
-    )
-    return Section("1. Loads (Fig. 6c)", text, COMPARISON, rows)
 
 
-def both_legs() -> Section:
-    """Section on the peaks of load, force and depth of all stances, healthy and arthritic."""
+def both_legs() -> Table:
+    """Peaks of load, force and depth of all stances, healthy and arthritic."""
     header = (
         "leg", "time [s]", "load [BW]", "force, sphere [BW]", "force, curve [BW]", "depth, sphere [mm]",
         "depth, curve [mm]", "osteoarthritis: force, curve [BW]", "osteoarthritis: depth, curve [mm]",
     )  # fmt: skip
-    left = load_peaks("left")
-    rows = [_loads_line(side, time) for side in ("right", "left") for time in load_peaks(side)]
-    text = WORDS["both_legs"].format(left_one=load_peak(left[0], "left"), left_other=load_peak(left[2], "left"))
-    return Section("8. Both legs", text, header, rows)
+    return header, [_loads_line(side, time) for side in ("right", "left") for time in load_peaks(side)]
 
 
 def load_peak(time: float, side: str = "right") -> float:
@@ -100,10 +85,6 @@ def _newton(time: float) -> str:
     return f"{at(time, gait('right')[2]):.1f} N at {time:.3f} s"
 
 
-def _own(time: float) -> str:
-    return f"{at(time, gait('right')[2]) / SUBJECT_WEIGHT:.2f}"
-
-
 def _why(time: float, bounds: Range) -> str:
     inside = "inside" if bounds.lowest <= load_peak(time) <= bounds.highest else "outside"
     return (
@@ -115,8 +96,8 @@ def _why(time: float, bounds: Range) -> str:
 MATERIAL = (("contact.stiffness_from", "material"),)
 
 
-def table1_section() -> Section:
-    """Section with every property of the table, and those that it lacks."""
+def properties() -> Table:
+    """Every property of Table 1, and those that it lacks."""
     contact = parameters(ARTHRITIC).contact
     femur = parameters(HEALTHY).femur
     rows = [
@@ -132,11 +113,9 @@ def table1_section() -> Section:
         _row("h_s1", "0.5 mm (abstract)", "layer_depth", f"{contact.layer_depth:g} m", "not in the table"),
         _row("radii", "34 mm, 95 mm (text)", "femoral_radius, contact.tibial_radius",
               f"{contact.femoral_radius:g} m, {contact.tibial_radius:g} m", "for the stiffness; not in the table"),
-        ["femur's mass M", "not printed", "`femur.mass`", f"{femur.mass:g} kg", "femur of the 75.16 kg gait2354"],
+        ["femur's mass M", "not printed", "femur.mass", f"{femur.mass:g} kg", "femur of the 75.16 kg gait2354"],
     ]  # fmt: skip
-    soft = cartilage_stiffness() * N_MM
-    text = WORDS["table1"].format(soft=soft, times_less=2500 / soft, material_depth=MM * material_depth())
-    return Section("2. Properties (Table 1)", text, ("property", "paper", "our parameter", "default", "note"), rows)
+    return ("property", "paper", "our parameter", "default", "note"), rows
 
 
 def bone_stiffness() -> float:
@@ -159,7 +138,7 @@ def material_depth() -> float:
 
 
 def _row(what: str, paper: str, name: str, default: str, note: str) -> list[str]:
-    return [what, paper, f"`contact.{name}`".replace(", contact.", "`, `contact."), default, note]
+    return [what, paper, f"contact.{name}", default, note]
 
 
 ABSTRACT_DEPTH, TEXT_DEPTH, REDUCTION = 0.795, 0.705, -0.6
@@ -167,14 +146,9 @@ ABSTRACT_DEPTH, TEXT_DEPTH, REDUCTION = 0.795, 0.705, -0.6
 OFFSET = 0.997
 """Offset [mm] of Fig. 7"""
 
-CAPTION = (
-    "Depth and femoral height of the healthy knee; the height counts from heel strike. The depths of sphere and curve "
-    "lie on each other; their difference is the third panel."
-)
 
-
-def force_section() -> Section:
-    """Section on the peaks of the contact force."""
+def forces() -> list[list[str]]:
+    """Rows on the peaks of the contact force."""
     why = "the load's peak and the femur's inertia"
     rows = [
         compare(f"{name} peak, {femur}", paper, body_weights(peak(time, run(*files).contact_force)), "BW", 3, why)
@@ -188,16 +162,15 @@ def force_section() -> Section:
                   f"{difference[stance].max():.1f} N in the second stance, {difference[1:].max():.1f} N over the bag",
                   "the paper calls them similar; the load prescribes the force but for M ÿ")
     )  # fmt: skip
-    text = figure("force", WORDS["force"])  # fmt: skip
-    return Section("3. Contact force, healthy knee (Fig. 8)", text, COMPARISON, rows)
+    return rows
 
 
-def depth_section() -> Section:
-    """Section on the depth at the second peak, and the femoral height."""
+def depths() -> list[list[str]]:
+    """Rows on the depth at the second peak, and on the femoral height."""
     sphere, curve = second_peak_depths()
     law = "Eq. 10 with Table 1 at this load allows no other value"
     stiffness = "{:.0f} N/mm^1.5 or a load of {:.2f} BW would be needed"
-    rows = [
+    return [
         compare("depth, fitted curve (text)", TEXT_DEPTH, curve, "mm", 4,
                 f"{law}; {stiffness.format(*needed(TEXT_DEPTH))}"),
         compare("maximum depth (abstract)", ABSTRACT_DEPTH, curve, "mm", 4,
@@ -215,11 +188,8 @@ def depth_section() -> Section:
                   "{:.2f} mm, and {:.4f} mm".format(*largest_differences()),
                   "heights counted from heel strike; as the paper says, the height's is much the larger one"),
         ["initial offset (Fig. 7)", f"{OFFSET:g} mm", f"static depth at the start: {start_depth():.3f} mm", "-",
-         "not comparable, see above"],
+         "not comparable: the paper does not say what it is measured from"],
     ]  # fmt: skip
-    return Section(
-        "4. Penetration depth and femoral height, healthy knee (Figs. 7, 9)", _depth_text(), COMPARISON, rows
-    )
 
 
 def second_peak_depths() -> tuple[float, float]:
@@ -261,12 +231,6 @@ def start_depth() -> float:
     return MM * float(run(HEALTHY).penetration_depth[0])
 
 
-def _depth_text() -> str:
-    load = body_weights(static_force(OFFSET / MM, HEALTHY))
-    full = body_weights(2.0 * at(CYCLE[1], gait("right")[2]))
-    return WORDS["depth_text"].format(load=load, full=full) + "\n\n" + figure("depth", CAPTION)
-
-
 WINDOWS = ((-15.0, 25.0), (20.0, 70.0), (60.0, 110.0))
 """Flexion angles [deg] at which the fitted part of the profile touches."""
 AROUND = 10.0
@@ -277,8 +241,8 @@ REDUCED = 0.994
 """Ratio of the depths of curve and sphere in the paper"""
 
 
-def local_radius_section() -> Section:
-    """Section on static depths at 2.19 BW over the radius."""
+def local_radius() -> Table:
+    """Static depths at 2.19 BW over the radius."""
     reference = static_depth(PAPER_PEAKS[1] * BODY_WEIGHT, HEALTHY)
     rows = [["sphere", f"{MM * NOMINAL:.1f} mm", *2 * (f"{MM * reference:.4f} mm (reference)",)]]
     for low, high, name in windows():
@@ -287,9 +251,7 @@ def local_radius_section() -> Section:
         part = f"fitted curve, touching at {low:.0f}° to {high:.0f}°{name}"
         compared = (f"{MM * depth:.4f} mm ({100 * (depth / reference - 1):+.1f} %)" for depth in depths)
         rows.append([part, f"{MM * radius:.1f} mm", *compared])
-    plane, concave = radius_needed()
-    text = WORDS["local_radius"].format(plane=MM * plane, concave=MM * concave)
-    return Section("", text, ("femur", "radius", "depth, plane", "depth, concave tibia"), rows)
+    return ("femur", "radius", "depth, plane", "depth, concave tibia"), rows
 
 
 def windows() -> list[tuple[float, float, str]]:
@@ -326,37 +288,23 @@ def radius_needed() -> tuple[float, float]:
     return plane, 1.0 / (1.0 / relative + 1.0 / TIBIA)
 
 
-POINTS_CAPTION = (
-    "Contact point on the plateau over time and over flexion, right leg. Markers: the four phases. A sphere on a hinge "
-    "stays at 0."
-)
-
-
-def contact_points_section() -> Section:
-    """Section on the contact points: phases by geometry, over the mechanisms."""
+def contact_points() -> Table:
+    """Contact points: phases by geometry, over the mechanisms."""
     header = ("phase", "time [s]", "flexion [°]", "load [BW]", "femur", "depth [mm]",
               *(f"x, {name} [mm]" for name in MECHANISMS))  # fmt: skip
-    rows = [
+    return header, [
         _contact_points_line(moment, femur, files) for femur, files in SPHERE_AND_CURVE.items() for moment in phases()
     ]
-    text = (
-        WORDS["contact_points"].format(passages=" and ".join(f"{time:.3f} s" for time in passages()))
-        + "\n\n"
-        + figure("contact_points", POINTS_CAPTION)
-    )
-    return Section("5. Contact points at four phases (Figs. 10, 12)", text, header, rows)
 
 
-def curved_section() -> Section:
-    """Section on the general two-body case: a tibia that is curved."""
+def curved_tibia() -> Table:
+    """The general two-body case: a tibia that is curved."""
     header = ("phase", "tibia", "femur", "x [mm]", "y [mm]", "depth [mm]", "depth against the plane [%]")
-    rows = [
+    return header, [
         _curved_line(moment, tibia, femur)
         for tibia, femur in product(CURVED_TIBIAE, SPHERE_AND_CURVE)
         for moment in phases()
     ]
-    text = WORDS["curved"]
-    return Section("", text, header, rows)
 
 
 def _contact_points_line(moment: Moment, femur: str, files: tuple[str, ...]) -> list[str]:

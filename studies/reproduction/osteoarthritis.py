@@ -4,37 +4,28 @@ from __future__ import annotations
 
 import math
 from itertools import product
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from benchmarks.gait import BODY_WEIGHT
-from benchmarks.report import Section, words
 from studies.reproduction.healthy import (
     PAPER_PEAKS,
-    cartilage_stiffness,
-    height_range,
-    load_peak,
-    needed,
-    second_peak_depths,
 )
 from studies.reproduction.scenes import (
     ARTHRITIC,
     BOTH_LAYERS_DAMPED,
-    COMPARISON,
     CYCLE,
     FINE,
     HEALTHY,
     MM,
     MRI,
-    N_MM,
     PERCENT,
     TOLERANCE,
     Changes,
+    Table,
     body_weights,
     compare,
-    figure,
     gait,
     led_run,
     model,
@@ -50,38 +41,31 @@ from studies.reproduction.scenes import (
     within,
 )
 
-WORDS = words(Path(__file__).with_name("words.txt"))
-
 DEPTH, CARTILAGE = 0.521, 0.5
 """Depth and cartilage thickness [mm] of the paper"""
 LOSSES = (0.0, 0.1, 0.2, 0.25, 0.5)
 """Lost cartilage [mm] of the table; the two losses that answer a question are computed"""
 
 
-def osteoarthritis_section() -> Section:
-    """Section on depth and force at the second peak with the load prescribed."""
+def arthritic() -> list[list[str]]:
+    """Rows on depth and force at the second peak with the load prescribed."""
     series, healthy = run(ARTHRITIC, MRI), run(HEALTHY, MRI)
     time = second_stance()[1]
     depth, sphere = (MM * peak(time, knee.penetration_depth) for knee in (series, run(ARTHRITIC)))
     force, healthy_force = (body_weights(peak(time, knee.contact_force)) for knee in (series, healthy))
-    rows = [
-        compare("maximum depth, fitted curve", DEPTH, depth, "mm", 4, _needed_text()),
+    return [
+        compare("maximum depth, osteoarthritis, fitted curve", DEPTH, depth, "mm", 4, _needed_text()),
         compare("of it bone", DEPTH - CARTILAGE, depth - CARTILAGE, "mm", 4, "the same; the 0.5 mm are a parameter"),
-        unprinted("maximum depth, sphere", f"{sphere:.4f} mm", "force-driven: the law alone"),
-        unprinted("static depth at 2.19 BW", f"{MM * arthritic_depth():.6f} mm", "Eq. 12 at rest"),
+        unprinted("maximum depth, osteoarthritis, sphere", f"{sphere:.4f} mm", "force-driven: the law alone"),
+        unprinted("static depth at 2.19 BW, osteoarthritis", f"{MM * arthritic_depth():.6f} mm", "Eq. 12 at rest"),
         unprinted("second force peak, arthritic against healthy",
                   f"{force:.3f} against {healthy_force:.3f} BW ({PERCENT * (force / healthy_force - 1):+.2f} %)",
                   "paper: reduced, without a number; equilibrium fixes the force when the load is prescribed"),
     ]  # fmt: skip
-    text = (
-        WORDS["osteoarthritis"].format(carried=body_weights(static_force(CARTILAGE / MM, ARTHRITIC))) + "\n\n"
-        + figure("osteoarthritis", WORDS["osteoarthritis_2"])
-    )  # fmt: skip
-    return Section("6. Osteoarthritis (Fig. 13)", text, COMPARISON, rows)
 
 
-def led_section() -> Section:
-    """Section on the peak force with the path prescribed."""
+def cartilage_lost() -> Table:
+    """Peak force with the path prescribed."""
     losses = sorted({*LOSSES, break_even(), loss_for_paper()})
     healthy = body_weights(float(run(HEALTHY, MRI).contact_force.max()))
     rows = []
@@ -90,13 +74,7 @@ def led_section() -> Section:
         force = largest_force(lost)
         rows.append([f"{lost:.4f} mm{_name(lost)}", f"{MM * float(series.penetration_depth.max()):.4f} mm",
                      f"{force:.2f} BW", f"{force / healthy:.2f}"])  # fmt: skip
-    text = WORDS["led"].format(
-        same_depth=largest_force(0.0) / healthy,
-        break_even=break_even(),
-        loss_for_paper=loss_for_paper(),
-        paper_force=largest_force(loss_for_paper()),
-    )
-    return Section("", text, ("cartilage lost", "largest depth", "largest force", "of the healthy knee's"), rows)
+    return ("cartilage lost", "largest depth", "largest force", "of the healthy knee's"), rows
 
 
 def largest_force(lost: float) -> float:
@@ -149,8 +127,8 @@ SHORT = 0.05
 """Time [s] after heel strike that is looked at"""
 
 
-def ringing_section() -> Section:
-    """Section on force against load in the first layer, and the jump at its end."""
+def ringing() -> Table:
+    """Force against load in the first layer, and the jump at its end."""
     rows = []
     for (femur, files), (name, changes) in product(FEMORA.items(), LAWS.items()):
         series = run(*files, changes=changes, step=FINE)
@@ -163,12 +141,7 @@ def ringing_section() -> Section:
         "the same, 0.05 s after heel strike",
         "force jump at 0.5 mm",
     )
-    text = (
-        WORDS["ringing"]
-        + "\n\n"
-        + figure("ringing", "Osteoarthritic knee, sphere, swing and second stance: force less load, and depth.")
-    )
-    return Section("", text, header, rows)
+    return header, rows
 
 
 def excess(series: np.recarray[Any, Any], start: float, end: float) -> float:
@@ -194,25 +167,12 @@ TOLERANCES = (1e-6, TOLERANCE)
 """Tolerances [m]"""
 
 
-def numerics_section() -> Section:
-    """Section on the evaluations per sample, by tolerance and knee."""
+def time_step() -> Table:
+    """Evaluations of the law per sample, by tolerance and knee."""
     rows = [_numerics_line(name, files, tolerance) for name, files in
             (("healthy, sphere", (HEALTHY,)), ("healthy, fitted curve", (HEALTHY, MRI)),
              ("osteoarthritis, fitted curve", (ARTHRITIC, MRI))) for tolerance in TOLERANCES]  # fmt: skip
-    stiffness, frequency, damping = linearised()
-    steps = (CYCLE[1] - CYCLE[0]) / PAPER_STEP
-    period = 1e3 * math.tau / frequency
-    text = WORDS["numerics"].format(
-        kilonewtons=LOAD / 1e3,
-        stiffness=stiffness / 1e6,
-        frequency=frequency,
-        period=period,
-        damping=damping,
-        orders=math.log10(1e-3 * period / PAPER_STEP),
-        steps=steps,
-    )
-    header = ("knee", "tolerance [m]", "evaluations per sample, mean", "samples beyond tolerance")
-    return Section("7. Time step", text, header, rows)
+    return ("knee", "tolerance [m]", "evaluations per sample, mean", "samples beyond tolerance"), rows
 
 
 def linearised() -> tuple[float, float, float]:
@@ -233,35 +193,3 @@ def _numerics_line(name: str, files: tuple[str, ...], tolerance: float) -> list[
     mean = float(f"{series.evaluations.mean():.1e}")
     missed = int((series.error_estimate > tolerance).sum())
     return [name, f"{tolerance:.0e}", f"{mean:.0f}", f"{missed} of {len(gait('right')[0])}"]
-
-
-def contradictions_section() -> Section:
-    """Section with the closing table of contradictions."""
-    sphere, curve = second_peak_depths()
-    first, second = (load_peak(time) for time in second_stance())
-    stiffness = thousands(round(bone_stiffness_needed(), -3))
-    rows = [
-        ["healthy peak depth 0.795 mm (abstract) and 0.705 mm (text)",
-         f"one depth per load: {curve:.4f} mm at 2.19 BW. 0.705 mm needs {needed(0.705)[1]:.2f} BW, 0.795 mm "
-         f"{needed(0.795)[1]:.2f} BW"],
-        ["osteoarthritis: 0.521 mm = 0.5 + 0.021",
-         f"{MM * arthritic_depth():.4f} mm = 0.5 + {MM * arthritic_depth() - 0.5:.4f} at 2.19 BW. 0.021 mm needs "
-         f"K₂ = {stiffness} N/mm^1.5, or {load_needed():.3f} BW"],
-        ["osteoarthritis lowers the contact force under identical inputs",
-         "not when the force is prescribed (Eq. 13). When the femoral height is prescribed: only if more than "
-         f"{break_even():.3f} mm of cartilage are lost ({loss_for_paper():.3f} mm for the paper's depth)"],
-        ["sphere and fitted curve differ by 0.6 % in depth, in a force-driven planar model",
-         f"{100 * (curve / sphere - 1):+.3f} %, by inertia. The curve shows in the contact point and in the range of "
-         f"femoral height ({MM * height_range(HEALTHY, MRI):.2f} against {MM * height_range(HEALTHY):.2f} mm)"],
-        ["K = 2500 N/mm^1.5 derived from the material properties",
-         f"{cartilage_stiffness() * N_MM:.0f} N/mm^1.5 by Hertz; 2500 is calibrated"],
-        ['"medial" force with peaks of 1.81 and 2.19 BW',
-         f"half of the right knee's axial load: {first:.3f} and {second:.3f} BW, in body weights of the unscaled model "
-         "(75.16 kg) for the walk of a subject of 72.6 kg"],
-        ["time step 1e-12 s in a model offered for its efficiency",
-         WORDS["contradictions"].format(frequency=linearised()[1], evaluations=evaluations())],
-        ["Eq. 12: viscoelastic in the second layer, elastic in the first",
-         "the force jumps by C δ̇ at 0.5 mm, and below nothing damps"],
-    ]  # fmt: skip
-    text = "Nothing in the model follows from this table; it says which statements cannot hold together."
-    return Section("9. Where the paper contradicts itself", text, ("the paper", "its own formulas and Table 1"), rows)

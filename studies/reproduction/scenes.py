@@ -1,4 +1,4 @@
-"""Runs of the bundled gait that the page compares, moments of the gait, and cells of its tables."""
+"""Runs of the bundled gait that the page compares, moments of the gait, and cells of the tables."""
 
 from __future__ import annotations
 
@@ -167,7 +167,8 @@ def within(start: float, end: float, step: float | None = None) -> NDArray[np.bo
     return np.asarray((time >= start) & (time <= end))
 
 
-COMPARISON = ("quantity", "paper", "ours", "difference", "why")
+Table = tuple[tuple[str, ...], list[list[str]]]
+"""Header and rows"""
 
 
 def compare(quantity: str, paper: float, ours: float, unit: str, digits: int, why: str) -> list[str]:
@@ -193,8 +194,3 @@ def unprinted(quantity: str, ours: str, why: str) -> list[str]:
 def thousands(value: float, digits: int = 0) -> str:
     """Format a number with thin groups of three digits."""
     return f"{value:,.{digits}f}".replace(",", " ")
-
-
-def figure(name: str, caption: str) -> str:
-    """Format a picture with its caption."""
-    return f"![{caption}](images/reproduction_{name}.png)\n\n*{caption}*"
