@@ -559,22 +559,25 @@ class Recorder:
             self._sync_error = error
 
 
-def space_shortage(free: float, least: float) -> str:
-    """Message about too little free disk space [B]; empty if there is at least `least`."""
-    if free >= least:
+def space_shortage(free: float, least: float, size: float = 0.0) -> str:
+    """Message about too little free disk space [B]; empty if there is at least `least` beside a file of a size [B]."""
+    if free >= least + size:
         return ""
-    return f"{free / MB:.1f} MB are free on its disk, and parameter record.min_free keeps {least / MB:g} MB"
+    needed = f"{size / MB:.1f} MB are needed, " if size else ""
+    return f"{free / MB:.1f} MB are free on its disk, {needed}and parameter record.min_free keeps {least / MB:g} MB"
 
 
-def refuse(path: Path, min_free: float) -> None:
-    """Refuse a path that cannot be written, or whose disk has less than `min_free` [B] free; nothing is created.
+def refuse(path: Path, min_free: float, size: float = 0.0) -> None:
+    """Refuse a path that cannot be written, or whose disk has no room for a file; nothing is created.
+
+    Beside the file's size [B], if it is known, `min_free` [B] must be free.
 
     Raises:
         UsageError: The path cannot be written (see `refuse_impossible`), or the disk is nearly full.
     """
     output_files.refuse_impossible(path)
     folder = next(folder for folder in path.absolute().parents if folder.exists())
-    if shortage := space_shortage(disk_usage(folder).free, min_free):
+    if shortage := space_shortage(disk_usage(folder).free, min_free, size):
         raise UsageError(f"cannot write {path}: {shortage}")
 
 
@@ -591,18 +594,20 @@ def sink_for(knee: Knee) -> Sink | None:
 
 
 def open_output(
-    path: Path, provenance: Mapping[str, str], names: Mapping[str, str], settings: Settings, told_as: str = PROVENANCE
-) -> Recorder:
+    path: Path, provenance: Mapping[str, str], names: Mapping[str, str], settings: Settings, told_as: str = PROVENANCE,
+    expected: Path | None = None,
+) -> Recorder:  # fmt: skip
     """Open a recording in the process of a sink, under the first of its possible names that is free.
 
-    Its remarks tell of another name than `path`, and of interrupted recordings in the same folder.
+    Its remarks tell of another name than `path`, unless it was `expected`, and of interrupted recordings in the same
+    folder.
 
     Raises:
         UsageError: The recording cannot be written; see `refuse` and `BagWriter`.
     """
     refuse(path, settings.min_free)
     bag = BagWriter(path, limits=settings.limits, next_free_name=True)
-    remarks = [] if bag.path == path else [f"{path} is there already: this recording is {bag.path}"]
+    remarks = [] if bag.path in (path, expected) else [f"{path} is there already: this recording is {bag.path}"]
     remarks += map(output_files.cut_off, output_files.leftovers(path.parent, ".mcap"))
     return Recorder(AnswerWriter(bag, provenance, names, told_as), settings, remarks)
 

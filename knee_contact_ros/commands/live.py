@@ -14,6 +14,8 @@ from knee_contact_ros.commands.options import FILE, Output, find_parameters, nam
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import missing_middleware
 
+ROS_PATHS = ("PYTHONPATH", "LD_LIBRARY_PATH", "AMENT_PREFIX_PATH")
+"""Environment variables by which the setup file of a ROS puts itself on the path"""
 CLOCK = "--clock"
 WITH_EVERY_MESSAGE = "0"
 """Value of `--clock` where no number is given"""
@@ -66,6 +68,7 @@ def demo(
     """
     if missing_middleware():  # the graph is its own, and what is there will do
         del os.environ["RMW_IMPLEMENTATION"]
+    check_ros()
     from knee_contact_ros.commands.demo import LOAD_FILE, Recorded, Sensors, Source, run_demo
     from knee_contact_ros.system.files import share_folder
 
@@ -80,14 +83,24 @@ def demo(
     run_demo(source, output, rate)
 
 
-def check_middleware() -> None:
-    """Check that the middleware that is asked for is installed.
+def check_ros() -> None:
+    """Check that the middleware that is asked for is installed, and that ROS can be loaded.
 
     Raises:
-        UsageError: it is not.
+        UsageError: it is not, or another ROS is on the path.
     """
     if words := missing_middleware():
         raise UsageError(words)
+    try:
+        import rclpy  # noqa: F401
+    except ImportError as error:
+        given = [name for name in ROS_PATHS if os.environ.get(name)]
+        if not given:
+            raise
+        raise UsageError(
+            f"ROS cannot be loaded ({error}): is another ROS on the path, by {', '.join(given)}? Use a shell that has "
+            f"sourced none: env {' '.join(f'-u {name}' for name in given)} ..."
+        ) from None
 
 
 def ros_command(options_metavar: str) -> Callable[[Callable[..., None]], click.Command]:
@@ -101,7 +114,7 @@ def run(ros_arguments: tuple[str, ...], kinds: Callable[[], Sequence[Any]]) -> N
     if ros_arguments in (("--help",), ("-h",)):
         click.echo(click.get_current_context().get_help())
         return
-    check_middleware()
+    check_ros()
     from knee_contact_ros.node.managed_node import run_nodes
 
     if code := run_nodes(list(ros_arguments), list(kinds())):
@@ -221,7 +234,7 @@ def replay(bag: Path, remaps: tuple[str, ...], namespace: str, sensors: bool, **
     On a terminal, space pauses and goes on, s or the right arrow steps while paused, the up and down arrows change the
     rate.
     """
-    check_middleware()
+    check_ros()
     from knee_contact_ros.bags.reader import names_in_bag, others_beside
     from knee_contact_ros.commands.replay import Timing, has_inputs, run_replay
     from knee_contact_ros.streams.topics import INPUTS, LOAD_INPUTS

@@ -295,6 +295,17 @@ class Stream:
             state[ticks.STIFFNESS] = cosine * cosine * stiffness
             state[ticks.SLOPE_DAMPING] = cosine * cosine * damping
 
+    def lose(self) -> None:
+        """Doubt the state after the first tick: what follows is `NOT_CONVERGED` until the contact has forgotten it.
+
+        For a run that begins in the middle of a motion, and so not at rest.
+        """
+        load = max(float(self.answer["load"][0]), 0.0)
+        stored = load * self.model.static_depth(load)
+        self._state[ticks.LOST] = math.sqrt(2.0 * stored / self.model.mass) + ticks.TINY_SPEED
+        self._state[ticks.AWAY] = self.answer["error_estimate"][0] = self.model.plausible_depth
+        self.answer["status"] |= ticks.NOT_CONVERGED
+
     def tick(self, time: float, flexion_angle: float, load: float, femoral_height: float | None = None) -> Contact:
         """Advance to `time` [s] and answer; angle [rad], load [N] and height [m] are linear since the previous tick.
 

@@ -509,26 +509,27 @@ class Outputs:
         Raises:
             UsageError: as for `start_recording`.
         """
-        recording, name = self._recording(knee)
+        recording, name = self._recording(knee, sum(item.size for item in items if isinstance(item, Answer)))
         for item in items:
             recording.keep(item)
         recording.end(Ending((), {}))
         self._ending.append(recording)
         return name
 
-    def _recording(self, knee: Knee) -> tuple[SinkProcess, Path]:
-        """Begin a recording; return it and the name of its file."""
+    def _recording(self, knee: Knee, size: int = 0) -> tuple[SinkProcess, Path]:
+        """Begin a recording that will have at least this size [B]; return it and the name of its file."""
         path = Path(knee.parameters.record.path)
         self._ending = [sink for sink in self._ending if not sink.is_over()]
         if not all(sink.is_known() for sink in self._ending):
             raise UsageError(f"{self._ending[-1].name} has yet to be opened before it is completed; try again")
         if len(self._ending) >= MOST_ENDING:
             raise UsageError(f"{len(self._ending)} recordings are still being completed; try again when one is")
-        refuse(path, knee.parameters.record.min_free * MB)
+        refuse(path, knee.parameters.record.min_free * MB, size)
         sink, name = sink_of("record", knee), next(all_names(path))
         assert sink  # noqa: S101  (there is a path)
         queue = queue_of("record", knee.parameters)
-        return SinkProcess(sink._replace(name=str(name)), queue, self._listeners), name
+        job = sink.job._replace(arguments=(*sink.job.arguments, name))  # the caller is told this name
+        return SinkProcess(sink._replace(name=str(name), job=job), queue, self._listeners), name
 
     def stop_recording(self, ending: Ending) -> str:
         """Have the recording completed, and return the name of its file.

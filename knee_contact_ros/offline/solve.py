@@ -99,6 +99,7 @@ def solve(
         pipeline = ContactStream(parameters, compiled=False, curves=curves)
         ticks = reader.count // MESSAGES_OF_A_TICK
         pipeline.frame.is_known = recording is not None
+        pipeline.is_lost = recording is not None and recording.ticks_before > 0
         if parameters.frame.tibia and not recording:
             learn_transforms(bag, pipeline.frame)
         recorder = None
@@ -118,20 +119,22 @@ def solve(
             done += len(block)
             advance(done, reader.count)
         run.keep(pipeline.finish())
-        if recorder:
-            recorder.finish(pipeline.ending())
         summary.finish()
         damage = reader.damage
         if recording:
             late = ["what changed in the node meanwhile may come too late, as ticks before it are missing"]
             damage = [*recording.damage, *damage, *(late if damage and recording.changes else [])]
         if recorder:
+            recorder.finish(pipeline.ending())
             mark_damage(recorder, bag, damage)
         summary.refused, summary.damage = pipeline.synchroniser.refused, damage
         summary.split = pipeline.split if pipeline.varies else None
         summary.unanswered = unanswered_sentence(pipeline, inputs.forces)
-        seen = pipeline.angles_seen.sentence(inputs.publishers(0), parameters.knee.joint_name)
-        summary.publishers = [one for one in (seen, pipeline.forces_seen.sentence(inputs.publishers(1))) if one]
+        seen = (
+            pipeline.angles_seen.sentence(inputs.publishers(0), parameters.knee.joint_name),
+            pipeline.forces_seen.sentence(inputs.publishers(1)),
+        )
+        summary.publishers = list(filter(None, seen))
         if not summary.ticks:
             reasons = ", ".join(f"{count} x {reason}" for reason, count in summary.refused.items())
             why = f"; the bag is damaged: {in_a_line(damage)}" if damage else ""
@@ -176,7 +179,7 @@ class Run:
 
     def take(self, block: Batch) -> None:
         """Compute the ticks of a block of angles (number 0) and forces (number 1), at once if possible."""
-        if self.changes.waiting or not self._take_at_once(block):
+        if self.pipeline.is_lost or self.changes.waiting or not self._take_at_once(block):
             self.keep(answer for number, _, data in block for answer in self._take_one(number, data))
 
     def keep(self, answers: Iterable[Answer]) -> None:

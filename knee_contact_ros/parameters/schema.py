@@ -125,13 +125,15 @@ class NodeSection(Section):
     def problem_of_sources(self, needed: int, why: str) -> str:
         """Number of fields that does not fit: forces need so many of them, for a reason."""
         angles, forces = (len(source.fields) for source in self.inputs())
-        joints = self.joints()
+        joints, (first, second) = self.joints(), self.inputs()
         if angles not in (0, len(joints)):
             return f"knee.source: {angles} fields are not allowed; {', '.join(joints)} need {len(joints)}"
         if forces not in (0, 1, 3, 6):
             return f"{self.force_source}: {forces} fields are not allowed; a number, a force's three, or a wrench's six"
         if 0 < forces < needed:
             return f"{self.force_source}: {forces} fields are not allowed; {why} needs {needed}"
+        if first.topic == second.topic and first.type != second.type:
+            return f"knee.source: {first.topic} is that of {self.force_source}, too, and cannot be of two types"
         return ""
 
     def inputs(self) -> tuple[Source, Source]:

@@ -128,13 +128,15 @@ class ContactStream(PairedStreams):
     ) -> None:
         """Build the model; see `build_model` for `curves`."""
         frame = ForceFrame(parameters.frame.tibia, JOINT_REACTION_FORCE)
-        super().__init__(JOINT_REACTION_FORCE, parameters.pairing, frame)
+        super().__init__(JOINT_REACTION_FORCE, parameters, frame)
         self.parameters = parameters
         self._texts = curve_texts(parameters, {}) if curves is None else curves
         self.compartments = compartments_of(parameters, self._texts)
         """The only compartment, or medial and lateral"""
         self.split = Split(parameters.body_weight)
         """Statistics of the medial share, where it varies"""
+        self.is_lost = False
+        """Whether the first tick lies in the middle of a motion that is not known"""
         self._divide(parameters)
         if compiled:
             self.compile()
@@ -181,8 +183,10 @@ class ContactStream(PairedStreams):
             if pair.status & TIME_RESET:
                 compartment.start_anew()
             compartment.advance(load.stamp, angle, part, pair.height, status)
+            if self.is_lost:
+                compartment.stream.lose()
             messages.append(encode_answer(load.stamp, load.frame_id, compartment.row.tobytes()))
-        self.ticks += 1
+        self.ticks, self.is_lost = self.ticks + 1, False
         if self.varies:
             self.split.add(load.axial, medial, self.rule.beyond(load.axial, angle))
         return messages

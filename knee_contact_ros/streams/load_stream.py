@@ -126,7 +126,7 @@ class LoadStream(PairedStreams):
     def __init__(self, parameters: LoadParameters) -> None:
         """Begin without samples."""
         frame = ForceFrame(parameters.frame.ground, GROUND_REACTION_FORCE)
-        super().__init__(GROUND_REACTION_FORCE, parameters.pairing, frame)
+        super().__init__(GROUND_REACTION_FORCE, parameters, frame)
         self.parameters = parameters
         self.level = parameters.chosen_level
         self._motion = MotionFilter(parameters.motion_window)

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import itertools
 import math
+import re
 from abc import ABC, abstractmethod
 from collections import Counter, deque
 from collections.abc import Iterable, Iterator, Sequence
@@ -21,7 +22,7 @@ from itertools import pairwise
 from typing import Any, Generic, NamedTuple, TypeVar
 
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.parameters.schema import Pairing
+from knee_contact_ros.parameters.schema import LoadParameters, Pairing, Parameters
 from knee_contact_ros.streams.frames import ForceFrame
 from knee_contact_ros.streams.messages import JOINT_STATE, WRENCH, JointState, RefusedSampleError, WrenchStamped
 from knee_contact_ros.streams.publishers import DIFFERENT_ANGLES, DIFFERENT_FORCES, Publishers
@@ -562,11 +563,14 @@ def _between(before: AngleSample, after: AngleSample, stamp: int) -> AngleSample
 class PairedStreams(ABC):
     """What all computations on two streams have in common: samples are refused or paired, and pairs are answered."""
 
-    def __init__(self, force_topic: str, pairing: Pairing, frame: ForceFrame) -> None:
+    def __init__(self, force_topic: str, parameters: Parameters | LoadParameters, frame: ForceFrame) -> None:
         """Begin without samples."""
         self.force_topic = force_topic
+        angles, forces = parameters.inputs()
+        self.sources = {JOINT_STATES: angles.topic, force_topic: forces.topic}
+        """Topics from which the inputs come, by their usual names, for the sentences about refused samples"""
         self.frame = frame
-        self.synchroniser = Synchroniser(pairing)
+        self.synchroniser = Synchroniser(parameters.pairing)
         self.ticks = 0
         self.angles_seen = Publishers(JOINT_STATES, DIFFERENT_ANGLES, "rad")
         """Whether the angles come from publishers that disagree"""
@@ -651,7 +655,8 @@ class PairedStreams(ABC):
     def refuse(self, refused: RefusedSampleError) -> list[PairedSample]:
         """Count a sample that cannot be used; it makes no pairs."""
         self.synchroniser.refused.count(refused.reason)
-        self.last_refusal = str(refused)
+        topic, *_ = re.split("[: ]", str(refused), maxsplit=1)
+        self.last_refusal = self.sources.get(topic, topic) + str(refused).removeprefix(topic)
         return []
 
     def push_load(self, sample: LoadSample, came_in: str) -> list[PairedSample]:

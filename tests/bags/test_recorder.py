@@ -19,13 +19,14 @@ from mcap.records import Message, Metadata
 from mcap.stream_reader import StreamReader
 
 from knee_contact_ros.bags.reader import BagReader, read_bag
-from knee_contact_ros.bags.recorder import INTERRUPTED, Limits, Settings
+from knee_contact_ros.bags.recorder import INTERRUPTED, Limits, Settings, refuse
 from knee_contact_ros.node.outputs import MB, Listeners, Queue, SinkProcess
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import read_refused
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.output import PROVENANCE
+from knee_contact_ros.system.errors import UsageError
 from tests.helpers.needs import needs_viewer
 from tests.helpers.processes import has_ended
 from tests.helpers.sinks import (
@@ -138,6 +139,8 @@ def test_a_nearly_full_disk_is_refused(started: Started, tmp_path: Path) -> None
     sink.wait_until_known()
     assert re.match(rf"cannot write {path}: [\d.]+ MB are free .* keeps 1e\+12 MB", sink.failure)
     sink.discard()
+    with pytest.raises(UsageError, match=r"free on its disk, 1000000000000\.0 MB are needed, and .* keeps 1 MB"):
+        refuse(path, 1e6, 1e18)
     assert list(tmp_path.iterdir()) == []
 
 

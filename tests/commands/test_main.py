@@ -12,6 +12,7 @@ import click
 import pytest
 
 from knee_contact_ros.commands.main import INTERRUPTED, knee_contact, main
+from knee_contact_ros.system.files import share_folder
 
 
 @pytest.fixture
@@ -53,6 +54,22 @@ def test_ctrl_c_while_a_data_class_is_made_is_an_interruption(tmp_path: Path) ->
     )  # fmt: skip
     assert done.returncode == INTERRUPTED
     assert done.stderr.strip() == "knee-contact: interrupted"
+
+
+@pytest.mark.parametrize("arguments", [["node"], ["demo", "--output", "new"], ["replay", "gait2354_right"]])
+def test_another_ros_on_the_path_is_named_with_the_cure(arguments: list[str], tmp_path: Path) -> None:
+    humble = tmp_path / "humble"
+    (humble / "rclpy").mkdir(parents=True)
+    (humble / "rclpy" / "__init__.py").write_text("from rclpy._rclpy_pybind11 import rclpy\n")
+    done = subprocess.run(
+        [sys.executable, "-m", "knee_contact_ros.commands.main", *arguments],
+        env=os.environ | {"PYTHONPATH": f"{humble}:{Path(__file__).parents[2]}"}, cwd=share_folder() / "bags",
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr.startswith("knee-contact: ROS cannot be loaded (No module named 'rclpy._rclpy_pybind11'): is ")
+    assert "by PYTHONPATH" in done.stderr
+    assert "env -u PYTHONPATH" in done.stderr
 
 
 def test_the_bare_command_shows_every_command_in_its_group(capsys: pytest.CaptureFixture[str]) -> None:

@@ -157,11 +157,17 @@ def test_answers_are_those_of_the_usual_messages(case: str, plain: list[bytes], 
         ("/state exo_msgs/State mode, mode", "", r"knee.source: 2 fields are not allowed; knee.joint_name need 1"),
         ("/state", "/state exo_msgs/State mode deg", r"load.source: .* unit 'deg' is not allowed; allowed: N, kN"),
         ("/state", "/state exo_msgs/State mode, mode", r"load.source: 2 fields are not allowed"),
+        ("joint_reaction_force", "", r"knee.source: joint_reaction_force is that of load.source, too"),
+        ("/nan std_msgs/Float64 data on arrival", "", r"60 x not_finite.*; /nan: position of joint .knee. is"),
         ("/state exo_msgs.State mode", "", r"knee.source: .* is not allowed; allowed: TOPIC, or TOPIC TYPE FIELD"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_read_is_told_at_the_start(angles: str, forces: str, words: str, tmp_path: Path) -> None:
-    numbers = {"/number": ("std_msgs/msg/Float64", lambda *_: message("std_msgs/msg/Float64", 0.1))}
+    values = {"/number": 0.1, "/nan": math.nan}
+    numbers = {
+        topic: ("std_msgs/msg/Float64", lambda *_, v=value: message("std_msgs/msg/Float64", v))
+        for topic, value in values.items()
+    }
     bag = bag_of(tmp_path / "bag.mcap", {"/state": ("exo_msgs/msg/State", state), **numbers, **dict([FORCE])})
     how = {"knee.source": angles, "load.source": forces or "joint_reaction_force"}
     with pytest.raises(UsageError, match=words):
