@@ -528,7 +528,8 @@ class Outputs:
         sink, name = sink_of("record", knee), next(all_names(path))
         assert sink  # noqa: S101  (there is a path)
         queue = queue_of("record", knee.parameters)
-        job = sink.job._replace(arguments=(*sink.job.arguments, name))  # the caller is told this name
+        expected = (name,) if size else ()  # every snapshot but the first has another name than the parameter's
+        job = sink.job._replace(arguments=(*sink.job.arguments, *expected))
         return SinkProcess(sink._replace(name=str(name), job=job), queue, self._listeners), name
 
     def stop_recording(self, ending: Ending) -> str:
