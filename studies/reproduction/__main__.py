@@ -57,7 +57,7 @@ def page(tables: dict[str, Table], measured_on: str) -> str:
     stiffness, frequency, damping = osteoarthritis.linearised()
     loss, period = osteoarthritis.loss_for_paper(), math.tau / frequency
     arthritic_depth = MM * osteoarthritis.arthritic_depth()
-    return Path(__file__).with_name("page.md").read_text(encoding="utf-8").format(
+    return Path(__file__).with_name("page.txt").read_text(encoding="utf-8").format(
         machine=measured_on, body_weight=BODY_WEIGHT,
         comparison=table(header[:4], [row[:4] for row in rows if row[3] != "-"]),
         healthy_depth=curve, arthritic_depth=arthritic_depth, bone_part=arthritic_depth - osteoarthritis.CARTILAGE,
