@@ -121,15 +121,7 @@ def test_bad_parameters_and_rules_are_told_in_one_line(walking: Path, tmp_path: 
 
 def test_a_reader_that_has_gone_is_no_reason_to_lose_the_bag(walking: Path, tmp_path: Path) -> None:
     output = tmp_path / "out.mcap"
-    command = [
-        sys.executable,
-        "-m",
-        "knee_contact_ros.commands.main",
-        "estimate-load",
-        str(walking),
-        "--output",
-        str(output),
-    ]
+    command = f"{sys.executable} -m knee_contact_ros.commands.main estimate-load {walking} --output {output}".split()
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
         assert process.stdout
         assert process.stderr

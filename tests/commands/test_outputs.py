@@ -12,58 +12,42 @@ from knee_contact_ros.commands.main import main
 FIT_SHARE = ["fit-share", "--trial", "a.csv", "--axial", "a", "--medial", "a", "--flexion", "a", "--body-weight", "700"]
 
 
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        ["solve", "{bag}", "--output", "typo/out.mcap"],
-        ["estimate-load", "{bag}", "--output", "typo/out.mcap"],
-        ["recover", "{file}", "typo/out.mcap"],
-        ["view", "{bag}", "--save", "typo/out.rrd"],
-        ["report", "{bag}", "--output", "typo/report"],
-        ["demo", "--output", "typo/demo"],
-        ["fit-profile", "{file}", "--slice", "auto", "--output", "typo/out.csv"],
-        [*FIT_SHARE, "--output", "typo/share.csv"],
-        ["calibrate", "trial.csv", "--free", "contact.stiffness", "--output", "typo/fitted.yaml"],
-        ["import-csv", "cells.csv", "--map", "map.yaml", "--output", "typo/bag"],
-        ["align", "cells.csv", "--map", "map.yaml", "--output", "typo/align.yaml"],
-        ["import-opensim", "--side", "right", "--kinematics", "q", "--reactions", "r", "--output", "typo/bag"],
-        ["trade", "{bag}", "--picture", "typo/trade.png"],
-    ],
-)
-def test_a_misspelt_folder_is_not_made(
-    arguments: list[str], right_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
-    capsys: pytest.CaptureFixture[str],
-) -> None:  # fmt: skip
-    monkeypatch.chdir(tmp_path)
-    file = right_bag / "gait2354_right_0.mcap"
-    assert main([argument.format(bag=right_bag, file=file) for argument in arguments]) == 2
-    assert capsys.readouterr().err.endswith(": there is no folder typo; make it first\n")
-    assert not list(tmp_path.iterdir())
+MISSING = "there is no folder typo; make it first"
+REFUSED: list[tuple[list[str], str]] = [
+    (["solve", "{bag}", "--output", "typo/out.mcap"], MISSING),
+    (["estimate-load", "{bag}", "--output", "typo/out.mcap"], MISSING),
+    (["recover", "{file}", "typo/out.mcap"], MISSING),
+    (["view", "{bag}", "--save", "typo/out.rrd"], MISSING),
+    (["report", "{bag}", "--output", "typo/report"], MISSING),
+    (["demo", "--output", "typo/demo"], MISSING),
+    (["fit-profile", "{file}", "--slice", "auto", "--output", "typo/out.csv"], MISSING),
+    ([*FIT_SHARE, "--output", "typo/share.csv"], MISSING),
+    (["calibrate", "trial.csv", "--free", "contact.stiffness", "--output", "typo/fitted.yaml"], MISSING),
+    (["import-csv", "cells.csv", "--map", "map.yaml", "--output", "typo/bag"], MISSING),
+    (["align", "cells.csv", "--map", "map.yaml", "--output", "typo/align.yaml"], MISSING),
+    (["import-opensim", "--side", "right", "--kinematics", "q", "--reactions", "r", "--output", "typo/bag"], MISSING),
+    (["trade", "{bag}", "--picture", "typo/trade.png"], MISSING),
+    (["solve", "{bag}", "--output", "out.csv"], "--output out.csv: its name must end with .mcap"),
+    (["estimate-load", "{bag}", "--output", "out.db3"], "--output out.db3: its name must end with .mcap"),
+    (["recover", "{file}", "out"], "output out: its name must end with .mcap"),
+    (["view", "{bag}", "--save", "x.png"], "--save x.png: its name must end with .rrd"),
+    (["trade", "{bag}", "--picture", "x.pdf"], "--picture x.pdf: its name must end with .png"),
+    (["fit-profile", "{file}", "--slice", "0", "--output", "x.yaml"], "--output x.yaml: its name must end with .csv"),
+    ([*FIT_SHARE, "--output", "x.yaml"], "--output x.yaml: its name must end with .csv"),
+]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "says"),
-    [
-        (["solve", "{bag}", "--output", "out.csv"], "--output out.csv: its name must end with .mcap"),
-        (["estimate-load", "{bag}", "--output", "out.db3"], "--output out.db3: its name must end with .mcap"),
-        (["recover", "{file}", "out"], "output out: its name must end with .mcap"),
-        (["view", "{bag}", "--save", "x.png"], "--save x.png: its name must end with .rrd"),
-        (["trade", "{bag}", "--picture", "x.pdf"], "--picture x.pdf: its name must end with .png"),
-        (
-            ["fit-profile", "{file}", "--slice", "0", "--output", "x.yaml"],
-            "--output x.yaml: its name must end with .csv",
-        ),
-        ([*FIT_SHARE, "--output", "x.yaml"], "--output x.yaml: its name must end with .csv"),
-    ],
-)
-def test_a_name_tells_what_is_written(
+@pytest.mark.parametrize(("arguments", "says"), REFUSED)
+def test_a_misspelt_folder_and_a_wrong_ending_are_refused(
     arguments: list[str], says: str, right_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
 ) -> None:  # fmt: skip
     monkeypatch.chdir(tmp_path)
     file = right_bag / "gait2354_right_0.mcap"
     assert main([argument.format(bag=right_bag, file=file) for argument in arguments]) == 2
-    assert capsys.readouterr().err == f"knee-contact: {says}\n"
+    said = capsys.readouterr().err
+    assert said.startswith("knee-contact: ")
+    assert said.endswith(f"{says}\n")
     assert not list(tmp_path.iterdir())
 
 

@@ -18,18 +18,13 @@ OTHER = {"/other/force": "geometry_msgs/msg/WrenchStamped", "/imu": "sensor_msgs
 """Topics that no bag of a robot lacks, and that we do not read"""
 
 
-def named(topic: str) -> str:
-    """A topic under its own name."""
-    return topic
-
-
 def write_rosbag2(
     folder: Path,
     messages: Iterable[RawMessage],
     storage: StoragePlugin = StoragePlugin.MCAP,
     compression: CompressionMode = CompressionMode.NONE,
     version: int = 9,
-    name: Callable[[str], str] = named,
+    name: Callable[[str], str] = str,
     types: Mapping[str, str] = INPUT_TYPES,
 ) -> Path:
     """A rosbag2 folder with other topics among ours, which are of these types."""
@@ -49,29 +44,20 @@ def write_rosbag2(
 
 def write_split(folder: Path, messages: list[RawMessage], storage: StoragePlugin, compression: CompressionMode) -> Path:
     """A rosbag2 folder of twelve files, in the order in which their names are sorted: the tenth before the second."""
-    folder.mkdir()
+    write_rosbag2(folder, messages, storage, compression)
+    yaml, description = YAML(typ="safe"), folder / "metadata.yaml"
+    whole = yaml.load(description.read_text())
+    (file,) = whole["rosbag2_bagfile_information"]["relative_file_paths"]
+    (folder / file).unlink()
     size = -(-len(messages) // 12)
-    parts = [messages[start : start + size] for start in range(0, len(messages), size)]
-    yaml = YAML(typ="safe")
-    whole: dict = {}
-    paths = []
-    for number, part in enumerate(parts):
-        write_rosbag2(folder / f"bag_{number}", part, storage, compression)
-        content = yaml.load((folder / f"bag_{number}" / "metadata.yaml").read_text())["rosbag2_bagfile_information"]
-        (path,) = content["relative_file_paths"]
-        shutil.move(folder / f"bag_{number}" / path, folder / path)
-        shutil.rmtree(folder / f"bag_{number}")
-        paths.append(path)
-        if not whole:
-            whole = content
-            continue
-        whole["message_count"] += content["message_count"]
-        for topic, more in zip(whole["topics_with_message_count"], content["topics_with_message_count"], strict=True):
-            topic["message_count"] += more["message_count"]
-    whole["relative_file_paths"] = sorted(paths)
-    whole["duration"]["nanoseconds"] = messages[-1].log_time + 1 - messages[0].log_time
-    with (folder / "metadata.yaml").open("w") as file:
-        yaml.dump({"rosbag2_bagfile_information": whole}, file)
+    for number in range(12):
+        part = write_rosbag2(folder / f"bag_{number}", messages[number * size :][:size], storage, compression)
+        for path in part.glob("bag_*"):
+            path.rename(folder / path.name)
+        shutil.rmtree(part)
+    whole["rosbag2_bagfile_information"]["relative_file_paths"] = sorted(path.name for path in folder.glob("bag_*"))
+    with description.open("w") as stream:
+        yaml.dump(whole, stream)
     return folder
 
 

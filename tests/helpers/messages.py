@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from functools import partial
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 from builtin_interfaces.msg import Time
 from geometry_msgs.msg import Point, Vector3, Wrench, WrenchStamped
 from knee_contact_ros.msg import KneeContact
-from rosbags.interfaces import Nodetype
 from std_msgs.msg import Header
 
 from knee_contact_ros.bags.reader import BagReader, RawMessage
@@ -23,40 +22,15 @@ def message_class(name: str) -> Any:
     return typestore().types[name]
 
 
-def message_class_with_zeros(name: str) -> Any:
-    """The same with numbers 0, texts empty and truth values false unless given, as in ROS."""
-    zeros = {"string": "", "bool": False}
-    defaults = {
-        field: zeros.get(str(detail[0]), 0.0 if str(detail[0]).startswith("float") else 0)
-        for field, (kind, detail) in typestore().fielddefs[name][1]
-        if kind is Nodetype.BASE
-    }
-    return partial(message_class(name), **defaults)
-
-
-class PlainMessages:
-    """Those of rosbags."""
-
-    def __init__(self) -> None:
-        self.Time = message_class("builtin_interfaces/msg/Time")
-        self.Header = message_class("std_msgs/msg/Header")
-        self.Point = message_class("geometry_msgs/msg/Point")
-        self.Vector3 = message_class("geometry_msgs/msg/Vector3")
-        self.Wrench = message_class("geometry_msgs/msg/Wrench")
-        self.WrenchStamped = message_class("geometry_msgs/msg/WrenchStamped")
-        self.KneeContact = message_class_with_zeros(MESSAGE_TYPES[KNEE_CONTACT])
-
-
-class RosMessages:
-    """ROS's own."""
-
-    Time = Time
-    Header = Header
-    Point = Point
-    Vector3 = Vector3
-    Wrench = Wrench
-    WrenchStamped = WrenchStamped
-    KneeContact = KneeContact
+NAMES = ("builtin_interfaces/msg/Time", "std_msgs/msg/Header", *(f"geometry_msgs/msg/{name}" for name in (
+    "Point", "Vector3", "Wrench", "WrenchStamped")), MESSAGE_TYPES[KNEE_CONTACT])  # fmt: skip
+PlainMessages = SimpleNamespace(**{name.rpartition("/")[2]: message_class(name) for name in NAMES})
+"""Those of rosbags"""
+RosMessages = SimpleNamespace(
+    Time=Time, Header=Header, Point=Point, Vector3=Vector3, Wrench=Wrench, WrenchStamped=WrenchStamped,
+    KneeContact=KneeContact,
+)  # fmt: skip
+"""ROS's own"""
 
 
 def header(types: Any, stamp: int, frame_id: str) -> Any:

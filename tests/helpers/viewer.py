@@ -73,12 +73,6 @@ class Screen:
         wait_for(at_rest, "two pictures in a row to be the same")
         return pictures[-1]
 
-    def save(self, png: Path) -> NDArray[np.uint8]:
-        """The same into a file, and as an array."""
-        picture = self.picture()
-        Image.fromarray(picture).save(png, optimize=True)
-        return picture
-
     def complaints(self) -> list[str]:
         """Warnings and errors: of the views about what they cannot show, and in the viewer's log."""
         reports = [f"{view.name}: {report.summary}" for view in self.state.views for report in view.reports]

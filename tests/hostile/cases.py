@@ -94,29 +94,31 @@ def linked(path: Path) -> None:
     path.symlink_to("/dev/zero")
 
 
+def says(path: Path, mode: str) -> None:
+    """Say in `metadata.yaml` that its file or its messages are compressed."""
+    text = path.read_text().replace("compression_format: ''", "compression_format: zstd")
+    path.write_text(text.replace("compression_mode: ''", f"compression_mode: {mode}"))
+
+
 def compressed(path: Path) -> None:
-    """Says that its file is compressed, which holds a thousand times as much."""
+    """A compressed file, which holds a thousand times as much."""
     (file,) = path.parent.glob("*.mcap")
     file.unlink()
     file.with_name(f"{file.name}.zstd").write_bytes(zstd_of_zeros(4096))
-    text = path.read_text().replace(file.name, f"{file.name}.zstd")
-    path.write_text(
-        text.replace("compression_format: ''", "compression_format: zstd").replace(
-            "compression_mode: ''", "compression_mode: FILE"
-        )
-    )
+    path.write_text(path.read_text().replace(file.name, f"{file.name}.zstd"))
+    says(path, "FILE")
 
 
 def squeezed(path: Path) -> None:
-    """Says that its messages are compressed, of which each holds a gigabyte."""
+    """Compressed messages, of which each holds a gigabyte."""
     (file,) = path.parent.glob("*.mcap")
     file.write_bytes(inputs(data=[zstd_of_zeros(1024)]))
-    text = path.read_text()
-    path.write_text(
-        text.replace("compression_format: ''", "compression_format: zstd").replace(
-            "compression_mode: ''", "compression_mode: MESSAGE"
-        )
-    )
+    says(path, "MESSAGE")
+
+
+def replaced(old: str, new: str) -> Make:
+    """Gait in a folder in whose `metadata.yaml` a text is another."""
+    return folder_with(lambda path: path.write_text(path.read_text().replace(old, new)))
 
 
 PROFILE = json.dumps({"femur.geometry": "profile", "femur.profile": "/dev/zero"})
@@ -153,16 +155,10 @@ BAGS: dict[str, Make] = {
     "metadata that is a device": folder_with(linked),
     "metadata in brackets": folder_with(lambda path: path.write_text("[" * 100_000)),
     "metadata in another encoding": folder_with(lambda path: path.write_bytes(b"\xff\xfe\xe9")),
-    "metadata that names half a character": folder_with(
-        lambda path: path.write_text(path.read_text().replace("file_paths:\n", 'file_paths:\n  - "\\ud800"\n'))
-    ),
-    "metadata that names what is too long": folder_with(
-        lambda path: path.write_text(path.read_text().replace("file_paths:\n", f"file_paths:\n  - {'x' * 300}\n"))
-    ),
+    "metadata that names half a character": replaced("file_paths:\n", 'file_paths:\n  - "\\ud800"\n'),
+    "metadata that names what is too long": replaced("file_paths:\n", f"file_paths:\n  - {'x' * 300}\n"),
     "metadata with a date that is none": folder_with(lambda path: path.write_text("a: 2001-99-99")),
-    "metadata that names files elsewhere": folder_with(
-        lambda path: path.write_text(path.read_text().replace("gait2354_right", "../../../../dev/zero"))
-    ),
+    "metadata that names files elsewhere": replaced("gait2354_right", "../../../../dev/zero"),
     "a file compressed a thousand times": folder_with(compressed),
     "messages compressed a thousand times": folder_with(squeezed),
 }

@@ -2,32 +2,27 @@
 
 from __future__ import annotations
 
-import json
+import multiprocessing
 import os
-import subprocess
+import resource
+import signal
 import sys
-from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 
+from knee_contact_ros.commands.main import main
 from tests.helpers.needs import HAS_REPORT, HAS_VIEWER, needs_viewer
 from tests.hostile.cases import BAGS, GAIT
 
-COMMANDS: dict[str, Callable[[str, str], list[str]]] = {
-    "solve": lambda bag, output: ["solve", bag, "--output", f"{output}/out.mcap"],
-    "report": lambda bag, output: ["report", bag, "--output", f"{output}/report"],
-    "view": lambda bag, output: ["view", bag, "--save", f"{output}/out.rrd"],
-    "recover": lambda bag, output: ["recover", bag, f"{output}/out.mcap"],
-    "estimate-load": lambda bag, output: [
-        "estimate-load",
-        bag,
-        "--output",
-        f"{output}/out.mcap",
-        "--remap",
-        "ground_reaction_force:=/joint_reaction_force",
-    ],
-}
+COMMANDS = {
+    "solve": ["solve", "{bag}", "--output", "{output}/out.mcap"],
+    "report": ["report", "{bag}", "--output", "{output}/report"],
+    "view": ["view", "{bag}", "--save", "{output}/out.rrd"],
+    "recover": ["recover", "{bag}", "{output}/out.mcap"],
+    "estimate-load": ["estimate-load", "{bag}", "--output", "{output}/out.mcap",
+                      "--remap=ground_reaction_force:=/joint_reaction_force"],
+}  # fmt: skip
 OTHERWISE = [
     ("a chunk that hides ten gigabytes", "recover"),
     ("channels without end", "recover"),
@@ -43,28 +38,35 @@ OTHERWISE = [
 SEEN = [
     pytest.param(name, "view", marks=needs_viewer) for name in ("a profile that is named", "escape codes in topics")
 ]
-Run = Callable[[list[str], Path], tuple[int, str]]
+MEMORY, SECONDS, PATIENCE = 3 * 2**30, 20, 60
+"""Addresses [B] and processor time [s] that a command may use, and the time [s] for one that waits"""
+PROCESSES = multiprocessing.get_context("forkserver")
+PROCESSES.set_forkserver_preload([
+    f"knee_contact_ros.{name}" for name in (
+        "commands.main", "lab.report.figures", "lab.report.page", "bags.recover", "offline.solve",
+        "offline.estimate_load", *["commands.view"][:HAS_VIEWER])
+])  # fmt: skip
 
 
-@pytest.fixture(scope="module")
-def run() -> Iterator[Run]:
-    """Runs a command with little memory and time: exit code (negative: of a signal), and what it said."""
-    server = subprocess.Popen(
-        [sys.executable, "-m", "tests.hostile.commands"], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True,
-        env=os.environ | {"OPENBLAS_NUM_THREADS": "1"},
-    )  # fmt: skip
-    assert server.stdin
-    assert server.stdout
+def limited(arguments: list[str], log: Path) -> None:
+    """In a process of its own: run a command with little memory and time; what it says goes to `log`."""
+    descriptor = os.open(log, os.O_WRONLY | os.O_CREAT | os.O_TRUNC)
+    for stream in (1, 2):
+        os.dup2(descriptor, stream)
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+    resource.setrlimit(resource.RLIMIT_CPU, (SECONDS, SECONDS))
+    signal.alarm(PATIENCE)
+    sys.exit(main(arguments))
 
-    def done(arguments: list[str], log: Path) -> tuple[int, str]:
-        assert server.stdin
-        assert server.stdout
-        print(json.dumps({"arguments": arguments, "log": str(log)}), file=server.stdin, flush=True)
-        return json.loads(server.stdout.readline()), log.read_text(errors="replace")
 
-    yield done
-    server.stdin.close()
-    assert server.wait(60.0) == 0
+def run(command: str, bag: Path, output: Path) -> tuple[int | None, str]:
+    """Exit code (negative: of a signal) of a command, and what it said."""
+    log = output.with_name("log")
+    arguments = [word.format(bag=bag, output=output) for word in COMMANDS[command]]
+    process = PROCESSES.Process(target=limited, args=(arguments, log))
+    process.start()
+    process.join()
+    return process.exitcode, log.read_text(errors="replace")
 
 
 def files(folder: Path) -> dict[str, tuple[int, int]]:
@@ -73,13 +75,13 @@ def files(folder: Path) -> dict[str, tuple[int, int]]:
 
 
 @pytest.mark.parametrize(("name", "command"), [(name, "solve") for name in BAGS] + OTHERWISE + SEEN)
-def test_bags(name: str, command: str, run: Run, tmp_path: Path) -> None:
+def test_bags(name: str, command: str, tmp_path: Path) -> None:
     theirs, output = tmp_path / "theirs", tmp_path / "output"
     theirs.mkdir()
     output.mkdir()
     bag = BAGS[name](theirs)
     before = files(theirs)
-    code, said = run(COMMANDS[command](str(bag), str(output)), tmp_path / "log")
+    code, said = run(command, bag, output)
     assert code in (0, 1, 2), said
     assert "Traceback" not in said
     assert code == 0 or said.splitlines()[-1].startswith("knee-contact: ")
@@ -88,8 +90,10 @@ def test_bags(name: str, command: str, run: Run, tmp_path: Path) -> None:
     assert {path.name for path in output.iterdir()} <= {"out.mcap", "out.rrd", "report", "metadata.yaml"}
 
 
-def test_a_good_bag_passes_the_same_way(run: Run, tmp_path: Path) -> None:
+def test_a_good_bag_passes_the_same_way(tmp_path: Path) -> None:
+    output, again = tmp_path / "output", tmp_path / "again"
+    output.mkdir()
+    again.mkdir()
     for command in ("solve", *["report"][:HAS_REPORT], *["view"][:HAS_VIEWER]):
-        assert run(COMMANDS[command](str(GAIT), str(tmp_path)), tmp_path / "log")[0] == 0
-    (tmp_path / "again").mkdir()
-    assert run(COMMANDS["recover"](str(tmp_path / "out.mcap"), str(tmp_path / "again")), tmp_path / "log")[0] == 0
+        assert run(command, GAIT, output)[0] == 0
+    assert run("recover", output / "out.mcap", again)[0] == 0

@@ -131,10 +131,6 @@ WAYS = {
 MISTAKES = [(way, name) for way, mistakes in WAYS.items() for name in mistakes]
 
 
-def test_sixty_mistakes() -> None:
-    assert len(MISTAKES) + len(RUN) >= 60
-
-
 @pytest.mark.parametrize(("way", "name"), MISTAKES, ids=lambda each: getattr(each, "__name__", each))
 def test_a_mistake_is_told(
     way: Callable[..., list[str]], name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,

@@ -60,33 +60,13 @@ def test_a_browser_asks_no_network_for_it(browser: Any, site: Path, page: str) -
     assert all(width > 0 for width in pictures)
 
 
-def test_search_finds_without_a_server(browser: Any, site: Path) -> None:
-    browser.get((site / "search.html").as_uri() + "?q=penetration_depth")
-    links = browser.execute_async_script(
-        "const done = arguments[0];"
-        "const look = () => {"
-        "  const links = [...document.querySelectorAll('#search-results li a')].map(a => a.getAttribute('href'));"
-        "  if (links.length) done(links); else setTimeout(look, 100); };"
-        "look();"
-    )
-    assert any(link.startswith("docs/reference/") for link in links)
-
-
-@pytest.mark.parametrize(("link", "told"), [
-    ("there.md#no-such-heading", "no-such-heading"),
-    ("absent.md", "absent.md"),
-    ("config/absent.yaml", "config/absent.yaml"),
-    ("#nowhere", "nowhere"),
-])  # fmt: skip
-def test_a_broken_link_is_told(tmp_path: Path, link: str, told: str) -> None:
+def test_a_broken_anchor_is_told(tmp_path: Path) -> None:
     source = tmp_path / "source"
     source.mkdir()
-    (source / "there.md").write_text("# There\n", encoding="utf-8")
-    (source / "README.md").write_text(f"# Front\n\n[a link]({link})\n", encoding="utf-8")
+    (source / "README.md").write_text("# Front\n\n[a link](#nowhere)\n", encoding="utf-8")
     done = build(source, tmp_path / "site")
     assert done.returncode != 0
-    (line,) = (line for line in done.stderr.splitlines() if "xref_missing" in line)
-    assert told in line
+    assert "nowhere" in done.stderr
 
 
 def test_the_quality_declaration_names_tests_that_are_there() -> None:

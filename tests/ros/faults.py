@@ -89,7 +89,7 @@ def many_joints(peer: Peer, stamp: int) -> None:
 def big_endian(peer: Peer, stamp: int) -> None:
     state = typestore().types["sensor_msgs/msg/JointState"]
     position, none = np.array([peer.between]), np.zeros(0)
-    message = state(header(PlainMessages(), stamp, ""), ["knee"], position, none, none)
+    message = state(header(PlainMessages, stamp, ""), ["knee"], position, none, none)
     peer.angle.publish(bytes(typestore().serialize_cdr(message, state.__msgtype__, little_endian=False)))
 
 

@@ -10,9 +10,7 @@ import re
 import subprocess
 import sys
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import pytest
 from mcap.reader import make_reader
@@ -26,7 +24,6 @@ from knee_contact_ros.streams.topics import RECORDED
 from scripts.make_layouts import LANES, PLOTS, files
 from tests import ROOT
 
-PLOTJUGGLER_STYLES = {"Lines", "Dots", "LinesAndDots", "Sticks", "Steps", "StepsInv"}
 FOXGLOVE_PANELS = {"Plot", "StateTransitions", "RawMessages", "DiagnosticSummary", "Tab"}
 MADE = dict(files())
 SERIES = sum(len(plot.curves) for plot in PLOTS) + len(LANES) + 1
@@ -65,18 +62,6 @@ def is_number(kind: str) -> bool:
     return bool(re.fullmatch(r"u?int\d+|float\d+", kind))
 
 
-def leaves(mosaic: Any) -> Iterator[str]:
-    """The panels of a mosaic."""
-    if isinstance(mosaic, str):
-        yield mosaic
-        return
-    assert set(mosaic) == {"direction", "first", "second", "splitPercentage"}
-    assert mosaic["direction"] in ("row", "column")
-    assert 0.0 < mosaic["splitPercentage"] < 100.0
-    yield from leaves(mosaic["first"])
-    yield from leaves(mosaic["second"])
-
-
 def test_foxglove_every_path_is_a_number_of_the_recording(config: Path, schemas: dict[str, tuple[str, str]]) -> None:
     layout = json.loads((config / "foxglove" / "knee_contact.json").read_text())
     assert layout == json.loads(MADE["foxglove/knee_contact.json"]), "make it again: python -m scripts.make_layouts"
@@ -89,13 +74,10 @@ def test_foxglove_every_path_is_a_number_of_the_recording(config: Path, schemas:
 
 
 def test_foxglove_every_panel_is_shown_once(config: Path, schemas: dict[str, tuple[str, str]]) -> None:
-    layout = json.loads((config / "foxglove" / "knee_contact.json").read_text())
-    panels = layout["configById"]
+    text = (config / "foxglove" / "knee_contact.json").read_text()
+    panels = json.loads(text)["configById"]
     assert {panel.split("!")[0] for panel in panels} == FOXGLOVE_PANELS
-    shown = [*leaves(layout["layout"])]
-    for tab in panels[layout["layout"]]["tabs"]:
-        shown += leaves(tab["layout"])
-    assert sorted(shown) == sorted(panels)
+    assert {text.count(f'"{panel}"') for panel in panels} == {2}  # its settings, and its place
     raw = [panel["topicPath"] for name, panel in panels.items() if name.startswith("RawMessages!")]
     assert set(raw) <= set(schemas)
 
@@ -145,24 +127,6 @@ def test_plotjuggler_4_has_the_same_curves_by_topic_and_field(config: Path) -> N
     assert not list(root.iter("transform"))
     titles = [area.attrib["name"] for area in root.iter("DockArea")]
     assert {"Flexion angle [rad]", "Depth [m]", "Joint position [rad]"} <= set(titles)  # nothing converts them
-
-
-@pytest.mark.parametrize("file", ["knee_contact.xml", "knee_contact.pj4.xml"])
-def test_plotjuggler_every_split_has_its_parts(config: Path, file: str) -> None:
-    root = ET.parse(config / "plotjuggler" / file).getroot()  # noqa: S314  (our own file)
-    assert [tab.attrib["tab_name"] for tab in root.iter("Tab")] == ["Contact", "Load, error and cost"]
-    splitters = list(root.iter("DockSplitter"))
-    assert len(splitters) == 6
-    for splitter in splitters:
-        sizes = [float(size) for size in splitter.attrib["sizes"].split(";")]
-        assert len(splitter) == len(sizes) == int(splitter.attrib["count"])
-        assert sum(sizes) == pytest.approx(1.0, abs=1e-3)  # four decimals
-        assert splitter.attrib["orientation"] in "|-"
-        assert {part.tag for part in splitter} <= {"DockSplitter", "DockArea"}
-    for area in root.iter("DockArea"):
-        (plot,) = area
-        assert plot.attrib["mode"] == "TimeSeries"
-        assert plot.attrib["style"] in PLOTJUGGLER_STYLES
 
 
 def test_plotjuggler_shows_degrees_and_millimetres(config: Path) -> None:

@@ -14,8 +14,6 @@ from typing import Any
 
 import numpy as np
 import pytest
-from mcap.reader import make_reader
-from mcap.writer import Writer
 from numpy.typing import NDArray
 
 pytest.importorskip("rerun", reason="needs the extra viewer")
@@ -28,6 +26,7 @@ from knee_contact_ros.parameters.files import load_parameters
 from scripts.make_layouts import COLOURS, JOINTS, LANES, PLOTS, STATES
 from scripts.make_rerun_blueprint import APPLICATION, TIMELINE, application_of, blueprint
 from tests import ROOT
+from tests.helpers.recordings_of import recording_with
 from tests.helpers.viewer import RERUN, Screen, pixels_of, rendered, wait_for
 
 SCRIPT = [sys.executable, "-m", "scripts.make_rerun_blueprint"]
@@ -48,20 +47,7 @@ def recording(config: Path, right_bag: Path, tmp_path_factory: pytest.TempPathFa
 @pytest.fixture(scope="module")
 def left_recording(recording: Path) -> Path:
     """The same as a node in the namespace `left` records it."""
-    path = recording.with_name("left.mcap")
-    with recording.open("rb") as source, path.open("wb") as target:
-        writer = Writer(target)
-        writer.start("ros2")
-        channels: dict[int, int] = {}
-        for schema, channel, message in make_reader(source).iter_messages():
-            assert schema is not None
-            if channel.id not in channels:
-                known = writer.register_schema(schema.name, schema.encoding, schema.data)
-                topic = f"/left{channel.topic}"
-                channels[channel.id] = writer.register_channel(topic, channel.message_encoding, known, channel.metadata)
-            writer.add_message(channels[channel.id], message.log_time, message.data, message.publish_time)
-        writer.finish()
-    return path
+    return recording_with(recording.with_name("left.mcap"), recording, name=lambda topic: f"/left{topic}")
 
 
 @pytest.fixture(scope="module")
@@ -178,11 +164,6 @@ def darkened(picture: NDArray[np.uint8], colour: str) -> int:
 def test_opened_directly_with_the_shipped_blueprint(recording: Path, shipped: Path, tmp_path: Path) -> None:
     routed = rerun("rrd", "route", "--application-id", application_of(recording), shipped)
     with piped(routed, tmp_path) as blueprint, rendered(recording, blueprint) as screen:
-        seen(screen)
-
-
-def test_converted_with_the_shipped_blueprint_beside_it(converted: Path, shipped: Path) -> None:
-    with rendered(converted, shipped) as screen:
         seen(screen)
 
 

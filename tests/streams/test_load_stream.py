@@ -400,7 +400,7 @@ def fields_of(message: Any) -> list[str]:
 def test_the_bytes_are_those_of_rosbags_and_ros_reads_what_was_meant(
     stamp: int, frame: str, estimate: Estimate
 ) -> None:
-    plain = typestore().types[TYPE](header=header(PlainMessages(), stamp, frame), **estimate._asdict())
+    plain = typestore().types[TYPE](header=header(PlainMessages, stamp, frame), **estimate._asdict())
     data = encode_estimate(stamp, frame, estimate)
     assert data == bytes(typestore().serialize_cdr(plain, TYPE))
     for read in (deserialize(data, LOAD_ESTIMATE), deserialize_message(data, LoadEstimate)):

@@ -22,7 +22,7 @@ from knee_contact_ros.streams.topics import stamp_to_ns, typestore
 from tests.helpers.answers import contact, contacts_of
 from tests.helpers.messages import PlainMessages, RosMessages, contact_message, header, message_class, wrench_message
 
-PLAIN, ROS = PlainMessages(), RosMessages()
+PLAIN, ROS = PlainMessages, RosMessages
 SECOND = 1_000_000_000
 FIRST_STAMP, LAST_STAMP = -(2**31) * SECOND, 2**31 * SECOND - 1
 
