@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import heapq
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -26,7 +26,8 @@ from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import sha256_of
-from knee_contact_ros.system.terminal import WIDTH, shown
+from knee_contact_ros.system.output_files import replace
+from knee_contact_ros.system.terminal import WIDTH, say, shown, warn
 
 JOINT = "knee"
 """Name of the knee in a bag, whatever its name in the model: the default of `knee.joint_name`"""
@@ -83,9 +84,8 @@ class Signal(NamedTuple):
         return self.rows((self.stamps >= window[0]) & (self.stamps <= window[1]))
 
     def around(self, window: tuple[int, int]) -> Signal:
-        """Select the rows within a window [ns], and a neighbour at each end, so that all in it can be interpolated."""
-        first = max(int(np.searchsorted(self.stamps, window[0], "right")) - 1, 0)
-        return self.rows(slice(first, int(np.searchsorted(self.stamps, window[1], "left")) + 1))
+        """Select the rows within a window [ns], and a neighbour at each end."""
+        return self.rows(_around(self.stamps, window))
 
     def with_rate(self) -> Signal:
         """Give an angle with its rate: derived by differences of second order if there is none."""
@@ -117,14 +117,15 @@ class Gait(NamedTuple):
     It has no rows if only the ground's force is known.
     """
     columns: dict[str, str]
-    """Names of the columns, by quantity"""
+    """Names of the columns and of their file, by quantity"""
     notes: list[str]
     """What was converted or left out, as sentences"""
     ground: Signal | None = None
     """What the ground exerts on the foot, about the ankle joint's centre, in upright axes (x forward, y up, z right)"""
-
-    doubts: tuple[str, ...] = ()
+    doubts: Sequence[str] = ()
     """What is likely a mistake, as sentences"""
+    weight: float | None = None
+    """Body weight [N], if it is known"""
 
     @property
     def angle(self) -> Signal:
@@ -152,19 +153,6 @@ def common_window(*signals: Stamped, start: float | None = None, end: float | No
     return max(first, begin), min(last, stop)
 
 
-def within(reaction: Signal, window: tuple[int, int]) -> Signal:
-    """Select the reactions in a window [ns].
-
-    Raises:
-        UsageError: fewer than two are left.
-    """
-    inside = reaction.inside(window)
-    if len(inside.stamps) < 2:
-        low, high = (stamp / NANOSECONDS for stamp in window)
-        raise UsageError(f"fewer than two rows of the reactions are within {low:g} to {high:g} s")
-    return inside
-
-
 def grid(window: tuple[int, int], rate: float) -> Stamps:
     """Stamps [ns] at the multiples of 1/`rate` [Hz] within a window [ns].
 
@@ -178,7 +166,52 @@ def grid(window: tuple[int, int], rate: float) -> Stamps:
     return np.clip(np.rint(counts * period).astype(np.int64), *window)
 
 
-def gaps(name: str, known: Stamps, longest: float) -> list[str]:
+def samples(
+    joints: Sequence[Stamped], wrenches: dict[str, Signal], others: Sequence[Stamped] = (), *, rate: float | None,
+    max_gap: float, start: float | None = None, end: float | None = None, beyond: int = 0,
+) -> tuple[Stamps, dict[str, Signal], list[str]]:  # fmt: skip
+    """Choose the samples in the time that all signals cover, within `start` and `end` [s].
+
+    With a `rate` [Hz] all are interpolated there, outside of gaps longer than `max_gap` [s]. Without one every row
+    keeps its stamp; angles go on for `beyond` [ns] and one row, so that every wrench lies between two.
+
+    Returns:
+        Stamps [ns] of the angles, the wrenches by name, and notes on what was interpolated or left out.
+
+    Raises:
+        UsageError: fewer than two samples are left.
+    """
+    every = [*joints, *wrenches.values(), *others]
+    window, notes = common_window(*every, start=start, end=end), []
+    known = joints[0].stamps
+    for name, stamps in (("angle", known), *((name, wrench.stamps) for name, wrench in wrenches.items())):
+        notes += _gaps(name, stamps[_around(stamps, window)], max_gap)
+    if rate:
+        at = grid(window, rate)
+        at = at[np.all([bridged(at, each.stamps, max_gap) for each in every], axis=0)]
+        if len(at) < 2:
+            raise UsageError(f"rate {rate:g}: fewer than two samples lie outside gaps of {max_gap:g} s")
+        notes.append(f"interpolated linearly at {rate:g} Hz, and nothing where a gap is")
+        return at, {name: wrench.at(at) for name, wrench in wrenches.items()}, notes
+    inside = {name: wrench.inside(window) for name, wrench in wrenches.items()}
+    for name, wrench in inside.items():
+        if len(wrench.stamps) < 2:
+            low, high = (stamp / NANOSECONDS for stamp in window)
+            raise UsageError(f"fewer than two rows of the {name} are within {low:g} to {high:g} s")
+        if outside := len(wrenches[name].stamps) - len(wrench.stamps):
+            notes.append(f"{name}: {outside} rows left out, before time 0 or where another signal or time is not")
+    first, last = common_window(*joints)
+    kept = known[_around(known, (window[0] - beyond, window[1] + beyond))]
+    return kept[(kept >= first) & (kept <= last)], inside, notes
+
+
+def _around(stamps: Stamps, window: tuple[int, int]) -> slice:
+    """Rows within a window [ns], and a neighbour at each end, so that all in it can be interpolated."""
+    first = max(int(np.searchsorted(stamps, window[0], "right")) - 1, 0)
+    return slice(first, int(np.searchsorted(stamps, window[1], "left")) + 1)
+
+
+def _gaps(name: str, known: Stamps, longest: float) -> list[str]:
     """Note on the gaps between rows at stamps `known` that are longer than `longest` [s], if there are any."""
     steps = np.diff(known) / NANOSECONDS
     wide = np.count_nonzero(steps > longest)
@@ -247,14 +280,48 @@ def _rows(*columns: Any) -> Iterator[tuple[Any, ...]]:
         yield from zip(*(column[begin : begin + BLOCK].tolist() for column in columns), strict=True)
 
 
-def show(rows: Sequence[tuple[str, str]]) -> None:
-    """Print rows of a heading and a text, which may be foreign."""
-    table = Table(box=None, show_header=False, pad_edge=False)
+def store(bags: Mapping[Path, Gait], source: str, files: dict[str, Path], more: dict[str, str], work: Path) -> None:
+    """Write bags by way of the folder `work`, then print summaries and doubts.
+
+    `files`, named by their use, and `more` go to the metadata record, in which nothing depends on when it is written.
+    """
+    for bag, gait in bags.items():
+        origin = {"package": f"knee_contact_ros {__version__}", "source": source, "side": gait.side}
+        for name, path in files.items():
+            origin |= {name: path.name, f"{name}_sha256": digest(path)}
+        origin |= {f"columns of {name}": columns for name, columns in gait.columns.items()}
+        origin |= {"conversions": "\n".join(gait.notes)} | QUANTITIES | (LEG_QUANTITIES if gait.ground else {}) | more
+        origin |= {"body_weight": f"{gait.weight:.7g} N"} if gait.weight else {}
+        origin |= {"doubts": "\n".join(gait.doubts)} if gait.doubts else {}
+        write_bag(gait, work / bag.name, origin)
+    for bag in bags:
+        replace(work / bag.name, bag)
+    for bag, gait in bags.items():
+        show(gait, bag)
+        warn(gait.doubts)
+
+
+def show(gait: Gait, bag: Path) -> None:
+    """Print the columns, the ranges of their values, what was converted, and where the bag is."""
+    table, ranges = Table(box=None, show_header=False, pad_edge=False), {}
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold")
-    for heading, text in rows:
-        table.add_row(heading, shown(text))
-    Console(width=WIDTH, emoji=False).print(table, highlight=False)
+    for name, signal in zip(("angle", "hip", "ankle"), gait.joints.values(), strict=False):
+        low, high = np.degrees([signal.values[:, 0].min(), signal.values[:, 0].max()])
+        ranges[name] = f"{signal.span}, {low:.1f} to {high:.1f} deg"
+    for name, wrench in ("load", gait.reaction), ("ground_force", gait.ground):
+        if wrench and len(wrench.stamps):
+            force = np.abs(wrench.values[:, 1])
+            weight = f" ({force.max() / gait.weight:.2f} BW)" if gait.weight else ""
+            at = wrench.stamps[int(force.argmax())] / NANOSECONDS
+            ranges[name] = f"{wrench.span}, largest {force.max():.1f} N{weight} at {at:.3f} s"
+    for name, columns in gait.columns.items():
+        table.add_row(name, shown(columns))
+        if name in ranges:
+            table.add_row("", ranges[name])
+    Console(width=WIDTH, emoji=False).print(f"{gait.side} knee", table, highlight=False, sep="\n")
+    for line in ("", *(f"- {note}" for note in gait.notes), *[""][: len(gait.notes)], f"Bag: {bag}"):
+        say(line, hang=2)
 
 
 def check_output(folder: Path, overwrite: bool) -> None:
@@ -274,14 +341,6 @@ def check_output(folder: Path, overwrite: bool) -> None:
     others = [path.name for path in folder.iterdir() if path.suffix not in {MCAP, ".yaml"}]
     if others:
         raise UsageError(f"{folder} is no bag's folder, as it has {others[0]}, and is not replaced")
-
-
-def origin_of(source: str, side: str, files: dict[str, Path]) -> dict[str, str]:
-    """Begin a metadata record; nothing in it depends on where or when it is written. `files` are named by their use."""
-    record = {"package": f"knee_contact_ros {__version__}", "source": source, "side": side}
-    for name, path in files.items():
-        record |= {name: path.name, f"{name}_sha256": digest(path)}
-    return record
 
 
 def digest(path: Path) -> str:

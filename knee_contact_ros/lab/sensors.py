@@ -20,8 +20,7 @@ from knee_contact_ros.parameters.schema import Section, one_of
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import find_file, read_mapping
-from knee_contact_ros.system.output_files import replace, work_folder
-from knee_contact_ros.system.terminal import say, warn
+from knee_contact_ros.system.output_files import work_folder
 
 Bools = NDArray[np.bool_]
 BEYOND = NANOSECONDS
@@ -147,19 +146,11 @@ def import_csv(files: Sequence[Path], maps: Sequence[Path], output: Path, *, ove
     doubtful = check(channels, sensors)
     if doubtful and not anyway:
         raise UsageError(f"{doubtful[0]} (--anyway imports it as it is)")
-    gait = gait_of(channels, sensors)
+    unusual = checks.unusual(channels["load"], sensors.body_weight) if sensors.load else []
+    gait = gait_of(channels, sensors)._replace(doubts=[*doubtful, *unusual])
     used = {f"file {number}": path for number, path in enumerate(files, start=1)}
-    origin = gait_bag.origin_of("CSV", sensors.side, used)
-    origin |= {f"columns of {name}": columns for name, columns in gait.columns.items()}
-    origin |= {"map": sensors.model_dump_json(exclude_defaults=True), "conversions": "\n".join(gait.notes)}
-    origin |= {"body_weight": f"{sensors.body_weight:.7g} N"} if sensors.body_weight else {}
-    origin |= ({"doubts": "\n".join(doubtful)} if doubtful else {}) | gait_bag.QUANTITIES
-    origin |= gait_bag.LEG_QUANTITIES if gait.ground else {}
     with work_folder(output.parent) as work:
-        gait_bag.write_bag(gait, work / output.name, origin)
-        replace(work / output.name, output)
-    show(channels, gait, sensors, output)
-    warn([*doubtful, *(checks.unusual(channels["load"], sensors.body_weight) if sensors.load else [])])
+        gait_bag.store({output: gait}, "CSV", used, {"map": sensors.model_dump_json(exclude_defaults=True)}, work)
 
 
 def check(channels: dict[str, Series], sensors: SensorMap) -> list[str]:
@@ -335,39 +326,17 @@ def gait_of(channels: dict[str, Series], sensors: SensorMap) -> Gait:
     for name, parts in (("load", ("", "load", "", "moment", "", "")), ("ground_force", GROUND)):
         if name in channels:
             wrenches[name] = _wrench(channels, parts, channels[name].stamps)
-    early = {name: int(np.count_nonzero(wrench.stamps < 0)) for name, wrench in wrenches.items()}
-    window = gait_bag.common_window(*channels.values())
-    for name, series in channels.items():
-        notes += gait_bag.gaps(name, series.stamps, sensors.max_gap)
-    if sensors.rate:
-        stamps = gait_bag.grid(window, sensors.rate)
-        known = [gait_bag.bridged(stamps, each.stamps, sensors.max_gap) for each in channels.values()]
-        stamps = stamps[np.all(known, axis=0)]
-        if len(stamps) < 2:
-            raise UsageError(f"map: rate {sensors.rate:g}: fewer than two samples lie outside gaps (max_gap)")
-        at, wrenches = stamps, {name: wrench.at(stamps) for name, wrench in wrenches.items()}
-        words = "both" if len(channels) == 2 else "all"
-        notes.append(f"{words} interpolated linearly at {sensors.rate:g} Hz, and nothing where a gap is")
-    else:
-        for name, wrench in wrenches.items():
-            wrenches[name] = gait_bag.within(wrench, window)
-            outside = len(wrench.stamps) - early[name] - len(wrenches[name].stamps)
-            lacking = "no angle" if len(channels) == 2 else "not all channels"
-            quantity = name.replace("_", " ")
-            notes += [f"{outside} rows of the {quantity} left out: {lacking} at their time"] * (outside > 0)
-        first, last = gait_bag.common_window(*(channels[name] for name in (*ANGLES, *TORQUES) if name in channels))
-        edges = max(first, window[0] - BEYOND), min(last, window[1] + BEYOND)
-        at = channels["angle"].stamps
-        at = at[(at >= edges[0]) & (at <= edges[1])]
-    for name, rows in early.items():
-        words = f"{rows} rows of the {name.replace('_', ' ')} lie before time 0, which no stamp does, and are left out"
-        notes += [words] * (rows > 0)
+    joints = [channels[name] for name in (*ANGLES, *TORQUES) if name in channels]
+    at, wrenches, sampled = gait_bag.samples(
+        joints, wrenches, list(channels.values()), rate=sensors.rate, max_gap=sensors.max_gap, beyond=BEYOND
+    )
     reaction, ground = wrenches.get("load", gait_bag.NOTHING), wrenches.get("ground_force")
     if ground and sensors.side == "left":
         ground = Signal(ground.stamps, ground.values * gait_bag.MIRROR)
-        notes += ["ground: left leg mirrored to a right one (force z, torque x and y turned)"] * len(wrenches)
-    columns = {name: series.columns for name, series in channels.items()}
-    return Gait(sensors.side, _joints(channels, sensors.angle.joint, at), reaction, columns, notes, ground)
+        notes.append("ground: left leg mirrored to a right one (force z, torque x and y turned)")
+    columns = {name: f"{series.columns} of {series.path.name}" for name, series in channels.items()}
+    angles = _joints(channels, sensors.angle.joint, at)
+    return Gait(sensors.side, angles, reaction, columns, [*notes, *sampled], ground, weight=sensors.body_weight)
 
 
 def _joints(channels: dict[str, Series], knee: str, stamps: tables.Stamps) -> dict[str, Signal]:
@@ -394,24 +363,3 @@ def _wrench(channels: dict[str, Series], parts: Sequence[str], stamps: tables.St
     if parts is not GROUND:
         wrench[:, 1] = 0.0 - wrench[:, 1]  # no minus zero
     return Signal(stamps, wrench)
-
-
-def show(channels: dict[str, Series], gait: Gait, sensors: SensorMap, bag: Path) -> None:
-    """Print the columns, the ranges of their values, what was left out, and where the bag is."""
-    ranges = {}
-    for name, signal in zip(ANGLES, gait.joints.values(), strict=False):
-        low, high = np.degrees([signal.values[:, 0].min(), signal.values[:, 0].max()])
-        ranges[name] = f"{signal.span}, {low:.1f} to {high:.1f} deg"
-    for name, wrench in ("load", gait.reaction), ("ground_force", gait.ground):
-        if wrench and len(wrench.stamps):
-            force = np.abs(wrench.values[:, 1])
-            weight = f" ({force.max() / sensors.body_weight:.2f} BW)" if sensors.body_weight else ""
-            at = wrench.stamps[int(force.argmax())] / NANOSECONDS
-            ranges[name] = f"{wrench.span}, largest {force.max():.1f} N{weight} at {at:.3f} s"
-    rows = []
-    for name, series in channels.items():
-        rows.append((name, f"{series.columns} of {series.path.name}"))
-        rows += [("", ranges[name])] if name in ranges else []
-    gait_bag.show(rows)
-    for line in ("", *(f"- {note}" for note in gait.notes), *[""][: len(gait.notes)], f"Bag: {bag}"):
-        say(line, hang=2)

@@ -10,7 +10,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -23,17 +22,11 @@ from knee_contact_ros.lab.opensim.pipeline import Check, Run
 from knee_contact_ros.lab.opensim.results import LEFT, RIGHT, Pose, Reaction, Settings, coordinate_of
 from knee_contact_ros.lab.tables import Series, read_storage
 from knee_contact_ros.lab.tables import Table as StorageTable
-from knee_contact_ros.streams.gait_events import LOAD_PEAK, GaitEvents
-from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.output_files import replace, work_folder
-from knee_contact_ros.system.terminal import WIDTH, progress, say, shown, warn
+from knee_contact_ros.system.output_files import work_folder
+from knee_contact_ros.system.terminal import WIDTH, progress, shown
 
 LOADS = "external_loads_file"
-USUAL_WEIGHT = 737.068
-"""Body weight for the search for peaks where no model is given [N]: the default of `body_weight`"""
-SHARE = 0.5
-"""Share of the axial load that a compartment has by default (`load.share`)"""
 
 
 class Files(NamedTuple):
@@ -148,27 +141,14 @@ def outputs(side: str, output: Path, settings: Settings, overwrite: bool) -> dic
 
 def store(files: Files, settings: Settings, bags: Mapping[str, Path], work: Path, more: dict[str, str]) -> None:
     """Read the knees, write their bags by way of the folder `work`, and print summaries; `more` goes to the record."""
-    knees = {side: read_knee(side, files, settings, work) for side in bags}
-    for side, (gait, weight) in knees.items():
-        given = {name: path for name, path in files._asdict().items() if path is not None}
-        origin = gait_bag.origin_of("OpenSim results", side, given)
-        origin |= {f"column of {what}": name for what, name in gait.columns.items()}
-        origin |= {"conversions": "\n".join(gait.notes), "settings": json.dumps(settings._asdict())}
-        origin |= gait_bag.QUANTITIES | (gait_bag.LEG_QUANTITIES if gait.ground else {})
-        origin |= ({"body_weight": f"{weight:.3f} N"} if weight else {}) | more
-        origin |= {"doubts": "\n".join(gait.doubts)} if gait.doubts else {}
-        gait_bag.write_bag(gait, work / bags[side].name, origin)
-    for bag in bags.values():
-        replace(work / bag.name, bag)
-    for side, (gait, weight) in knees.items():
-        show_knee(gait, weight, files, bags[side])
-        warn(gait.doubts)
+    gaits = {bag: read_knee(side, files, settings, work) for side, bag in bags.items()}
+    given = {name: path for name, path in files._asdict().items() if path is not None}
+    more = {"settings": json.dumps(settings._asdict())} | more
+    gait_bag.store(gaits, "OpenSim results", given, more, work)
 
 
-def read_knee(side: str, files: Files, settings: Settings, work: Path) -> tuple[Gait, float | None]:
-    """Read a knee's gait, and with ground reactions that of its leg; and the model's weight [N], if one is given.
-
-    For the leg OpenSim runs in the folder `work`.
+def read_knee(side: str, files: Files, settings: Settings, work: Path) -> Gait:
+    """Read a knee's gait, and with ground reactions that of its leg, for which OpenSim runs in the folder `work`.
 
     Raises:
         UsageError: a file cannot be used, a column is missing, or unit, sign or frame are wrong or not clear.
@@ -185,48 +165,41 @@ def read_knee(side: str, files: Files, settings: Settings, work: Path) -> tuple[
     degrees = checks.unit_of(kinematics, column, settings.angle_unit) == "deg"
     chosen = results.find_reaction(reactions, side, settings.joint)
     reactions = reactions.needed([chosen.column(axis) for axis in results.AXES], settings.start, settings.end)
-    pose, reactions, assumed = _pose(chosen, reactions, kinematics, degrees, angle, files.model, work)
+    pose, reactions, doubts = _pose(chosen, reactions, kinematics, degrees, angle, files.model, work)
     reaction, of_reaction = results.read_reaction(reactions, chosen, side, pose)
-    columns = {"angle": column, "reaction": chosen.column(f"({' '.join(results.AXES)})")}
     notes += of_reaction
-    leg = None
+    columns = {
+        "angle": f"{column} of {files.kinematics.name}",
+        "load": f"{chosen.column(results.ALL)} of {files.reactions.name}",
+    }
+    joints, wrenches = {gait_bag.JOINT: angle}, {"load": reaction}
     if files.ground and files.ground_data and files.model:
         ground = legs.read_ground(files.ground, files.ground_data, side)
-        joints = legs.leg_joints(files.model, side, coordinate_of(column))
-        leg = legs.read_leg(ground, kinematics, degrees, files.model, joints, side, work)
-        columns["ground force"] = leg.columns
+        names = legs.leg_joints(files.model, side, coordinate_of(column))
+        leg = legs.read_leg(ground, kinematics, degrees, files.model, names, side, work)
+        joints |= {"hip": leg.hip, "ankle": leg.ankle}
+        wrenches["ground_force"] = leg.ground
+        columns |= {"hip": "by OpenSim", "ankle": "by OpenSim"}
+        columns["ground_force"] = f"{leg.columns} of {files.ground_data.name}"
         notes += leg.notes
-    ground_force = leg.ground if leg else None
-    known = angle.stamps, reaction.stamps
-    all_signals = [each for each in (angle, reaction, ground_force) if each]
-    window = gait_bag.common_window(*all_signals, start=settings.start, end=settings.end)
-    seen, loads = [each.inside(window) if len(each.inside(window).stamps) > 1 else each for each in (angle, reaction)]
-    doubtful, unusual = _doubts(seen, loads, files, columns, facts and facts.weight)
+    weight, start, end = facts and facts.weight, settings.start, settings.end
+    window = gait_bag.common_window(angle, *wrenches.values(), start=start, end=end)
+    flexion, force = (
+        each.inside(window) if len(each.inside(window).stamps) > 1 else each for each in (angle, reaction)
+    )
+    load = Series("load", files.reactions, chosen.column("fy"), force.stamps, -force.values[:, 1])
+    seen = Series("angle", files.kinematics, column, flexion.stamps, flexion.values[:, 0])
+    doubtful = checks.doubts(seen, load, None, weight, results.MAX_GAP, mapped=False)
     if doubtful and not settings.anyway:
         raise UsageError(f"{doubtful[0]} (--anyway imports it as it is)")
-    if settings.rate:
-        stamps = gait_bag.grid(window, settings.rate)
-        stamps = stamps[np.all([gait_bag.bridged(stamps, each, results.MAX_GAP) for each in known], axis=0)]
-        if len(stamps) < 2:
-            raise UsageError(
-                f"--rate {settings.rate:g}: fewer than two samples lie outside gaps of {results.MAX_GAP} s"
-            )
-        angle, reaction = angle.at(stamps), reaction.at(stamps)
-        ground_force = ground_force and ground_force.at(stamps)
-        notes.append(f"{'all' if leg else 'both'} interpolated linearly at {settings.rate:g} Hz")
-    else:
-        rows = len(reaction.stamps)
-        angle, reaction = angle.around(window), gait_bag.within(reaction, window)
-        ground_force = ground_force and ground_force.inside(window)
-        if outside := rows - len(reaction.stamps):
-            notes.append(f"{outside} reactions left out: no angle at their time, or outside --start and --end")
-    for name, stamps in zip(("angle", "reaction"), known, strict=True):
-        inside = stamps[(stamps >= window[0]) & (stamps <= window[1])]
-        notes += gait_bag.gaps(name, inside, results.MAX_GAP)
-    angles = {gait_bag.JOINT: angle.with_rate()}
-    angles |= {name: getattr(leg, name).at(angle.stamps).with_rate() for name in ("hip", "ankle") if leg}
-    gait = Gait(side, angles, reaction, columns, notes, ground_force, (*assumed, *doubtful, *unusual))
-    return gait, facts and facts.weight
+    at, wrenches, sampled = gait_bag.samples(
+        [angle], wrenches, rate=settings.rate, max_gap=results.MAX_GAP, start=start, end=end
+    )
+    angles = {name: joint.at(at).with_rate() for name, joint in joints.items()}
+    doubts += [*doubtful, *checks.unusual(load, weight)]
+    return Gait(
+        side, angles, wrenches["load"], columns, [*notes, *sampled], wrenches.get("ground_force"), doubts, weight
+    )
 
 
 def _pose(
@@ -251,65 +224,6 @@ def _pose(
         "its torque is about the point that the file has: --model (with the extra opensim) turns it as the model does"
     )
     return results.hinge(angle, inside), reactions.at(inside), [doubt]
-
-
-def _doubts(
-    angle: gait_bag.Signal, reaction: gait_bag.Signal, files: Files, columns: Mapping[str, str], weight: float | None
-) -> tuple[list[str], list[str]]:
-    """List what is likely a mistake, and what may be one."""
-    if min(len(angle.stamps), len(reaction.stamps)) < 2:
-        return [], []
-    flexion = Series("angle", files.kinematics, columns["angle"], angle.stamps, angle.values[:, 0])
-    axial = columns["reaction"].replace(f"({' '.join(results.AXES)})", "fy")
-    load = Series("load", files.reactions, axial, reaction.stamps, -reaction.values[:, 1])
-    return checks.doubts(flexion, load, None, weight, results.MAX_GAP, mapped=False), checks.unusual(load, weight)
-
-
-def show_knee(gait: Gait, weight: float | None, files: Files, bag: Path) -> None:
-    """Print a knee's columns, spans, range of the angle, load peaks and notes, and where the bag is."""
-    low, high = degrees(gait.angle)
-    rows = [
-        (f"{gait.side} knee", ""),
-        ("angle", f"{gait.columns['angle']} of {files.kinematics.name}"),
-        ("", f"{gait.angle.span}, {low:.1f} to {high:.1f} deg"),
-        ("reaction", f"{gait.columns['reaction']} of {files.reactions.name}"),
-        ("", gait.reaction.span),
-    ]
-    if gait.ground and files.ground_data:
-        (low, high), (down, up) = degrees(gait.joints["hip"]), degrees(gait.joints["ankle"])
-        rows += [
-            ("ground", f"{gait.columns['ground force']} of {files.ground_data.name}"),
-            ("", f"{gait.ground.span}, {gait.ground.values[:, 1].max():.1f} N upwards at most"),
-            ("hip", f"{low:.1f} to {high:.1f} deg to the vertical"),
-            ("ankle", f"{down:.1f} to {up:.1f} deg"),
-        ]
-    gait_bag.show([*rows, *([("body weight", f"{weight:.1f} N, of the model's mass")] if weight else [])])
-    Console(width=WIDTH, emoji=False).print(peak_table(gait, weight), highlight=False)
-    for line in (*(f"- {note}" for note in gait.notes), "", f"Bag: {bag}", ""):
-        say(line, hang=2)
-
-
-def degrees(angle: gait_bag.Signal) -> tuple[float, float]:
-    """Smallest and largest angle [deg]."""
-    values = np.degrees(angle.values[:, 0])
-    return float(values.min()), float(values.max())
-
-
-def peak_table(gait: Gait, weight: float | None) -> Table:
-    """Make a table of the local peaks of the axial load, as `pipeline.gait` finds them, and of its largest value."""
-    load, stamps = -gait.reaction.values[:, 1], gait.reaction.stamps
-    finder = GaitEvents(weight or USUAL_WEIGHT)
-    events = finder.add(stamps, np.zeros_like(load), SHARE * load) + finder.finish()
-    local = sorted(event.stamp for event in events if event.kind == LOAD_PEAK)
-    peaks = {f"peak {n}": int(np.searchsorted(stamps, stamp)) for n, stamp in enumerate(local, start=1)}
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for heading in ("", "axial load [N]", f"x {SHARE:g} [N]", *(["x 0.5 [BW]"] if weight else []), "at [s]"):
-        table.add_column(shown(heading), justify="right" if heading else "left", no_wrap=True)
-    for name, index in (*peaks.items(), ("largest", int(load.argmax()))):
-        half = SHARE * load[index]
-        in_weights = [f"{half / weight:.2f}"] if weight else []
-        table.add_row(name, f"{load[index]:.1f}", f"{half:.1f}", *in_weights, f"{stamps[index] / NANOSECONDS:.3f}")
-    return table
 
 
 def show_checks(found: Sequence[Check], fault: str = "") -> None:

@@ -32,6 +32,7 @@ MOCO = re.compile(r"(?P<path>.*?(?P<joint>[^/|]+)\|reaction_on_child)_[1-6]")
 MOCO_PLACES = {"mx": 1, "my": 2, "mz": 3, "fx": 4, "fy": 5, "fz": 6}
 GROUND = "ground"
 AXES = ("fx", "fy", "fz", "mx", "my", "mz")
+ALL = f"({' '.join(AXES)})"
 POINT = ("px", "py", "pz")
 HOW = "in the JointReaction set-up: apply_on_bodies child, express_in_frame child"
 MAX_GAP = 0.1

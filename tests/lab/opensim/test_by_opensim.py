@@ -98,7 +98,7 @@ def test_reactions_in_other_frames_are_turned_as_opensim_does(reference_data: Pa
     for kind in kinds:
         reactions = tmp_path / f"x_{'_'.join(kind)}_ReactionLoads.sto"
         files = Files(tmp_path / "q.sto", reactions, model=tmp_path / "model.osim")
-        found[kind] = read_knee(side, files, Settings(anyway=True), tmp_path)[0].reaction.values
+        found[kind] = read_knee(side, files, Settings(anyway=True), tmp_path).reaction.values
     ours = found["child", "child"]
     assert np.abs(ours[:, 1]).max() > 5e4  # nothing but gravity and inertia; the muscles pull as their tone does
     for kind, wrench in found.items():
@@ -193,7 +193,7 @@ def test_scaling_kinematics_and_static_optimization_make_a_bag(
     for name in ("knee_contact", "parent"):
         both = (work / "ResultsReactions" / f"{name}_{what}.sto" for what in
                 ("Kinematics_q", "JointReaction_ReactionLoads"))  # fmt: skip
-        gaits.append(read_knee("right", Files(*both), Settings(angle_sign=-1), work)[0])
+        gaits.append(read_knee("right", Files(*both), Settings(angle_sign=-1), work))
     on_tibia, on_femur = gaits
     assert ["Newton" in " ".join(gait.notes) for gait in gaits] == [False, True]
     # Ten decimals in the files; the torque has 0.5 m times a force.

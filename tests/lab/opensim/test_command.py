@@ -37,7 +37,7 @@ def test_a_bag_comes_out_that_solve_takes(
     assert main([*results, "--side", "right", "--output", str(bag)]) == 0
     said = capsys.readouterr().out
     for part in ("knee_angle_r of q.sto", "241 rows, 0.000 to 1.200 s, 3.0 to 63.0 deg", "degrees to rad, sign turned",
-                 "1800.0       900.0    0.300", f"Bag: {bag}"):  # fmt: skip
+                 "largest 1800.0 N at 0.300 s", f"Bag: {bag}"):  # fmt: skip
         assert part in said
     assert sorted(path.name for path in bag.iterdir()) == ["metadata.yaml", "walk_0.mcap"]
     messages = read_bag(bag, INPUT_TYPES)
@@ -56,8 +56,8 @@ def test_the_bag_says_where_it_comes_from_and_nothing_of_this_machine(results: l
         bag.parent.mkdir()
         assert main([*results, "--side", "left", "--output", str(bag), "--rate", "100"]) == 0
     record = origin(bags[0])
-    assert (record["kinematics"], record["column of angle"], len(record["reactions_sha256"])) == (
-        "q.sto", "knee_angle_l", 64,
+    assert (record["kinematics"], record["columns of angle"], len(record["reactions_sha256"])) == (
+        "q.sto", "knee_angle_l of q.sto", 64,
     )  # fmt: skip
     assert "mirrored" in record["conversions"]
     assert json.loads(record["settings"])["rate"] == 100.0

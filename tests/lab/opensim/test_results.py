@@ -34,7 +34,7 @@ def on(*prefixes: str) -> Table:
 
 
 def knee(files: Files, side: str = "right", **settings: object) -> Gait:
-    return read_knee(side, files, Settings(**settings), Path())[0]  # type: ignore[arg-type]
+    return read_knee(side, files, Settings(**settings), Path())  # type: ignore[arg-type]
 
 
 def files(folder: Path, **options: object) -> Files:
@@ -213,7 +213,7 @@ def test_reactions_without_an_angle_are_left_out_and_counted(tmp_path: Path) -> 
     read = Files(kinematics(tmp_path / "q.sto"), reactions(tmp_path / "jr.sto", rows=1501, end=1.5))
     gait = knee(read)
     assert gait.reaction.stamps[-1] == 1_200_000_000
-    assert "300 reactions left out: no angle at their time, or outside --start and --end" in gait.notes
+    assert "load: 300 rows left out, before time 0 or where another signal or time is not" in gait.notes
     window = knee(read, start=0.2005, end=0.6005)
     assert window.reaction.stamps[[0, -1]].tolist() == [201_000_000, 600_000_000]
     # The angles' neighbours stay, so that every reaction has an angle on either side.
@@ -235,7 +235,7 @@ def test_resampled_at_a_rate(tmp_path: Path) -> None:
     [
         ({}, {"start": 5.0}, "--start 5 --end 1.2: nothing is left of 0 to 1.2 s"),
         ({}, {"start": 0.5, "end": 0.4}, "--start 0.5 --end 0.4: nothing is left"),
-        ({}, {"start": 0.5001, "end": 0.5004}, r"fewer than two rows of the reactions are within 0\.5001 to 0\.5004 s"),
+        ({}, {"start": 0.5001, "end": 0.5004}, r"fewer than two rows of the load are within 0\.5001 to 0\.5004 s"),
         ({}, {"rate": 1.0, "start": 0.3, "end": 0.5}, "--rate 1: fewer than two samples in 0.2 s"),
         ({}, {"coordinate": "elbow"}, r"no column elbow \(--coordinate\)"),
         ({}, {"angle_unit": "rad"}, "--angle-unit"),
@@ -327,9 +327,9 @@ def test_a_model_tells_sign_and_weight(tmp_path: Path) -> None:
     jr, model = reactions(tmp_path / "jr.sto"), storages.write_model(tmp_path / "m.osim")
     with pytest.raises(UsageError, match="Give --angle-sign 1 or -1, or --model"):
         knee(Files(standing, jr))
-    gait, weight = read_knee("right", Files(standing, jr, model=model), Settings(), tmp_path)
+    gait = read_knee("right", Files(standing, jr, model=model), Settings(), tmp_path)
     assert gait.angle.values[:, 0].min() > 0.0
-    assert weight == pytest.approx(72.6 * 9.80665)
+    assert gait.weight == pytest.approx(72.6 * 9.80665)
     for text, says in (
         ("<a>", r"m\.osim is no OpenSim document"),
         ("<a><Model/></a>", r"\(--model\) has no coordinate"),
