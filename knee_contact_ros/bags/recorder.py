@@ -33,7 +33,7 @@ from mcap.records import Statistics
 from mcap.writer import CompressionType, Writer
 from ruamel.yaml import YAML
 
-from knee_contact_ros.streams.output import PROVENANCE, Job, Knee, Sink
+from knee_contact_ros.streams.output import PROVENANCE, Knee, Sink
 from knee_contact_ros.streams.topics import MESSAGE_TYPES, NANOSECONDS, RECORDED, Ending, Record, definition, typestore
 from knee_contact_ros.system import output_files
 from knee_contact_ros.system.errors import UsageError
@@ -518,20 +518,17 @@ class Recorder:
             raise self._sync_error
         self._bag.flush()
 
-    def must_end(self) -> str:
-        """Reason to complete the recording early: the disk is nearly full; empty if it is not.
+    def news(self) -> tuple[str, ...]:
+        """Remarks that are new since the last call.
 
         Raises:
             OSError: The file has been removed.
+            UsageError: The recording was completed early, as the disk is nearly full.
         """
-        shortage = space_shortage(self._bag.file.free_space(), self._min_free)
-        if not shortage:
-            return ""
-        self._interruption = shortage
-        return f"recording {self._bag.path} has ended, complete up to here: {shortage}"
-
-    def news(self) -> tuple[str, ...]:
-        """Remarks that are new since the last call."""
+        if not self._done.is_set() and (shortage := space_shortage(self._bag.file.free_space(), self._min_free)):
+            self._interruption = shortage
+            self.finish(None)
+            raise UsageError(f"recording {self._bag.path} has ended, complete up to here: {shortage}")
         news, self._news, self._bag.remarks = (*self._news, *self._bag.remarks), (), []
         return news
 
@@ -544,11 +541,6 @@ class Recorder:
         self._done.set()
         self._bag.close()
         self.name = str(self._bag.path)
-
-    def discard(self) -> None:
-        """Remove the unfinished files."""
-        self._done.set()
-        self._bag.discard()
 
     def _sync(self, period: float) -> None:
         """Sync in a thread of its own, because writing must not wait for a slow disk."""
@@ -588,9 +580,9 @@ def sink_for(knee: Knee) -> Sink | None:
         return None
     limits = Limits(record.max_size * MB or math.inf, record.max_duration * NANOSECONDS or math.inf)
     settings = Settings(record.flush_period, limits, record.min_free * MB, record.sync_period)
-    job = Job(__name__, (Path(record.path), dict(knee.provenance), dict(knee.names), settings, knee.told_as))
+    arguments = Path(record.path), dict(knee.provenance), dict(knee.names), settings, knee.told_as
     gather = min(record.flush_period, GATHER)
-    return Sink("recorder", "recording", record.path, job, "records", gaps_allowed=False, gather=gather)
+    return Sink("recorder", "recording", record.path, __name__, arguments, "records", gaps_allowed=False, gather=gather)
 
 
 def open_output(

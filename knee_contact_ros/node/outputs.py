@@ -1,10 +1,9 @@
 """The node's outputs: recorder and viewer, each in a process of its own, so that none of them ever delays a tick.
 
-The node's side of an output is a queue and a thread that sends what waits. It is woken right after a tick, when the
-next sample is furthest, and sends in batches so small that the interpreter is not held for long. The other side is
-`output_process.py`. They communicate through a pair of sockets: the node sends a `Job`, then `Parts` of answers, notes
-and at last the `Ending`; the child sends `Report`s. Each side learns from the socket that the other one has ended, for
-whatever reason.
+The node's side of an output is a queue and a thread that sends what waits; it is woken right after a tick, when the
+next sample is furthest. The other side is `output_process.py`. They communicate through a pair of sockets: the node
+sends a `Job`, then lists of parts of answers, notes, and at last the `Ending`; the process sends `Report`s. Each side
+learns from the socket that the other one has ended, for whatever reason.
 """
 
 from __future__ import annotations
@@ -16,377 +15,231 @@ import signal
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from importlib import import_module
 from multiprocessing.connection import Connection
-from operator import attrgetter
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, TICK
 from knee_contact_ros.bags.recorder import refuse
 from knee_contact_ros.parameters.schema import Section
-from knee_contact_ros.streams.output import DONE, ENDED, OPEN, REFUSED, Discard, Knee, Note, Report, Sink
+from knee_contact_ros.streams.output import ENDED, FAILED, OPEN, REFUSED, STARTING, Knee, Note, Report, Sink
 from knee_contact_ros.streams.topics import NANOSECONDS, Answer, Ending
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import all_names
-from knee_contact_ros.system.processes import Process, connected, is_stopped, reap
+from knee_contact_ros.system.processes import Process, connected, reap
 
 MB = 10**6
 WORKER = "knee_contact_ros.node.output_process"
 
 LATEST = 0.05
 """Longest time [s] that the last answers wait to be sent when no more come, unless they are gathered for longer"""
-SOON = 0.125
-"""Fill of a queue, from 0 to 1, from which answers are sent at once"""
-BATCH = {"records": 64, "row": 512}
-"""Largest number of answers sent at once, by the part that is sent; it holds the interpreter for some 0.1 ms"""
-BATCH_SIZE = 4096
-"""Largest mean size [B] of the answers that are sent at once; a single answer may be larger"""
+BATCH, PAUSE = 64, 0.001
+"""Largest number of answers sent at once, which holds the interpreter for some 0.1 ms; and the time [s] in which other
+threads get it if more wait"""
 ANSWER_SIZE, RECORD_SIZE = 450, 150
 """Memory [B] that an answer takes, and that each of its records takes beyond the message"""
-PAUSE = 0.001
-"""Time [s] in which other threads get the interpreter if more answers wait"""
-START = 180.0
-"""Longest time [s] that a child may take to open its output"""
-PATIENCE = 3.0
-"""Longest time [s] to wait for an output to be complete: with all else that a node does to end, 5 s at most"""
-KILLED = 0.5
-"""Longest time [s] to wait for a killed process: a disk that does not answer can keep it"""
+START, PATIENCE = 180.0, 3.0
+"""Longest times [s] to wait for an output to be opened, and to be complete: with all else that a node does to end, it
+takes 5 s at most"""
 WORTH_A_WARNING = 0.25
 """Fill of a queue, from 0 to 1, from which `/diagnostics` warns"""
-
-
-class Queue(NamedTuple):
-    """Size of the queue of a sink."""
-
-    answers: int
-    """Largest number of answers"""
-    size: float
-    """Largest memory that they take [B], approximately"""
-    section: str
-    """Section of the parameters `….queue` and `….queue_size` that say so"""
-
-
-class Listeners(NamedTuple):
-    """Functions that a sink calls with a message for the user, from its own thread."""
-
-    failure: Callable[[str], None]
-    """Takes errors: answers are left out, or the output has stopped or cannot be opened; each is reported once"""
-    remark: Callable[[str], None]
-    """Takes everything else that the user needs to know"""
-
-
-Item = Answer | Note | Ending | Discard
-"""One item of the queue of a sink"""
 
 
 class SinkProcess:
     """Hands answers to a process that keeps them; `put` never waits, and no fault of that process affects the node.
 
-    The constructor only starts the process: answers are taken at once, and whether the output could be opened is known
-    later (`is_known`).
+    The constructor only starts the process: answers are taken at once, and the `state` is known later.
     """
 
-    def __init__(self, sink: Sink, queue: Queue, listeners: Listeners) -> None:
-        """Start the process of a sink in the background."""
+    def __init__(self, sink: Sink, log: Any) -> None:
+        """Start the process of a sink in the background.
+
+        `log`, a logger, gets an error if answers are left out or the output cannot be opened or has stopped, each once,
+        and warnings about everything else that the user needs to know.
+        """
+        self.state = STARTING
+        """One of `STARTING`, `OPEN`, `FAILED` and `ENDED`"""
         self.process: Process | None = None
         """Process of the sink; None if it has not been started yet, or could not be started"""
         self.name = sink.name
         """Name of the file; empty if there is none"""
         self.failure = ""
         """Message that says what is wrong; empty while all is well"""
-        self.is_open = False
-        """Whether the output is known to have been opened"""
-        self.given_up = False
-        """Whether the output stays incomplete because completing it took too long"""
-        self._sink, self._queue, self._listeners = sink, queue, listeners
-        self._part, self._batch = attrgetter(sink.part), BATCH[sink.part]
-        self._waiting: deque[Item] = deque()
-        self._room = queue.answers  # 0 once nothing more is taken
+        self._sink, self._log = sink, log
+        self._waiting: deque[Any] = deque()
         self._put_size = self._sent_size = 0  # [B]; each is written by one thread
         self._refused = self._lost = 0  # answers that found no room, and that waited when the output stopped
         self._due = 0.0  # when to send next
-        self._wake = threading.Event()
-        self._ended = False  # the last item is in the queue
-        self._reason = ""  # why it was given up
+        self._closed = False  # the last item is in the queue
         self._last = Report("", 0)
-        self._concluded, self._concluding = False, threading.Lock()
-        self._known = threading.Event()  # whether it was opened
+        self._wake, self._known = threading.Event(), threading.Event()
         self._thread = threading.Thread(target=self._run, name="feeder", daemon=True)
         self._thread.start()
 
-    def put(self, answer: Answer) -> None:
-        """Hand over an answer; never waits. Not to be called from two threads, nor beside `note`."""
-        if self._take(answer):
-            now = time.monotonic()
-            if now >= self._due or self._fill() >= SOON:
-                self._due = now + self._sink.gather
-                self._wake.set()
-
-    def note(self, name: str, values: dict[str, str]) -> None:
-        """Hand over a note, which is kept between the answers before it and those after it; never waits."""
-        self.keep(Note(name, values))
-
-    def keep(self, item: Answer | Note) -> None:
-        """Hand over an answer or a note, to be sent with those that follow; never waits."""
-        self._take(item)
+    def put(self, item: Answer | Note) -> None:
+        """Hand over an answer, or a note between two of them; never waits. Not to be called from two threads."""
+        if self._closed:
+            return
+        if self.is_over() or self._fill() >= 1.0:
+            self._refused += 1
+            return
+        self._put_size += size_of(item)
+        self._waiting.append(item)
+        now = time.monotonic()
+        if now >= self._due:
+            self._due = now + self._sink.gather
+            self._wake.set()
 
     @property
     def dropped(self) -> int:
         """Number of answers that do not reach the output."""
         return self._refused + self._lost
 
-    def diagnostics(self) -> dict[str, str]:
-        """Values for `/diagnostics`: answers that wait, are lost and are written, and the id of the process."""
-        return {
+    def report(self) -> tuple[dict[str, str], str, bool]:
+        """Values for `/diagnostics`, what is wrong (empty if nothing is), and whether answers are lost by that."""
+        full = f"{100.0 * self._fill():.0f}"
+        values = {
             "backlog": str(len(self._waiting)),
-            "backlog [MB]": f"{self._waiting_size / MB:.1f}",
-            "full [%]": f"{100.0 * self._fill():.0f}",
+            "full [%]": full,
             "dropped": str(self.dropped),
             "written": str(self._last.written),
             "process": str(self.process.pid) if self.process else "none",
         }
-
-    def problem(self) -> tuple[str, bool]:
-        """Describe what is wrong (empty if nothing is), and say whether answers are lost because of it."""
-        fill = self._fill()
-        if self.failure:
-            return self.failure, True
-        if self.dropped:
-            return f"{self.label}: {self._too_many()}", True
-        if fill < WORTH_A_WARNING:
-            return "", False
-        waiting = f"{len(self._waiting)} answers wait, {100.0 * fill:.0f} % of what may"
-        return f"{self.label} is behind: {waiting}, as its process is slow or stands still", False
+        if self.failure or self.dropped:
+            return values, self.failure or f"{self.label}: {self._too_many()}", True
+        late = f"{self.label} is behind: {full} % of the answers that may wait do"
+        return values, late if self._fill() >= WORTH_A_WARNING else "", False
 
     @property
     def label(self) -> str:
         """Name of the output in messages: its kind and its file."""
         return f"{self._sink.kind} {self.name}".rstrip()
 
-    def is_known(self) -> bool:
-        """Whether it is known if the output could be opened."""
-        return self._known.is_set()
-
     def is_over(self) -> bool:
         """Whether the output is complete or has stopped."""
-        return not self._thread.is_alive()
+        return self.state in (FAILED, ENDED)
 
     def wait_until_known(self) -> None:
         """Wait until the output is open or cannot be opened; then `failure` says why."""
         if not self._known.wait(START):
-            self._give_up(f"its process did not start within {START:g} s")
+            self._fail(f"{self.label}: its process has not started within {START:g} s")
 
-    def end(self, ending: Ending | Discard) -> None:
-        """Have the output completed, or removed if `ending` is a `Discard`, without waiting for that.
-
-        Answers that are put afterwards are ignored.
-        """
-        if not self._ended:
-            self._ended, self._room = True, 0
+    def end(self, ending: Ending) -> None:
+        """Have the output completed, without waiting; later answers are ignored."""
+        if not self._closed:
+            self._closed = True
             self._waiting.append(ending)
             self._wake.set()
 
-    def close(self, ending: Ending, patience: float = PATIENCE) -> None:
-        """Have the output completed and wait for at most `patience` [s]; see `wait`."""
-        self.end(ending)
-        self.wait(time.monotonic() + patience)
-
-    def wait(self, deadline: float) -> None:
+    def wait(self, deadline: float) -> bool:
         """Wait until the deadline [s, monotonic] for the output to be complete, after `end`.
 
-        A process that is stopped at the deadline is killed. Any other one is left to complete its output by itself.
+        A process that needs longer completes by itself what it was handed; return False if there is more.
         """
         self._thread.join(max(deadline - time.monotonic(), 0.0))
-        if not self._thread.is_alive():
-            return
-        unsent = self._unsent()
-        self.given_up = bool(unsent)
-        if self.process and is_stopped(self.process.pid):
-            self.given_up = True
-            self._give_up("its process stood still when it was to end")
-            return
-        number = self.process.pid if self.process else "none yet"
-        text = f"{self.label} is not complete yet, and is not waited for: its process ({number}) goes on"
-        if unsent:
-            self._fail(f"{text}; {unsent} answers have yet to be handed to it")
-        else:
-            self._listeners.remark(text)
-
-    def discard(self, patience: float = PATIENCE) -> None:
-        """Have the output removed and wait for at most `patience` [s]; a process that still runs then is killed."""
-        self.end(Discard())
-        self._thread.join(patience)
-        if self._thread.is_alive():
-            self._give_up(f"its process did not end within {patience:g} s")
+        if self.is_over():
+            return True
+        unsent, process = self._unsent(), f"its process ({self.process.pid if self.process else 'none yet'})"
+        said = f"is not waited for: {process} goes on; {unsent} answers have not been handed to it"
+        self._fail(f"{self.label} is not complete yet, and {said}")
+        return not unsent
 
     def _unsent(self) -> int:
         """Number of answers that wait."""
         return sum(isinstance(item, Answer) for item in self._waiting.copy())
 
-    def _take(self, item: Answer | Note) -> bool:
-        """Add an item to the queue; False if there is no room."""
-        if len(self._waiting) >= self._room or self._waiting_size >= self._queue.size:
-            self._refused += not self._ended
-            return False
-        self._put_size += size_of(item)
-        self._waiting.append(item)
-        if self._concluded:  # since the room was looked at
-            self._lose_waiting()
-        return True
-
-    def _lose_waiting(self) -> int:
-        """Empty the queue, which nobody takes from any more; return how many answers are lost."""
-        with self._concluding:
-            lost = self._unsent()
-            self._lost += lost
-            self._waiting.clear()
-            self._sent_size = self._put_size
-        return lost
-
-    @property
-    def _waiting_size(self) -> int:
-        """Memory that the waiting items take [B], approximately."""
-        return self._put_size - self._sent_size
-
     def _fill(self) -> float:
-        """Fill of the queue, from 0 to 1."""
-        return max(len(self._waiting) / self._queue.answers, self._waiting_size / self._queue.size)
+        """Fill of the queue: 1 when it is full."""
+        size = self._put_size - self._sent_size
+        return float(max(len(self._waiting) / self._sink.limits.queue, size / (MB * self._sink.limits.queue_size)))
 
     def _too_many(self) -> str:
         """Message for a queue that was full."""
-        answers, size, section = self._queue
-        return (
-            f"more waited than {answers} answers (parameter {section}.queue) or {size / MB:g} MB ({section}.queue_size)"
-        )
-
-    def _give_up(self, reason: str) -> None:
-        """Kill the process; as a rule the thread then reports the reason."""
-        self._reason = reason
-        if self.process:
-            self.process.kill()
-        self._thread.join(KILLED)
-        self._conclude(reason)  # a disk that does not answer can keep even a killed process
+        most, section = self._sink.limits, self._sink.section
+        limits = f"{most.queue} answers (parameter {section}.queue) or {most.queue_size:g} MB ({section}.queue_size)"
+        return f"more waited than {limits}, as its process is slow or stands still"
 
     def _run(self) -> None:
         """Start the process, send and listen until it is gone; runs in the thread."""
-        trouble = ""
+        reason = ""
         try:
             connection, self.process = connected(WORKER, str(self._sink.niceness))
-        except OSError as error:
-            self._conclude(f"no process can be started: {error.strerror}")
-            return
-        try:
-            self._feed(connection)
-        except (EOFError, ConnectionError):  # the child has closed its end; what it said before is still to be heard
-            with suppress(EOFError, OSError):
-                while True:
-                    self._hear(connection)
-        except UsageError as error:
-            trouble = str(error)
+            with connection:
+                try:
+                    reason = self._feed(connection)
+                except (EOFError, ConnectionError):  # the process has ended; what it said before is still to be heard
+                    with suppress(EOFError, OSError):
+                        while True:
+                            self._hear(connection)
+            code = reap(self.process)
+            if not reason and self._last.state != ENDED:
+                ended = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
+                reason = self._last.reason or f"its process {ended}"
         except Exception as error:  # whatever it is, the node must compute on
-            trouble = f"{type(error).__name__}: {error}"
-        connection.close()
-        reap(self.process)
-        self._conclude(trouble or self._trouble(self.process.returncode))
+            reason = f"{type(error).__name__}: {error}"
+        was_open, self.state = self.state == OPEN, FAILED if reason else ENDED
+        self._lost, self._sent_size = self._unsent(), self._put_size
+        self._waiting.clear()
+        if reason and self._last.state != REFUSED:
+            reason = f"{self.label} {'stopped' if was_open else 'cannot be opened'}: {reason}"
+        if reason:
+            self._fail(reason + (f"; {self._lost} answers had not been handed to it" if self._lost else ""))
+        self._known.set()
 
-    def _feed(self, connection: Connection) -> None:
-        """Send what waits, until an exception says that nothing more can be sent.
-
-        Raises:
-            EOFError, ConnectionError: the child is gone.
-            UsageError: too many answers wait.
-        """
-        readable, writable = select.poll(), select.poll()
-        readable.register(connection.fileno(), select.POLLIN)
+    def _feed(self, connection: Connection) -> str:
+        """Send what waits until an exception says that the process is gone, or until the reason that is returned."""
+        writable = select.poll()
         writable.register(connection.fileno(), select.POLLOUT)
-        connection.send(self._sink.job)
+        connection.send((self._sink.module, self._sink.arguments))
         while True:
-            self._wake.wait(max(LATEST, 2.0 * self._sink.gather) if self.is_open else LATEST)
+            self._wake.wait(max(LATEST, 2.0 * self._sink.gather) if self.state == OPEN else LATEST)
             self._wake.clear()
-            while readable.poll(0):
+            while connection.poll():
                 self._hear(connection)
-            if self.dropped and not self.failure:
-                self._on_gap()
+            if self._refused and not self.failure:
+                if not self._sink.gaps_allowed:
+                    return self._too_many()
+                self._fail(f"{self.label} has gaps: {self._too_many()}")
             due = len(self._waiting)  # what comes meanwhile is gathered again
-            # Sending to a child that stands still might never end.
-            while self._waiting and due > 0 and writable.poll(0):
-                due -= self._send_batch(connection, due)
+            while due > 0 and writable.poll(0):  # sending to a process that stands still might never end
+                due -= self._send_batch(connection)
                 if due > 0:
                     time.sleep(PAUSE)
 
-    def _on_gap(self) -> None:
-        """Report that answers were left out, or stop an output that must not have gaps."""
-        text = f"{self._too_many()}, as its process is slow or stands still"
-        if not self._sink.gaps_allowed:
-            raise UsageError(text)
-        self._fail(f"{self.label} has gaps: {text}")
-
-    def _send_batch(self, connection: Connection, due: int) -> int:
-        """Send the oldest answers, or the oldest item if it is none; return how many of the `due` items were sent."""
-        part, waiting, size, most = self._part, self._waiting, 0, self._batch
-        parts: list[Any] = []
-        while waiting and len(parts) < most and size < most * BATCH_SIZE and isinstance(waiting[0], Answer):
-            answer = waiting.popleft()
-            size += size_of(answer)
-            parts.append(part(answer))
-        sent: Any = (parts, len(parts) < due)
-        if not parts:
-            sent = waiting.popleft()
-            size = size_of(sent)
-        self._sent_size += size
+    def _send_batch(self, connection: Connection) -> int:
+        """Send the oldest answers, or the oldest item if it is none; return how many."""
+        waiting, items = self._waiting, [self._waiting.popleft()]
+        if isinstance(items[0], Answer):
+            while waiting and len(items) < BATCH and isinstance(waiting[0], Answer):
+                items.append(waiting.popleft())
+        self._sent_size += sum(map(size_of, items))
+        sent = [getattr(item, self._sink.part) for item in items] if isinstance(items[0], Answer) else items[0]
         connection.send_bytes(pickle.dumps(sent, pickle.HIGHEST_PROTOCOL))  # takes half the time of `send`
-        return len(parts) or 1
+        return len(items)
 
     def _hear(self, connection: Connection) -> None:
         """Take a report; raises EOFError if there will be none."""
         self._last = connection.recv()
         self.name = self._last.name or self.name
         for remark in self._last.remarks:
-            self._listeners.remark(remark)
+            self._log.warning(remark)
         if self._last.state == OPEN:
-            self.is_open = True
+            self.state = OPEN
             self._known.set()
-
-    def _trouble(self, code: int | None) -> str:
-        """Say why the process ended, with this exit code; empty if it was to end."""
-        if self._last.state == DONE:
-            return ""
-        if self._last.reason or self._reason:
-            return self._last.reason or self._reason
-        if code is None or code >= 0:
-            return f"its process ended with code {code}"
-        return f"its process was ended by {signal.Signals(-code).name}"
-
-    def _conclude(self, trouble: str) -> None:
-        """End the sending for good, and report the trouble if there is any."""
-        with self._concluding:  # its own thread, and one that gives it up
-            if self._concluded:
-                return
-            self._concluded, self._room = True, 0
-        lost = self._lose_waiting()
-        if trouble:
-            if self.is_open and self._last.state != ENDED:
-                trouble = f"{self.label} stopped: {trouble}"
-            elif not self.is_open and self._last.state != REFUSED:
-                trouble = f"{self.label} cannot be opened: {trouble}"
-            if lost and self.given_up:
-                trouble += f"; {lost} answers had not been handed to its process"
-            self._fail(trouble)
-        self._known.set()
 
     def _fail(self, failure: str) -> None:
         self.failure = failure
-        self._listeners.failure(failure)
+        self._log.error(failure)
 
 
-def size_of(item: Item) -> int:
+def size_of(item: Any) -> int:
     """Memory [B] that an item takes while it waits, approximately."""
     if isinstance(item, Answer):
         return ANSWER_SIZE + RECORD_SIZE * len(item.records) + item.size
-    return sum(map(len, item.values.values())) + RECORD_SIZE if isinstance(item, Note) else 0
+    return ANSWER_SIZE
 
 
 RECORDER = "recorder"
@@ -406,24 +259,23 @@ class Ring:
         self._items: deque[tuple[int, Answer | Note]] = deque()
         self._now = self._last = 0
 
-    def put(self, answer: Answer) -> None:
-        """Keep an answer, and forget what is too old."""
-        stamp = answer.records[-1][1]
-        if stamp > self._last:
-            self._now += stamp - self._last
-        self._last = stamp
-        items, oldest = self._items, self._now - self._duration
-        items.append((self._now, answer))
-        while len(items) > self._most or isinstance(items[0][1], Note) or items[0][0] <= oldest:
-            items.popleft()
-            if not items:
-                return
+    def put(self, item: Answer | Note) -> None:
+        """Keep an item, and forget what is too old.
 
-    def note(self, note: Note) -> None:
-        """Keep a note. Answers before other parameters are forgotten: a recording begins with one set of them."""
-        if note.name == PARAMETERS_CHANGED and any(not name.startswith(("record.", TICK)) for name in note.values):
-            self._items.clear()
-        self._items.append((self._now, note))
+        Answers before other parameters are forgotten: a recording begins with one set of them.
+        """
+        items = self._items
+        if isinstance(item, Note):
+            if item.name == PARAMETERS_CHANGED and any(not name.startswith(("record.", TICK)) for name in item.values):
+                items.clear()
+            items.append((self._now, item))
+            return
+        stamp = item.records[-1][1]
+        self._now += max(stamp - self._last, 0)
+        self._last, oldest = stamp, self._now - self._duration
+        items.append((self._now, item))
+        while items and (len(items) > self._most or isinstance(items[0][1], Note) or items[0][0] <= oldest):
+            items.popleft()
 
     def taken(self) -> tuple[list[Answer | Note], float]:
         """What is kept, the oldest first, and the time [s] from its first answer to its last."""
@@ -434,58 +286,34 @@ class Ring:
 class Outputs:
     """Hands answers to the outputs: each is a process of its own, and nothing here waits except `close`."""
 
-    def __init__(self, knee: Knee, listeners: Listeners) -> None:
-        """Start all outputs that the parameters ask for.
-
-        `listeners` are called from another thread when an output cannot be opened or stops.
+    def __init__(self, knee: Knee, log: Any) -> None:
+        """Start all outputs that the parameters ask for; `log` is a logger (see `SinkProcess`).
 
         Raises:
             UsageError: an output that the parameters ask for is not possible.
         """
-        self._listeners = listeners
+        self._log = log
         self.ring = Ring(knee.parameters.record.snapshot, knee.parameters.record.queue)
         """What a snapshot would hold"""
-        self._sinks: dict[str, SinkProcess] = {}
         self._ending: list[SinkProcess] = []
         """Recordings that are being completed"""
         self._deadline = math.inf
         """Monotonic time [s] until which `close` waits, once all outputs were told to end"""
-        described = [
-            (sink_of(section, knee), queue_of(section, knee.parameters))
-            for section in sections_of_outputs(type(knee.parameters))
-        ]
-        for sink, queue in described:  # started when all are possible
-            if sink:
-                self._sinks[sink.title] = SinkProcess(sink, queue, listeners)
+        self._sinks: dict[str, SinkProcess] = {}
+        described = [sink_of(section, knee) for section in sections_of_outputs(type(knee.parameters))]
+        for sink in filter(None, described):  # started when all are possible
+            self._sinks[sink.title] = SinkProcess(sink, log)
 
     def wait_until_known(self) -> None:
-        """Wait until all outputs are open or cannot be opened, which is reported; the node runs on without those.
-
-        If the waiting is interrupted, all outputs are removed.
-        """
-        try:
-            for sink in self._sinks.values():
-                sink.wait_until_known()
-        except BaseException:
-            sinks, self._sinks = self._sinks, {}
-            deadline = time.monotonic() + PATIENCE
-            for sink in sinks.values():
-                sink.end(Discard())
-            for sink in sinks.values():
-                sink.discard(max(deadline - time.monotonic(), 0.0))
-            raise
-
-    def put(self, answer: Answer) -> None:
-        """Hand an answer to all outputs."""
-        self.ring.put(answer)
+        """Wait until all outputs are open or cannot be opened, which is reported; the node runs on without those."""
         for sink in self._sinks.values():
-            sink.put(answer)
+            sink.wait_until_known()
 
-    def note(self, name: str, values: dict[str, str]) -> None:
-        """Hand a note, which belongs between two answers, to all outputs."""
-        self.ring.note(Note(name, values))
+    def put(self, item: Answer | Note) -> None:
+        """Hand an answer, or a note between two of them, to all outputs."""
+        self.ring.put(item)
         for sink in self._sinks.values():
-            sink.note(name, values)
+            sink.put(item)
 
     def start_recording(self, knee: Knee) -> Path:
         """Start a recording with the next answer, and return the name of its file.
@@ -511,7 +339,7 @@ class Outputs:
         """
         recording, name = self._recording(knee, sum(item.size for item in items if isinstance(item, Answer)))
         for item in items:
-            recording.keep(item)
+            recording.put(item)
         recording.end(Ending((), {}))
         self._ending.append(recording)
         return name
@@ -520,17 +348,15 @@ class Outputs:
         """Begin a recording that will have at least this size [B]; return it and the name of its file."""
         path = Path(knee.parameters.record.path)
         self._ending = [sink for sink in self._ending if not sink.is_over()]
-        if not all(sink.is_known() for sink in self._ending):
+        if any(sink.state == STARTING for sink in self._ending):
             raise UsageError(f"{self._ending[-1].name} has yet to be opened before it is completed; try again")
         if len(self._ending) >= MOST_ENDING:
             raise UsageError(f"{len(self._ending)} recordings are still being completed; try again when one is")
         refuse(path, knee.parameters.record.min_free * MB, size)
         sink, name = sink_of("record", knee), next(all_names(path))
         assert sink  # noqa: S101  (there is a path)
-        queue = queue_of("record", knee.parameters)
         expected = (name,) if size else ()  # every snapshot but the first has another name than the parameter's
-        job = sink.job._replace(arguments=(*sink.job.arguments, *expected))
-        return SinkProcess(sink._replace(name=str(name), job=job), queue, self._listeners), name
+        return SinkProcess(sink._replace(name=str(name), arguments=(*sink.arguments, *expected)), self._log), name
 
     def stop_recording(self, ending: Ending) -> str:
         """Have the recording completed, and return the name of its file.
@@ -539,10 +365,8 @@ class Outputs:
             UsageError: nothing is being recorded.
         """
         recording = self._sinks.pop(RECORDER, None)
-        if recording is None:
-            raise UsageError("nothing is being recorded")
-        if recording.failure:
-            raise UsageError(recording.failure)
+        if recording is None or recording.failure:
+            raise UsageError(recording.failure if recording else "nothing is being recorded")
         recording.end(ending)
         self._ending.append(recording)
         return recording.name
@@ -550,7 +374,7 @@ class Outputs:
     def reports(self) -> Iterator[tuple[str, dict[str, str], str, bool]]:
         """For every output its name, its diagnostic values, what is wrong, and whether answers are lost by that."""
         for name, sink in self._sinks.items():
-            yield name, sink.diagnostics(), *sink.problem()
+            yield name, *sink.report()
 
     def end(self, ending: Ending) -> None:
         """Have all files completed, without waiting for it."""
@@ -559,16 +383,13 @@ class Outputs:
             sink.end(ending)
 
     def close(self, ending: Ending) -> bool:
-        """Complete all files, and return whether that worked for all of them.
+        """Complete all files, and return whether all answers have reached them.
 
         Waits for at most `PATIENCE`, counted from `end` if that was called before.
         """
         self.end(ending)
-        sinks, deadline = [*self._ending, *self._sinks.values()], self._deadline
-        self._ending, self._sinks, self._deadline = [], {}, math.inf
-        for sink in sinks:
-            sink.wait(deadline)
-        return not any(sink.given_up for sink in sinks)
+        complete = [sink.wait(self._deadline) for sink in [*self._ending, *self._sinks.values()]]
+        return all(complete)
 
 
 def sections_of_outputs(schema: type[Section]) -> list[str]:
@@ -582,11 +403,6 @@ def sink_of(section: str, knee: Knee) -> Sink | None:
     Raises:
         UsageError: the output cannot be opened.
     """
-    sink: Sink | None = import_module(getattr(knee.parameters, section).output).sink_for(knee)
-    return sink
-
-
-def queue_of(section: str, parameters: Section) -> Queue:
-    """Size of the queue of the output of a section."""
-    options = getattr(parameters, section)
-    return Queue(options.queue, options.queue_size * MB, section)
+    limits = getattr(knee.parameters, section)
+    sink: Sink | None = import_module(limits.output).sink_for(knee)
+    return sink and sink._replace(section=section, limits=limits)

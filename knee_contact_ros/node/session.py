@@ -29,11 +29,11 @@ from knee_contact_ros.node.inputs import (
     installed_types,
     message_class,
 )
-from knee_contact_ros.node.outputs import Listeners, Outputs
+from knee_contact_ros.node.outputs import Outputs
 from knee_contact_ros.parameters.sources import Source
 from knee_contact_ros.streams.conversion import ANY, converters
 from knee_contact_ros.streams.frames import FORCE_TURNED
-from knee_contact_ros.streams.output import Knee
+from knee_contact_ros.streams.output import Knee, Note
 from knee_contact_ros.streams.pairing import PairedSample, PairedStreams
 from knee_contact_ros.streams.topics import JOINT_STATES, Answer, Ending
 from knee_contact_ros.system.errors import UsageError
@@ -123,11 +123,10 @@ class Session(ABC):
             "reset": self._reset, "start_recording": self._start_recording, "stop_recording": self._stop_recording,
             "save_snapshot": self._save_snapshot,
         }  # fmt: skip
-        listeners = Listeners(self.node.get_logger().error, self.node.get_logger().warning)
         try:
             for name, act in acts.items():
                 self._services.append(self._service(name, act))
-            self.outputs = Outputs(self._knee(), listeners)
+            self.outputs = Outputs(self._knee(), self.node.get_logger())
         except BaseException:
             self.destroy_endpoints()
             raise
@@ -177,7 +176,7 @@ class Session(ABC):
         self.health.take()  # by the limits that held for these answers
         self.parameters = self.health.parameters = parameters
         self.pipeline.retune(parameters)
-        self.outputs.note(PARAMETERS_CHANGED, change_record(self.pipeline.ticks, changes))
+        self.outputs.put(Note(PARAMETERS_CHANGED, change_record(self.pipeline.ticks, changes)))
 
     def end(self) -> None:
         """Stop, and have the files completed without waiting for it."""
@@ -208,7 +207,7 @@ class Session(ABC):
             note = self.pipeline.frame.take_turn_note()
             text = f"forces are turned from {note['from']} to {note['to']}"
             self.node.get_logger().info(text, **at_most_every(REFUSAL_LOG_PERIOD))
-            self.outputs.note(FORCE_TURNED, note)
+            self.outputs.put(Note(FORCE_TURNED, note))
         self._answer(pairs)
         return self.pipeline.stamp
 
@@ -235,7 +234,7 @@ class Session(ABC):
     def _reset(self) -> str:
         self._answer_all()
         self.pipeline.reset()
-        self.outputs.note(RESET, {TICK: str(self.pipeline.ticks)})
+        self.outputs.put(Note(RESET, {TICK: str(self.pipeline.ticks)}))
         return "the next tick starts from rest"
 
     def _start_recording(self) -> str:

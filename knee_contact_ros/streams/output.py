@@ -15,10 +15,8 @@ from knee_contact_ros.streams.topics import Ending
 if TYPE_CHECKING:
     from knee_contact_ros.model.knee import KneeModel
 
-OPEN, REFUSED, FAILED, ENDED, DONE = "open", "refused", "failed", "ended", "done"
-"""States of a child: its output is open, could not be opened, has failed, is complete earlier than intended, is
-complete"""
-
+STARTING, OPEN, REFUSED, FAILED, ENDED = "starting", "open", "refused", "failed", "ended"
+"""States of an output: not known yet, open, could not be opened or had to end early, has failed, is complete"""
 
 PROVENANCE = "knee_contact"
 """Name of the metadata record that describes how contacts were computed (`bags/provenance.py`)"""
@@ -41,15 +39,6 @@ class Knee(NamedTuple):
     """Name of that metadata record"""
 
 
-class Job(NamedTuple):
-    """Task of a child: the output that it opens."""
-
-    module: str
-    """Name of the module with the function `open_output`, which returns an `Output`"""
-    arguments: tuple[Any, ...]
-    """Arguments of that function"""
-
-
 class Sink(NamedTuple):
     """Description of an output, as `sink_for` returns it for a `Knee`; None instead if the parameters ask for none."""
 
@@ -59,17 +48,23 @@ class Sink(NamedTuple):
     """Word for the output in messages"""
     name: str
     """Name of the file, unless it turns out to be taken; empty if there is none"""
-    job: Job
-    """Task of its process"""
+    module: str
+    """Name of the module with the function `open_output`, which returns an `Output` in the process of the sink"""
+    arguments: tuple[Any, ...]
+    """Arguments of that function"""
     part: str
     """Attribute of an answer that is sent: its `row` or its `records`, which are quick to send"""
     gaps_allowed: bool
-    """Whether answers beyond the queue are dropped and counted; if not, the sink fails then"""
+    """Whether answers beyond the queue are dropped and counted; if not, the output ends then"""
     niceness: int = 0
     """Niceness of the process, added to the node's"""
     gather: float = 0.01
     """Time [s] for which answers are gathered before they are sent, while more come: each sending costs the node and
     the output as much as many answers do"""
+    section: str = ""
+    """Section of its parameters, which the node sets"""
+    limits: Any = None
+    """That section: its `queue` is the largest number of answers that wait, its `queue_size` their memory [MB]"""
 
 
 class Output(Protocol):
@@ -89,21 +84,15 @@ class Output(Protocol):
     def flush(self) -> None:
         """Write out everything that was taken."""
 
-    def must_end(self) -> str:
-        """Reason why the output has to be completed early; empty if it has not. Called once a second."""
-
     def news(self) -> tuple[str, ...]:
-        """Messages for the user that are new since the last call. Called once a second."""
+        """Messages for the user that are new since the last call. Called once a second.
+
+        Raises:
+            UsageError: the output had to be completed early, and is.
+        """
 
     def finish(self, ending: Ending | None) -> None:
         """Complete the output; `ending` is None if the node is gone or the output has to end early."""
-
-    def discard(self) -> None:
-        """Remove the output."""
-
-
-Parts = tuple[list[Any], bool]
-"""Parts of answers that are sent together, and whether more wait already"""
 
 
 class Note(NamedTuple):
@@ -115,20 +104,16 @@ class Note(NamedTuple):
     """Content of the record"""
 
 
-class Discard(NamedTuple):
-    """Last item for a child: the output is to be removed."""
-
-
 class Report(NamedTuple):
-    """Report of a child on its output."""
+    """Report of a process on its output."""
 
     state: str
-    """One of `OPEN`, `REFUSED`, `FAILED`, `ENDED` and `DONE`"""
+    """One of `OPEN`, `REFUSED`, `FAILED` and `ENDED`"""
     written: int
     """Number of answers written"""
     name: str = ""
     """Name of the file once it is open; empty if there is none"""
     reason: str = ""
-    """Reason why the output was refused, has failed or has ended"""
+    """Reason why the output was refused or has failed; a whole sentence if refused"""
     remarks: tuple[str, ...] = ()
     """Further messages for the user"""

@@ -125,13 +125,12 @@ def connected(module: str, *arguments: str) -> tuple[Connection, Process]:
         return Connection(ours.detach()), process
 
 
-def reap(process: Process) -> None:
-    """Wait for a process whose connection is closed, and kill it if it does not end."""
-    for _ in range(2):
-        with suppress(subprocess.TimeoutExpired):
-            process.wait(LAST_WORDS)
-            return
-        process.kill()
+def reap(process: Process) -> int:
+    """Wait for a process whose connection is closed, and kill it if it does not end; return its exit code."""
+    with suppress(subprocess.TimeoutExpired):
+        return process.wait(LAST_WORDS)
+    process.kill()
+    return process.wait(LAST_WORDS)
 
 
 def end(process: Process, patience: float) -> None:
@@ -146,14 +145,6 @@ def end(process: Process, patience: float) -> None:
         if process.poll() is None:
             process.kill()
             process.wait()
-
-
-def is_stopped(pid: int) -> bool:
-    """Whether a process was stopped by a signal."""
-    try:
-        return Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2][1] in "Tt"
-    except (OSError, IndexError):
-        return False
 
 
 @contextmanager

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 
 from knee_contact_ros.model.types import ROW
-from knee_contact_ros.streams.output import Job, Knee, Sink
+from knee_contact_ros.streams.output import Knee, Sink
 from knee_contact_ros.streams.topics import KNEE_CONTACT, LATERAL, MEDIAL, Ending, compartment_name, knee_name
 from knee_contact_ros.system import output_files
 from knee_contact_ros.system.errors import UsageError
@@ -74,10 +74,10 @@ def sink_for(knee: Knee) -> Sink | None:
     if len(models) > 1:  # each is a knee of its own to a viewer
         knees = tuple(compartment_name(one, of) for one in knees or (name,) for of in (MEDIAL, LATERAL))
     serving = Serving(rerun.port, rerun.mode == "spawn", knees)
-    job = Job(__name__, (path, serving, drawings_of(models, name, knee.parameters.body_weight)))
+    arguments = path, serving, drawings_of(models, name, knee.parameters.body_weight)
     kind = "Rerun recording" if path else f"Rerun scene on port {serving.port}"
     gather = FILE_GATHER if path else LIVE_GATHER
-    return Sink("viewer", kind, str(path or ""), job, "row", gaps_allowed=True, niceness=NICENESS, gather=gather)
+    return Sink("viewer", kind, str(path or ""), __name__, arguments, "row", True, NICENESS, gather)
 
 
 def open_output(path: Path | None, serving: Serving, own: Sequence[KneeOutlines]) -> Viewer:
@@ -147,10 +147,6 @@ class Viewer:
         self._show()
         self._target.flush()
 
-    def must_end(self) -> str:
-        """Return an empty text: only a full disk ends this output, which `flush` reports."""
-        return ""
-
     def news(self) -> tuple[str, ...]:
         """Return messages to the user, each once: remarks, and that the viewer on this machine has ended."""
         news, self._remarks = self._remarks, ()
@@ -163,12 +159,6 @@ class Viewer:
             scene.finish()
         self._target.close()
         self.name = self._target.name
-
-    def discard(self) -> None:
-        """Give up: leave no file, and close the window."""
-        self._target.discard()
-        if self._window:
-            self._window.close()
 
     def _show(self) -> None:
         if self._batch:

@@ -16,7 +16,7 @@ from knee_contact_ros.bags.recover import recover
 from knee_contact_ros.node.outputs import SinkProcess
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import PARTIAL
-from tests.helpers.sinks import NOTHING_LEFT, PATIENCE, Started, put, readable, recorded_ticks, wait_until
+from tests.helpers.sinks import Started, close, put, readable, recorded_ticks, wait_until
 
 SETTINGS = Settings(0.02, Limits(duration=50_000_000), sync_period=0.05)
 FOLDER = "bag"
@@ -108,7 +108,7 @@ def test_whatever_call_fails_a_file_is_whole_or_named_unfinished_and_the_reason_
     for _, _, sink in runs:
         put(sink, NUMBERS)  # whatever has happened to it
     for fault, folder, sink in runs:
-        sink.close(NOTHING_LEFT, PATIENCE)
+        close(sink)
         assert sink.process
         assert sink.process.returncode in (0, 1), fault
         check(fault, folder, sink)
@@ -198,7 +198,7 @@ def test_what_was_synced_is_found_wherever_the_power_fails(watched: Watched, sta
         put(sink, range(numbers, number))
         numbers = number
         wait_until(lambda number=number: synced(watched.calls(), tmp_path) == number)  # while it is written
-    sink.close(NOTHING_LEFT, PATIENCE)
+    close(sink)
     assert (sink.failure, started.told) == ("", [])
 
     calls, disk, most = watched.calls(), Disk(), 0

@@ -20,32 +20,30 @@ from mcap.stream_reader import StreamReader
 
 from knee_contact_ros.bags.reader import BagReader, read_bag
 from knee_contact_ros.bags.recorder import INTERRUPTED, Limits, Settings, refuse
-from knee_contact_ros.node.outputs import MB, Listeners, Queue, SinkProcess
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import read_refused
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
-from knee_contact_ros.streams.output import PROVENANCE
+from knee_contact_ros.streams.output import PROVENANCE, Note
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.needs import needs_viewer
 from tests.helpers.processes import has_ended
 from tests.helpers.sinks import (
-    NOTHING_LEFT,
     PATIENCE,
-    QUEUE,
     SETTINGS,
     TYPES,
+    MayWait,
     Started,
+    close,
     pid,
     put,
     readable,
     recorded_ticks,
-    recording,
     settled_backlog,
     wait_until,
 )
 
-QUEUES = [QUEUE._replace(answers=1000), Queue(10**6, 2_200_000.0, "record")]
+QUEUES = [MayWait(1000), MayWait(10**6, 2.2)]
 
 
 def test_a_recording_holds_what_solve_writes(started: Started, right_bag: Path, config: Path, tmp_path: Path) -> None:
@@ -58,11 +56,11 @@ def test_a_recording_holds_what_solve_writes(started: Started, right_bag: Path, 
                 sink.put(each)
     for data in (b"", b""):
         list(pipeline.joint_state(data))  # refused
-    sink.close(pipeline.ending(), PATIENCE)
+    close(sink, pipeline.ending())
     assert (sink.failure, sink.dropped, started.told) == ("", 0, [])
-    said = {"backlog": "0", "backlog [MB]": "0.0", "full [%]": "0", "dropped": "0", "written": "387", "process": ""}
-    assert sink.diagnostics() | {"process": ""} == said
-    assert sink.problem() == ("", False)
+    said = {"backlog": "0", "full [%]": "0", "dropped": "0", "written": "387", "process": ""}
+    values, *wrong = sink.report()
+    assert (values | {"process": ""}, wrong) == (said, ["", False])
     solve(right_bag, parameters, tmp_path / "offline.mcap", lambda done, total: None)
     live, offline = (
         [(m.topic, m.log_time, str(m.message)) for m in read_bag(tmp_path / name, TYPES)]
@@ -75,11 +73,11 @@ def test_a_recording_holds_what_solve_writes(started: Started, right_bag: Path, 
 
 def test_notes_stand_between_the_answers(started: Started, tmp_path: Path) -> None:
     sink = started.recorder(tmp_path / "out.mcap")
-    sink.note("first", {"damping": "5000"})
+    sink.put(Note("first", {"damping": "5000"}))
     put(sink, range(3))
-    sink.note("second", {"damping": "0"})
+    sink.put(Note("second", {"damping": "0"}))
     put(sink, range(3, 4))
-    sink.close(NOTHING_LEFT, PATIENCE)
+    close(sink)
     order: list[Any] = []
     notes = [("first", {"damping": "5000"}), ("second", {"damping": "0"})]
     with (tmp_path / "out.mcap").open("rb") as file:
@@ -102,11 +100,11 @@ def test_a_full_disk_stops_the_recording_and_says_so_once(started: Started, tmp_
     wait_until(lambda: recording.failure and picture.failure)
     for sink in (recording, picture):
         put(sink, range(4000, 4010))
-        assert sink.diagnostics()["backlog"] == "0"
-        assert int(sink.diagnostics()["dropped"]) >= 10
-        sink.close(NOTHING_LEFT, PATIENCE)
+        assert sink.report()[0]["backlog"] == "0"
+        assert int(sink.report()[0]["dropped"]) >= 10
+        close(sink)
     assert sorted(started.told) == sorted([recording.failure, picture.failure])
-    assert recording.failure == f"recording {path} stopped: File too large"
+    assert recording.failure.startswith(f"recording {path} stopped: File too large")
     assert picture.failure == f"Rerun recording {tmp_path / 'knee.rrd'} stopped: File too large"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["knee.rrd.partial", "out.mcap.partial"]
 
@@ -119,7 +117,7 @@ def test_a_recording_ends_whole_before_the_disk_is_full(started: Started, tmp_pa
     with (tmp_path / "other").open("wb") as file:
         os.posix_fallocate(file.fileno(), 0, 200_000_000)
     wait_until(lambda: sink.failure)
-    sink.close(NOTHING_LEFT, PATIENCE)
+    close(sink)
     assert started.told == [sink.failure]
     assert re.fullmatch(
         rf"recording {path} has ended, complete up to here: [\d.]+ MB are free on its disk, "
@@ -138,7 +136,7 @@ def test_a_nearly_full_disk_is_refused(started: Started, tmp_path: Path) -> None
     sink = started.recorder(path, wait=False, settings=SETTINGS._replace(min_free=1e18))
     sink.wait_until_known()
     assert re.match(rf"cannot write {path}: [\d.]+ MB are free .* keeps 1e\+12 MB", sink.failure)
-    sink.discard()
+    close(sink)
     with pytest.raises(UsageError, match=r"free on its disk, 1000000000000\.0 MB are needed, and .* keeps 1 MB"):
         refuse(path, 1e6, 1e18)
     assert list(tmp_path.iterdir()) == []
@@ -150,7 +148,7 @@ def test_a_removed_folder_is_noticed_while_it_is_written(started: Started, tmp_p
     put(sink, range(100))
     rmtree(folder)
     wait_until(lambda: sink.failure)
-    sink.close(NOTHING_LEFT, PATIENCE)
+    close(sink)
     reason = "its file or folder was removed while it was written"
     assert started.told == [f"recording {folder / 'out.mcap'} stopped: {reason}"]
 
@@ -166,7 +164,7 @@ def test_a_killed_recorder_that_splits_leaves_whole_files_and_one_that_breaks_of
     wait_until(lambda: len(recorded_ticks(tmp_path)) == 400)
     os.kill(pid(sink), signal.SIGKILL)
     wait_until(lambda: sink.failure)
-    sink.close(NOTHING_LEFT, PATIENCE)
+    close(sink)
     assert recorded_ticks(tmp_path) == list(range(400))
     assert readable(partial) == list(range(400, 450))
 
@@ -178,15 +176,15 @@ def test_nothing_is_lost_while_a_recorder_stands_still(started: Started, tmp_pat
     backlog = settled_backlog(sink)
     assert 0 < backlog < 2000
     put(sink, range(2000, 12_000))
-    assert int(sink.diagnostics()["backlog"]) == backlog + 10_000  # all that `put` does
+    assert int(sink.report()[0]["backlog"]) == backlog + 10_000  # all that `put` does
     os.kill(pid(sink), signal.SIGCONT)
-    sink.close(NOTHING_LEFT, PATIENCE)
+    close(sink)
     assert (sink.failure, sink.dropped) == ("", 0)
     assert recorded_ticks(tmp_path / "out.mcap") == list(range(12_000))
 
 
 @pytest.mark.parametrize(("queue", "fits"), list(zip(QUEUES, (1000, 1100), strict=True)))
-def test_a_recording_has_no_gaps(started: Started, tmp_path: Path, monkeypatch: Any, queue: Queue, fits: int) -> None:
+def test_a_recording_has_no_gaps(started: Started, tmp_path: Path, monkeypatch: Any, queue: MayWait, fits: int) -> None:
     monkeypatch.setattr("knee_contact_ros.system.processes.LAST_WORDS", 0.2)
     sink = started.recorder(tmp_path / "out.mcap", queue=queue)
     os.kill(pid(sink), signal.SIGSTOP)
@@ -194,43 +192,42 @@ def test_a_recording_has_no_gaps(started: Started, tmp_path: Path, monkeypatch: 
     assert settled_backlog(sink) > 0
     put(sink, range(900, 900 + fits))
     wait_until(lambda: started.told)  # while it stands still
-    said = sink.problem()
-    sink.close(NOTHING_LEFT, PATIENCE)
+    said = sink.report()[1:]
+    close(sink)
     assert said == (sink.failure, True)
-    waited = f"more waited than {queue.answers} answers (parameter record.queue) or {queue.size / MB:g} MB"
+    waited = f"more waited than {queue.queue} answers (parameter record.queue) or {queue.queue_size:g} MB"
     assert f"out.mcap stopped: {waited} (record.queue_size)" in sink.failure
     assert started.told == [sink.failure]
 
 
 @pytest.mark.parametrize("queue", QUEUES)
 def test_a_queue_that_fills_is_a_warning_and_holds_no_more_than_it_may(
-    started: Started, tmp_path: Path, queue: Queue
+    started: Started, tmp_path: Path, queue: MayWait
 ) -> None:
     sink = started.recorder(tmp_path / "out.mcap", queue=queue)
     os.kill(pid(sink), signal.SIGSTOP)
     number = 0
-    while sink.problem() == ("", False):
+    while sink.report()[1:] == ("", False):
         put(sink, range(number, number + 1))
         number += 1
-        if settled := int(sink.diagnostics()["full [%]"]):
+        if settled := int(sink.report()[0]["full [%]"]):
             assert settled <= 26  # so soon
-    words, lost = sink.problem()
+    _, words, lost = sink.report()
     assert not lost
-    assert re.fullmatch(rf"recording {sink.name} is behind: \d+ answers wait, 2\d % of what may, as .*", words)
+    assert re.fullmatch(rf"recording {sink.name} is behind: 2\d % of the answers that may wait do", words)
     put(sink, range(number, number + 3000))
-    assert int(sink.diagnostics()["backlog"]) <= queue.answers
-    assert float(sink.diagnostics()["backlog [MB]"]) <= queue.size / MB + 0.1
+    assert int(sink.report()[0]["backlog"]) <= queue.queue
+    assert int(sink.report()[0]["full [%]"]) <= 100
     os.kill(pid(sink), signal.SIGKILL)
-    sink.close(NOTHING_LEFT, PATIENCE)
+    close(sink)
 
 
 def parent(path: str, count: int) -> None:
     """What the next test runs and kills: all has left this process, and its child has not read it yet."""
-    sink = SinkProcess(recording(Path(path), Settings(60.0)), QUEUE, Listeners(print, print))
-    sink.wait_until_known()
+    sink = Started().recorder(Path(path), settings=Settings(60.0))
     os.kill(pid(sink), signal.SIGSTOP)
     put(sink, range(count))
-    wait_until(lambda: sink.diagnostics()["backlog"] == "0")
+    wait_until(lambda: sink.report()[0]["backlog"] == "0")
     time.sleep(0.1)
     print(pid(sink), flush=True)  # noqa: T201
     time.sleep(PATIENCE)

@@ -7,7 +7,8 @@ import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, NamedTuple
 
 from mcap.exceptions import McapError
 from mcap.reader import NonSeekingReader
@@ -15,7 +16,7 @@ from mcap.reader import NonSeekingReader
 from knee_contact_ros.bags import recorder
 from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.bags.recorder import ABSOLUTE_NAMES, Settings
-from knee_contact_ros.node.outputs import Listeners, Queue, SinkProcess
+from knee_contact_ros.node.outputs import SinkProcess
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.messages import (
@@ -26,7 +27,7 @@ from knee_contact_ros.streams.messages import (
     encode_joint_state,
     encode_wrench_stamped,
 )
-from knee_contact_ros.streams.output import Job, Sink
+from knee_contact_ros.streams.output import OPEN, Sink
 from knee_contact_ros.streams.topics import (
     JOINT_REACTION_FORCE,
     JOINT_STATES,
@@ -46,7 +47,16 @@ MODEL = ContactStream(load_parameters({}), compiled=False).model
 NOTHING_LEFT = Ending((), {})
 SETTINGS = Settings(0.02)
 SERVING = Serving(port=0, window=False)
-QUEUE = Queue(20_000, 1e9, "record")
+
+
+class MayWait(NamedTuple):
+    """What may wait: answers, and their memory [MB]."""
+
+    queue: int = 20_000
+    queue_size: float = 1000.0
+
+
+QUEUE = MayWait()
 PATIENCE = 30.0
 """How long [s] to wait for what must come"""
 
@@ -69,6 +79,12 @@ def put(sink: SinkProcess, numbers: range) -> None:
         sink.put(answer(number))
 
 
+def close(sink: SinkProcess, ending: Ending | str = NOTHING_LEFT, patience: float = PATIENCE) -> None:
+    """Have an output completed, and wait for that."""
+    sink.end(ending)
+    sink.wait(time.monotonic() + patience)
+
+
 def wait_until(done: Callable[[], Any]) -> None:
     """Wait until something has happened."""
     deadline = time.monotonic() + PATIENCE
@@ -81,7 +97,7 @@ def settled_backlog(sink: SinkProcess) -> int:
     """Answers that wait once a socket takes no more."""
     looks: list[str] = []
     while len(looks) < 4 or len(set(looks[-4:])) > 1:
-        looks.append(sink.diagnostics()["backlog"])
+        looks.append(sink.report()[0]["backlog"])
         time.sleep(0.05)
     return int(looks[-1])
 
@@ -109,39 +125,39 @@ class Started:
         self.sinks: list[SinkProcess] = []
         self.told: list[str] = []
         self.remarks: list[str] = []
-        self._tell = Listeners(self.told.append, self.remarks.append)
+        self._log = SimpleNamespace(error=self.told.append, warning=self.remarks.append)
 
     def recorder(
-        self, path: Path, wait: bool = True, settings: Settings = SETTINGS, queue: Queue = QUEUE
+        self, path: Path, wait: bool = True, settings: Settings = SETTINGS, queue: MayWait = QUEUE
     ) -> SinkProcess:
         """A recorder."""
         return self.begun(recording(path, settings), wait, queue)
 
-    def viewer(self, path: Path, wait: bool = True, queue: Queue = QUEUE) -> SinkProcess:
+    def viewer(self, path: Path, wait: bool = True, queue: MayWait = QUEUE) -> SinkProcess:
         """A viewer."""
-        job = Job(open_output.__module__, (path, SERVING, [drawing_of(MODEL, "knee", 737.0)]))
-        sink = Sink("viewer", "Rerun recording", str(path), job, "row", gaps_allowed=True, niceness=NICENESS)
-        return self.begun(sink, wait, queue._replace(section="rerun"))
+        arguments = path, SERVING, [drawing_of(MODEL, "knee", 737.0)]
+        sink = Sink("viewer", "Rerun recording", str(path), open_output.__module__, arguments, "row", True, NICENESS)
+        return self.begun(sink, wait, queue, "rerun")
 
-    def unawaited(self, job: Job) -> SinkProcess:
+    def unawaited(self, module: str, *arguments: Any) -> SinkProcess:
         """A sink that nobody waits for."""
-        sink = Sink("output", "output", "", job, "records", gaps_allowed=False)
+        sink = Sink("output", "output", "", module, arguments, "records", gaps_allowed=False)
         return self.begun(sink, wait=False)
 
-    def begun(self, sink: Sink, wait: bool, queue: Queue = QUEUE) -> SinkProcess:
+    def begun(self, sink: Sink, wait: bool, queue: MayWait = QUEUE, section: str = "record") -> SinkProcess:
         """A sink; with `wait` an open one."""
-        process = SinkProcess(sink, queue, self._tell)
+        process = SinkProcess(sink._replace(section=section, limits=queue), self._log)
         self.sinks.append(process)
         if wait:
             process.wait_until_known()
-            assert process.is_open, process.failure
+            assert process.state == OPEN, process.failure
         return process
 
 
 def recording(path: Path, settings: Settings = SETTINGS) -> Sink:
     """A recorder, as it describes itself, but for the settings."""
-    job = Job(recorder.__name__, (path, {}, ABSOLUTE_NAMES, settings))
-    return Sink("recorder", "recording", str(path), job, "records", gaps_allowed=False)
+    arguments = path, {}, ABSOLUTE_NAMES, settings
+    return Sink("recorder", "recording", str(path), recorder.__name__, arguments, "records", gaps_allowed=False)
 
 
 def pid(sink: SinkProcess) -> int:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import time
 import tracemalloc
 from collections.abc import Callable
 from multiprocessing.connection import Connection
@@ -13,22 +14,20 @@ from typing import Any
 import psutil
 import pytest
 
-from knee_contact_ros.bags.recorder import ABSOLUTE_NAMES
 from knee_contact_ros.node.outputs import SinkProcess, size_of
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
-from knee_contact_ros.streams.output import Job
+from knee_contact_ros.streams.output import FAILED, OPEN, STARTING, Note
 from knee_contact_ros.streams.topics import Answer
 from tests.helpers.needs import needs_viewer
 from tests.helpers.sinks import (
     NICENESS,
     NOTHING_LEFT,
-    PATIENCE,
-    QUEUE,
-    SETTINGS,
+    MayWait,
     Started,
     answer,
+    close,
     pid,
     put,
     recorded_ticks,
@@ -42,10 +41,10 @@ from tests.helpers.sinks import (
 def test_a_rerun_file_holds_every_answer(started: Started, tmp_path: Path) -> None:
     sink = started.viewer(tmp_path / "knee.rrd", wait=False)
     put(sink, range(250))
-    sink.note("reset", {})
+    sink.put(Note("reset", {}))
     put(sink, range(250, 387))
     sink.wait_until_known()
-    sink.close(NOTHING_LEFT, PATIENCE)
+    close(sink)
     assert (sink.failure, sink.dropped, started.told) == ("", 0, [])
     assert [path.name for path in tmp_path.iterdir()] == ["knee.rrd"]
     assert shown_ticks(tmp_path / "knee.rrd") == list(range(387))
@@ -66,14 +65,16 @@ def test_outputs_that_cannot_be_opened_are_told(started: Started, tmp_path: Path
     good = started.recorder(tmp_path / "new" / "out.mcap", wait=False)
     for words, sink in bad.items():
         sink.wait_until_known()
-        assert (sink.is_open, sink.failure) == (False, words)
+        assert (sink.state, sink.failure) == (FAILED, words)
         put(sink, range(5))
         assert sink.dropped == 5
-        sink.discard(PATIENCE)
+        close(sink)
     assert sorted(started.told) == sorted(bad)
-    good.discard(PATIENCE)
+    close(good)
     assert good.failure == ""
-    assert sorted(path.name for path in tmp_path.rglob("*")) == ["file", "new", "out.mcap", "out.rrd"]
+    assert sorted(path.name for path in tmp_path.rglob("*")) == sorted(
+        ["file", "metadata.yaml", "new", "out.mcap", "out.mcap", "out.rrd"]
+    )
 
 
 @needs_viewer
@@ -85,8 +86,8 @@ def test_an_output_that_exists_is_left_alone_and_names_go_on(started: Started, t
     put(picture, range(10))
     assert (sink.name, picture.name) == (str(tmp_path / "knee_2.mcap"), str(tmp_path / "knee_1.rrd"))
     (tmp_path / "knee_2.mcap").write_text("quicker")
-    sink.close(NOTHING_LEFT, PATIENCE)
-    picture.close(NOTHING_LEFT, PATIENCE)
+    close(sink)
+    close(picture)
     assert recorded_ticks(tmp_path / "knee_2_1.mcap") == list(range(10))
     assert shown_ticks(tmp_path / "knee_1.rrd") == list(range(10))
     assert (tmp_path / "knee.mcap").read_text() == (tmp_path / "knee.rrd").read_text() == "earlier"
@@ -101,49 +102,36 @@ def test_an_output_that_exists_is_left_alone_and_names_go_on(started: Started, t
     ]
 
 
-def test_an_output_that_nobody_waits_for_is_told_if_it_cannot_be_opened(started: Started, tmp_path: Path) -> None:
-    arguments = (tmp_path, {}, ABSOLUTE_NAMES, SETTINGS)
-    sink = started.unawaited(Job("knee_contact_ros.bags.recorder", arguments))
-    wait_until(sink.is_over)
-    assert started.told == [f"cannot write {tmp_path}: Is a directory"]
-
-
 def test_the_last_words_of_a_process_are_heard_though_nothing_can_be_sent_to_it(
     started: Started, monkeypatch: Any
 ) -> None:
-    def send_when_it_is_gone(sink: SinkProcess, connection: Connection, due: int) -> int:
+    def send_when_it_is_gone(sink: SinkProcess, connection: Connection) -> int:
         assert sink.process
         sink.process.wait()  # it ends between two looks at what it says
-        return send(sink, connection, due)
+        return send(sink, connection)
 
     send = SinkProcess._send_batch
     monkeypatch.setattr(SinkProcess, "_send_batch", send_when_it_is_gone)
-    sink = started.unawaited(Job("knee_contact_ros.nowhere", ()))
+    sink = started.unawaited("knee_contact_ros.nowhere")
     sink.put(answer(0))
     wait_until(sink.is_over)
     words = "ModuleNotFoundError: No module named 'knee_contact_ros.nowhere'"
-    assert started.told == [f"output cannot be opened: {words}"]
+    assert [said.partition(";")[0] for said in started.told] == [f"output cannot be opened: {words}"]
 
 
 def test_a_sink_may_be_opened_while_answers_come(started: Started, tmp_path: Path) -> None:
     sink = started.recorder(tmp_path / "out.mcap", wait=False)
     os.kill(pid(sink), signal.SIGSTOP)
     put(sink, range(10))
-    assert not sink.is_open
+    assert sink.state == STARTING
     os.kill(pid(sink), signal.SIGCONT)
     put(sink, range(10, 20))
-    wait_until(lambda: sink.is_open)
+    wait_until(lambda: sink.state == OPEN)
     put(sink, range(20, 30))
-    sink.close(NOTHING_LEFT, PATIENCE)
+    close(sink)
     sink.put(answer(30))
     assert recorded_ticks(tmp_path / "out.mcap") == list(range(30))
     assert sink.dropped == 0
-
-
-def test_what_a_file_begins_with_is_there_before_any_answer(started: Started, tmp_path: Path) -> None:
-    sink = started.recorder(tmp_path / "out.mcap")
-    wait_until(lambda: (tmp_path / "out.mcap.partial").stat().st_size)
-    sink.close(NOTHING_LEFT, PATIENCE)
 
 
 def test_a_process_that_does_not_start_is_told(started: Started, tmp_path: Path, monkeypatch: Any) -> None:
@@ -151,19 +139,21 @@ def test_a_process_that_does_not_start_is_told(started: Started, tmp_path: Path,
         sink = started.recorder(tmp_path / "out.mcap", wait=False)
         happens(sink)
         sink.wait_until_known()
-        sink.discard(PATIENCE)
-        return sink.failure.removeprefix(f"recording {tmp_path / 'out.mcap'} cannot be opened: ")
+        if sink.process and not sink.is_over():
+            sink.process.send_signal(signal.SIGCONT)
+        close(sink)
+        return sink.failure.removeprefix(f"recording {tmp_path / 'out.mcap'}").removeprefix(" cannot be opened: ")
 
     with monkeypatch.context() as patch:
         patch.setattr("sys.executable", "/no/where")
-        assert words() == "no process can be started: No such file or directory"
+        assert words() == "FileNotFoundError: [Errno 2] No such file or directory: '/no/where'"
     with monkeypatch.context() as patch:
         patch.setattr("knee_contact_ros.node.outputs.WORKER", "only_here")  # found where we look for modules
         patch.syspath_prepend(tmp_path)
         (tmp_path / "only_here.py").write_text("raise SystemExit(7)")
         assert words() == "its process ended with code 7"
     monkeypatch.setattr("knee_contact_ros.node.outputs.START", 0.05)
-    assert words(lambda sink: os.kill(pid(sink), signal.SIGSTOP)) == "its process did not start within 0.05 s"
+    assert words(lambda sink: os.kill(pid(sink), signal.SIGSTOP)) == ": its process has not started within 0.05 s"
     assert len(started.told) == 3
 
 
@@ -175,30 +165,18 @@ def test_a_killed_process_is_noticed_and_told_once(started: Started, tmp_path: P
     os.kill(pid(sink), signal.SIGKILL)
     wait_until(lambda: sink.failure)  # though nothing is put
     put(sink, range(100, 105))
-    sink.close(NOTHING_LEFT, PATIENCE)
-    assert started.told == [f"recording {path} stopped: its process was ended by SIGKILL"]
+    close(sink)
+    told = [said.partition(";")[0] for said in started.told]
+    assert told == [f"recording {path} stopped: its process was ended by SIGKILL"]
     assert sink.dropped == 5
     assert [p.name for p in tmp_path.iterdir()] == ["out.mcap.partial"]
-
-
-def test_an_answer_that_was_let_in_while_the_output_stopped_is_counted(
-    started: Started, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    sink = started.recorder(tmp_path / "out.mcap")
-    os.kill(pid(sink), signal.SIGKILL)
-    wait_until(sink.is_over)
-    dropped = sink.dropped
-    monkeypatch.setattr(sink, "_room", 3)  # as it was when `put` asked
-    put(sink, range(3))
-    said = sink.diagnostics()
-    assert (said["backlog"], said["backlog [MB]"], said["dropped"]) == ("0", "0.0", str(dropped + 3))
 
 
 @needs_viewer
 def test_a_viewer_that_stands_still_gets_the_oldest_and_the_rest_is_dropped_and_counted(
     started: Started, tmp_path: Path
 ) -> None:
-    sink = started.viewer(tmp_path / "knee.rrd", queue=QUEUE._replace(answers=500))
+    sink = started.viewer(tmp_path / "knee.rrd", queue=MayWait(500))
     os.kill(pid(sink), signal.SIGSTOP)
     put(sink, range(480))
     last = 480 + 500 - settled_backlog(sink)
@@ -206,12 +184,12 @@ def test_a_viewer_that_stands_still_gets_the_oldest_and_the_rest_is_dropped_and_
     put(sink, range(480, last + 101))
     wait_until(lambda: started.told)
     assert sink.dropped == 101
-    assert sink.diagnostics()["backlog"] == "500"
+    assert sink.report()[0]["backlog"] == "500"
     os.kill(pid(sink), signal.SIGCONT)
-    sink.close(NOTHING_LEFT, PATIENCE)
+    close(sink)
     assert started.told == [sink.failure]
     assert "knee.rrd has gaps: more waited than 500 answers (parameter rerun.queue)" in sink.failure
-    assert sink.problem() == (sink.failure, True)
+    assert sink.report()[1:] == (sink.failure, True)
     assert shown_ticks(tmp_path / "knee.rrd") == list(range(last))
 
 
@@ -240,56 +218,24 @@ def test_what_waits_takes_no_more_memory_than_is_counted(joints: int) -> None:
     assert 0.67 < taken / sum(map(size_of, waiting)) < 1.33
 
 
+@pytest.mark.parametrize("number", [10, 5000])  # more than the socket takes
 @pytest.mark.parametrize("is_open", [True, False])
-def test_a_process_that_stands_still_does_not_hold_up_the_end(started: Started, tmp_path: Path, is_open: bool) -> None:
+def test_a_process_that_stands_still_does_not_hold_up_the_end_and_completes_later(
+    started: Started, tmp_path: Path, is_open: bool, number: int
+) -> None:
     sink = started.recorder(tmp_path / "out.mcap", wait=is_open)
     os.kill(pid(sink), signal.SIGSTOP)
-    put(sink, range(5000))  # more than the socket takes
-    sink.close(NOTHING_LEFT, patience=0.3)
-    assert sink.given_up
-    assert sink.process
-    assert sink.process.returncode == -signal.SIGKILL
-    assert sink.dropped > 1000
-    trouble = "stopped" if is_open else "cannot be opened"
-    words = f"recording {tmp_path / 'out.mcap'} {trouble}: its process stood still when it was to end"
-    assert sink.failure == f"{words}; {sink.dropped} answers had not been handed to its process"
-    assert started.told == [sink.failure]
-
-
-def test_a_process_that_is_busy_completes_its_output_by_itself(
-    started: Started, tmp_path: Path, monkeypatch: Any
-) -> None:
-    monkeypatch.setattr("knee_contact_ros.node.outputs.is_stopped", lambda _pid: False)  # it is as good as busy
-    path = tmp_path / "out.mcap"
-    sink = started.recorder(path)
-    os.kill(pid(sink), signal.SIGSTOP)
-    put(sink, range(5000))
-    waiting = settled_backlog(sink)
-    sink.close(NOTHING_LEFT, patience=0.1)
-    assert sink.given_up
-    words = f"its process ({pid(sink)}) goes on; {waiting} answers have yet to be handed to it"
-    assert started.told == [f"recording {path} is not complete yet, and is not waited for: {words}"]
+    put(sink, range(number))
+    unsent = settled_backlog(sink)
+    sink.end(NOTHING_LEFT)
+    assert sink.wait(time.monotonic() + 0.1) == (not unsent)
+    assert bool(unsent) == (number == 5000)
+    words = f"its process ({pid(sink)}) goes on; {unsent} answers have not been handed to it"
+    assert started.told == [f"recording {tmp_path / 'out.mcap'} is not complete yet, and is not waited for: {words}"]
     os.kill(pid(sink), signal.SIGCONT)
     wait_until(sink.is_over)
-    assert recorded_ticks(path) == list(range(5000))
+    assert recorded_ticks(tmp_path / "out.mcap") == list(range(number))
     assert len(started.told) == 1
-
-
-def test_a_process_that_has_got_all_is_not_given_up(started: Started, tmp_path: Path, monkeypatch: Any) -> None:
-    monkeypatch.setattr("knee_contact_ros.node.outputs.is_stopped", lambda _pid: False)  # it is as good as busy
-    path = tmp_path / "out.mcap"
-    sink = started.recorder(path)
-    put(sink, range(10))
-    wait_until(lambda: sink.diagnostics()["backlog"] == "0")
-    os.kill(pid(sink), signal.SIGSTOP)
-    sink.close(NOTHING_LEFT, patience=0.5)
-    assert not sink.given_up
-    assert not sink.failure
-    words = f"recording {path} is not complete yet, and is not waited for: its process ({pid(sink)}) goes on"
-    assert words in started.remarks
-    os.kill(pid(sink), signal.SIGCONT)
-    wait_until(sink.is_over)
-    assert recorded_ticks(path) == list(range(10))
 
 
 def test_signals_to_all_processes_do_not_end_a_sink(started: Started, tmp_path: Path) -> None:
@@ -299,7 +245,7 @@ def test_signals_to_all_processes_do_not_end_a_sink(started: Started, tmp_path: 
     for number in (signal.SIGINT, signal.SIGTERM):
         os.kill(pid(sink), number)
     put(sink, range(10))
-    sink.close(NOTHING_LEFT, PATIENCE)
+    close(sink)
     assert recorded_ticks(tmp_path / "out.mcap") == list(range(10))
 
 
@@ -312,10 +258,10 @@ def test_a_sinks_process_is_lean_and_steps_back(started: Started, tmp_path: Path
     assert process.nice() == psutil.Process().nice()  # its share of a busy machine
     assert os.sched_getscheduler(process.pid) == os.SCHED_BATCH  # that it takes from nobody who runs
     assert all(Path(file.path).name == "out.mcap.partial" for file in process.open_files())
-    sink.close(NOTHING_LEFT, PATIENCE)
+    close(sink)
     viewer = started.viewer(tmp_path / "knee.rrd")
     assert psutil.Process(pid(viewer)).nice() == min(psutil.Process().nice() + NICENESS, 19)  # 19 is the most
-    viewer.close(NOTHING_LEFT, PATIENCE)
+    close(viewer)
 
 
 def test_files_in_the_working_folder_do_not_stand_in_for_libraries(
@@ -326,5 +272,5 @@ def test_files_in_the_working_folder_do_not_stand_in_for_libraries(
         Path(f"{name}.py").write_text("raise RuntimeError")
     sink = started.recorder(Path("out.mcap"))
     put(sink, range(3))
-    sink.close(NOTHING_LEFT, PATIENCE)
+    close(sink)
     assert recorded_ticks(Path("out.mcap")) == [0, 1, 2]

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from knee_contact_ros.bags.recorder import ABSOLUTE_NAMES, Limits, Settings
-from knee_contact_ros.node.outputs import Queue, queue_of, sections_of_outputs, sink_of
+from knee_contact_ros.node.outputs import sections_of_outputs, sink_of
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
@@ -32,7 +32,7 @@ def settings(path: Path, **record: float) -> Settings:
     )
     assert sink
     assert sink.name == str(path)
-    _, provenance, names, found, _ = sink.job.arguments
+    _, provenance, names, found, _ = sink.arguments
     assert (provenance, names) == ({"version": "1"}, ABSOLUTE_NAMES)
     assert isinstance(found, Settings)
     return found
@@ -47,8 +47,6 @@ def test_megabytes_and_seconds_become_bytes_and_nanoseconds(tmp_path: Path) -> N
     asked = {"flush_period": 0.5, "sync_period": 2.0, "max_size": 1.5, "max_duration": 3.0, "min_free": 7.0}
     found = settings(tmp_path / "out.mcap", **asked)
     assert found == Settings(0.5, Limits(1_500_000, 3_000_000_000), 7_000_000, 2.0)
-    queue = {"record.queue": 500, "record.queue_size": 2.0}
-    assert queue_of("record", load_parameters(queue)) == Queue(500, 2_000_000.0, "record")
 
 
 def test_what_is_off_has_no_limit(tmp_path: Path) -> None:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 import psutil
@@ -69,11 +71,14 @@ def test_an_output_that_dies_or_stalls_costs_no_answer(
         assert stopped.message
     begun = time.monotonic()
     code, said = node.stop(signal.SIGTERM)
-    took = time.monotonic() - begun
-    given_up = number == signal.SIGSTOP
-    assert code == given_up
-    assert said.count("its process stood still when it was to end") == given_up
-    assert took < 3 * LONGEST_END  # other tests may slow it down
+    assert time.monotonic() - begun < 3 * LONGEST_END  # other tests may slow it down
+    unfinished = re.search(r"is not waited for: its process \(\d+\) goes on; (\d+) answers", said)
+    assert bool(unfinished) == (number == signal.SIGSTOP)
+    assert code == bool(unfinished and int(unfinished[1]))
+    if unfinished:
+        with suppress(psutil.NoSuchProcess):  # the system has let it go on, as its group is left alone
+            child.resume()
+        wait_until(lambda: has_ended(child))
     assert "out." in said  # it says what has become of the file
     assert "Traceback" not in said
     assert has_ended(child)
