@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 import os
+import select
 import signal
 import sys
 import time
@@ -29,7 +30,8 @@ NEARLY = 0.875
 
 def work(connection: Connection, module: str, arguments: tuple[Any, ...]) -> bool:
     """Open an output and write what is sent until the end, flushed in time; return False if it has failed."""
-    output, written = None, 0
+    output, written, readable = None, 0, select.poll()  # quicker than the connection's own
+    readable.register(connection.fileno(), select.POLLIN)
 
     def report(state: str, reason: str = "", news: tuple[str, ...] = ()) -> None:
         with suppress(OSError):  # nobody may be there any more
@@ -37,13 +39,12 @@ def work(connection: Connection, module: str, arguments: tuple[Any, ...]) -> boo
 
     try:
         output = import_module(module).open_output(*arguments)
-        report(OPEN, news=output.news())
-        looked = time.monotonic()
-        flushed, unflushed = looked - output.period, True  # what opening it has written is flushed at once
+        report(OPEN)
+        looked, flushed, unflushed = -math.inf, -math.inf, True  # what opening it has written is flushed at once
         sent: Any = ()
         while not isinstance(sent, Ending | None):
             due = min(looked + LOOK_PERIOD, flushed + output.period if unflushed else math.inf)
-            if connection.poll(max(due - time.monotonic(), 0.0)):
+            if readable.poll(1e3 * max(due - time.monotonic(), 0.0)):
                 sent = received(connection)
                 unflushed = True
                 written += take(output, sent)

@@ -191,13 +191,14 @@ class SinkProcess:
 
     def _feed(self, connection: Connection) -> str:
         """Send what waits until an exception says that the process is gone, or until the reason that is returned."""
-        writable = select.poll()
+        readable, writable = select.poll(), select.poll()  # quicker than the connection's own
+        readable.register(connection.fileno(), select.POLLIN)
         writable.register(connection.fileno(), select.POLLOUT)
         connection.send((self._sink.module, self._sink.arguments))
         while True:
             self._wake.wait(max(LATEST, 2.0 * self._sink.gather) if self.state == OPEN else LATEST)
             self._wake.clear()
-            while connection.poll():
+            while readable.poll(0):
                 self._hear(connection)
             if self._refused and not self.failure:
                 if not self._sink.gaps_allowed:
