@@ -14,7 +14,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from knee_contact_ros.lab import checks, gait_bag, tables
 from knee_contact_ros.lab.gait_bag import Gait, Signal
-from knee_contact_ros.lab.tables import Column, Header, Series, Table
+from knee_contact_ros.lab.tables import DAY, Column, Header, Series, Table
 from knee_contact_ros.parameters.files import first_error
 from knee_contact_ros.parameters.schema import Section, one_of
 from knee_contact_ros.streams.topics import NANOSECONDS
@@ -227,18 +227,35 @@ def read_channels(files: Sequence[Path], sensors: SensorMap, wanted: Sequence[st
     for path in dict.fromkeys(homes.values()):
         needed = [column for name, home in homes.items() if home == path for column in channels[name].weights]
         read[path] = tables.read_columns(path, list(dict.fromkeys(needed)), sensors.time, sensors.table)
-    if len({table.counted for table in read.values()}) > 1 or (len(read) > 1 and not sensors.time.places):
+    if len({table.day is None for table in read.values()}) > 1 or (len(read) > 1 and not sensors.time.places):
         raise UsageError(
             f"{' and '.join(path.name for path in read)} must have times of one clock: some count rows or frames, or "
             "tell the time of day, and others do not; or one file has all"
         )
-    begin = min(int(table.stamps[0]) for table in read.values())
-    for path, table in read.items():
-        if table.counted:
-            offset = round(sensors.time.offset * NANOSECONDS)
-            read[path] = table._replace(stamps=table.stamps - begin + offset)
+    read = _on_one_clock(read, round(sensors.time.offset * NANOSECONDS))
     leave_out = sensors.missing == "leave_out"
     return {name: _series(name, each, read[homes[name]], factors[name], leave_out) for name, each in channels.items()}
+
+
+def _on_one_clock(read: dict[Path, Table], offset: int) -> dict[Path, Table]:
+    """Move frames and times of day so that the first is at `offset` [ns]; without dates, files begin within a day."""
+    first = next(iter(read.values()))
+    if first.day is None:
+        return read
+    stamps = {}
+    for path, table in read.items():
+        if isinstance(table.day, int) and isinstance(first.day, int):
+            days = table.day - first.day
+        else:
+            days = round(int(first.stamps[0] - table.stamps[0]) / (DAY * NANOSECONDS))
+            if not days and table.day and first.day and table.day != first.day:
+                raise UsageError(
+                    f"{first.path.name} begins on {first.day}, and {path.name} on {table.day}: are they of one trial? "
+                    "Dates are compared where all are written as 2026-11-27"
+                )
+        stamps[path] = table.stamps + round(days * DAY) * NANOSECONDS
+    begin = min(int(each[0]) for each in stamps.values())
+    return {path: table._replace(stamps=stamps[path] - begin + offset) for path, table in read.items()}
 
 
 def _kind(name: str) -> str:
@@ -276,7 +293,10 @@ def _series(name: str, channel: Channel, table: Table, to_si: float, leave_out: 
         says, header = ("deg", "yes") if table.degrees else ("rad", "no")
         if channel.unit in {"deg", "rad"} - {says}:
             raise UsageError(f"{table.path} says inDegrees={header}, and map: {name}.unit {channel.unit}")
-    _check_units(name, channel, table)
+    for column, weight in channel.weights.items():
+        if abs(weight * channel.scale) == 1.0:
+            said = table.units.get(column, "")
+            tables.check_unit(table.path, column, said, channel.unit, _kind(name), f"map: {name}.unit")
     places = [table.names.index(str(column)) for column in channel.weights]
     numbers = np.isfinite(table.values[:, places])
     there: Bools = np.asarray(numbers.all(axis=1))
@@ -290,7 +310,7 @@ def _series(name: str, channel: Channel, table: Table, to_si: float, leave_out: 
         )
     if rows - lost < 2:
         raise UsageError(f"{table.path} has {rows - lost} row with numbers for {name}; a signal over time needs two")
-    notes = [*table.notes, *["times count from the first row"] * table.counted]
+    notes = [*table.notes, *["times count from the first row"] * (table.day is not None)]
     notes += [f"{name}: {lost} of {rows} rows left out, as a number is missing"] * bool(lost)
     notes += [f"{name}: {table.duplicates} rows gave way to the next of the same time"] * bool(table.duplicates)
     weights = np.array(list(channel.weights.values()))
@@ -300,19 +320,6 @@ def _series(name: str, channel: Channel, table: Table, to_si: float, leave_out: 
         values += to_si * channel.offset
         notes.append(f"{name}: {channel.offset:g} {channel.unit} added (offset)")
     return Series(name, table.path, words, table.stamps[there], values, tuple(notes))
-
-
-def _check_units(name: str, channel: Channel, table: Table) -> None:
-    """Refuse a unit of the map that is not the one which the file itself has for a column."""
-    known, ours = tables.UNITS[_kind(name)], tables.ALIASES.get(channel.unit, channel.unit)
-    for column, weight in channel.weights.items():
-        said = table.units.get(column, "")
-        theirs = tables.ALIASES.get(said, said)
-        if theirs in known and theirs != ours and abs(weight * channel.scale) == 1.0:
-            raise UsageError(
-                f"{table.path} says {said} of column {column}, and map: {name}.unit {channel.unit}; where the file is "
-                f"wrong, give unit {theirs} and a scale"
-            )
 
 
 def gait_of(channels: dict[str, Series], sensors: SensorMap) -> Gait:

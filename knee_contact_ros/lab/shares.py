@@ -159,6 +159,7 @@ def read_trial(paths: Sequence[Path], wanted: Wanted, body_weight: float) -> Tri
     times: list[Any] = []
     found: dict[str, tuple[Floats, Floats]] = {}
     known: list[str] = []
+    day: int | str | None = None
     for path in paths:
         header = header_of(path, [wanted.time, *needed], TableFormat())
         header.place(wanted.time)
@@ -166,6 +167,9 @@ def read_trial(paths: Sequence[Path], wanted: Wanted, body_weight: float) -> Tri
         table = read_columns(
             path, [each for each in needed if header.places(each)], TimeColumn(column=wanted.time), TableFormat()
         )
+        day = day if times else table.day
+        if table.day != day:
+            raise UsageError(f"{path}: trial {name} begins on another day than in {paths[0]}, or has another clock")
         times.append(table.stamps * NANOSECOND)
         for place, column in enumerate(table.names):
             if column in found:

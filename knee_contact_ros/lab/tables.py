@@ -55,8 +55,8 @@ POUND_FORCE, KILOPOND, INCH = 4.4482216152605, 9.80665, 0.0254
 TIME, ANGLE, FORCE, MOMENT = "time", "angle", "force", "moment"
 BODY_WEIGHT, PERCENT = "BW", "%BW"
 """Units of force that need the map's `body_weight`"""
-NOT_A_NUMBER = re.compile(r"[-+]?(?:nan(?:\(\w*\))?|\d\.#\w+)", re.IGNORECASE)
-"""How computers write NaN, and Windows also infinity: nan, -nan(ind), 1.#QNAN, -1.#IND, 1.#INF"""
+NOT_A_NUMBER = re.compile(r"[-+]?(?:nan(?:\(\w*\))?|\d\.#\w+)|n/?a|#n/?a|#div/0!|null|none|-+", re.IGNORECASE)
+"""How programs write what is missing, and Windows also infinity: nan, -nan(ind), 1.#QNAN, -1.#IND, NA, #N/A, null, -"""
 GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}(?:(?:\.\d{3})+(?:,\d*)?|(?:,\d{3})+(?:\.\d*)?)")
 """Numbers that may have thousands marks: 1.760 and 1,760 have, or have a decimal mark; 1.760,5 and 1,760.5 have"""
 DECIMAL_COMMA = re.compile(r"[-+]?(?:0,\d+|\d+,(?:\d{1,2}|\d{4,}))")
@@ -64,10 +64,14 @@ DECIMAL_COMMA = re.compile(r"[-+]?(?:0,\d+|\d+,(?:\d{1,2}|\d{4,}))")
 BEGINS = re.compile(r"\s*[-+]?(?:\.?\d|nan\b|inf)", re.IGNORECASE)
 """Begin of a line of numbers"""
 CLOCK = re.compile(
-    r"(?:(\d{4})-(\d\d)-(\d\d)[ T]+|\d[\d./-]*[ T]+)?(?:(\d{1,2}):)?(\d{1,2}):(\d{1,2}(?:[.,]\d+)?)"
-    r"(?: *(?:Z|UTC|[-+]\d\d:?\d\d))?"
+    r"(?:(\d{4})[-/](\d\d?)[-/](\d\d?)[ T]+|([^:]*?)[ ,]+)?(?:(\d+):)?([0-5]?\d):([0-5]?\d(?:[.,]\d+|:\d{3})?)"
+    r"(?: *([ap])\.?m\.?)?(?: *(Z|UTC|GMT|[-+]\d\d(?::?\d\d)?))?",
+    re.IGNORECASE,
 )
-"""A time of day: an ISO date or another one, hours, minutes, seconds, zone; only minutes and seconds must be there"""
+"""A time of day: an ISO date or another one, hours, minutes, seconds, am or pm, zone; only minutes and seconds must be
+there"""
+BRACKETED = re.compile(r"(?:[\[(]([^\[(\])]+)[\])]|_([a-zµ°%]+))$", re.IGNORECASE)
+"""A unit at the end of a name: Force [N], time_ms"""
 SOME = 3
 """Number of cells from which a column's way to write numbers is told"""
 UNITS = {
@@ -101,8 +105,9 @@ class Table(NamedTuple):
     """Number of rows that were left out for a later one of the same stamp"""
     words: Mapping[tuple[int, str], str] = {}
     """Cells of a storage file that are no numbers, and NaN in `values`, by stamp and column"""
-    counted: bool = False
-    """Whether times are frames or times of day, which begin anywhere"""
+    day: int | str | None = None
+    """Day of the first row, if times are frames or times of day, which begin anywhere: the number of an ISO date, the
+    text of another one, empty without one; None: they are not"""
     units: Mapping[Column, str] = {}
     """What the file says of the units of columns"""
     notes: tuple[str, ...] = ()
@@ -279,13 +284,7 @@ def read_storage(path: Path) -> Table:
         raise UsageError(f"{path} holds {header['datatype']} (DataType in its header); only numbers can be read")
     if not rows:
         raise UsageError(f"{path} has no rows")
-    words: dict[tuple[int, int], str] = {}
-    try:
-        numbers = np.loadtxt(rows, ndmin=2, comments=None)
-    except ValueError:
-        numbers, words = _by_cells(path, names, rows)
-    if numbers.shape[1] != len(names):
-        raise UsageError(f"{path}: {len(names)} column names, but {numbers.shape[1]} columns")
+    numbers, words = _by_cells(path, names, rows)
     degrees = {"yes": True, "no": False}.get(header.get("indegrees", "").lower())
     table = _over_time(path, names[1:], _stamps(path, numbers[:, 0]), numbers[:, 1:])._replace(degrees=degrees)
     stamps = {row: round(numbers[row, 0] * NANOSECONDS) for row, _ in words}
@@ -293,10 +292,9 @@ def read_storage(path: Path) -> Table:
 
 
 def _by_cells(path: Path, names: Sequence[str], rows: Sequence[str]) -> tuple[Floats, dict[tuple[int, int], str]]:
-    """Read rows that hold more than numbers with points, cell by cell.
+    """Read rows of numbers; commas are decimal marks if no cell has a point, and those of the times show it.
 
-    Returns the numbers, NaN where a cell has none, shape (n, columns), and such cells by row and column. Commas are
-    decimal ones if no cell has a point, and those of the times cannot be thousands marks.
+    Returns the numbers, NaN where a cell has none, shape (n, columns), and such cells by row and column.
     """
     cells = [row.split("\t") if row.count("\t") == len(names) - 1 else row.split() for row in rows]
     comma = "." not in "".join(rows) and any(DECIMAL_COMMA.fullmatch(row[0].strip()) for row in cells)
@@ -306,12 +304,15 @@ def _by_cells(path: Path, names: Sequence[str], rows: Sequence[str]) -> tuple[Fl
             raise UsageError(f"{path}: {len(names)} column names, but {len(texts)} columns in row {row + 1}")
         for place, text in enumerate(texts):
             try:
-                numbers[row, place] = _number(text, "," if comma else ".", strict=True)
+                numbers[row, place] = float(text)
             except ValueError:
-                if place == 0:
-                    fault = f"{path}: time is {text.strip()[:40]!r} in row {row + 1}; numbers must have decimal points"
-                    raise UsageError(fault) from None
-                numbers[row, place], words[row, place] = math.nan, repr(text.strip()[:40])
+                try:
+                    numbers[row, place] = _number(text, "," if comma else ".", strict=True)
+                except ValueError:
+                    numbers[row, place], words[row, place] = math.nan, repr(text.strip()[:40])
+        if (row, 0) in words:
+            fault = f"{path}: time is {words[row, 0]} in row {row + 1}; numbers must have decimal points"
+            raise UsageError(fault)
     return numbers, words
 
 
@@ -369,8 +370,9 @@ def split(path: Path, text: str) -> tuple[dict[str, str], list[str], list[str]]:
         raise UsageError(f"{path} is not an OpenSim storage file (.sto, .mot): it has no line {END}")
     first = next((n for n in range(end + 1, len(lines)) if BEGINS.match(lines[n])), len(lines))
     names, rows = [name.strip() for name in lines[first - 1].strip().split("\t")], lines[first:]
-    if len(names) == 1 and " " not in names[0] and "," in names[0]:
-        names, rows = [name.strip() for name in names[0].split(",")], [row.replace(",", "\t") for row in rows]
+    mark = next((mark for mark in ";," if mark in names[0]), "")
+    if len(names) == 1 and mark:
+        names, rows = [name.strip() for name in names[0].split(mark)], [row.replace(mark, "\t") for row in rows]
     elif len(names) == 1:
         names = names[0].split()
     if first > end + 1 and names[0].lower() != TIME:
@@ -427,10 +429,12 @@ def read_columns(path: Path, wanted: Sequence[Column], time: TimeColumn, table_f
         return storage._replace(names=names, values=values, stamps=stamps + round(time.offset * NANOSECONDS))
     header = header_of(path, [*time.places, *wanted], table_format)
     places = [header.place(name) for name in (*time.places, *wanted)]
-    numbers, units, by_clock = read_numbers(header, places, table_format, len(time.places))
+    numbers, units, day = read_numbers(header, places, table_format, len(time.places))
     if not len(numbers):
         raise UsageError(f"{path} has no rows below its names (line {header.line})")
-    stamps, counted = _times(path, time, numbers, by_clock)
+    said = {name: units.get(place, "") or _bracketed(header.names[place] if isinstance(name, str) else "")
+            for name, place in zip((*time.places, *wanted), places, strict=True)}  # fmt: skip
+    stamps, day = _times(path, time, numbers, day, said)
     table = _over_time(path, [str(name) for name in wanted], stamps, numbers[:, len(time.places) :])
     if table.duplicates > MOST_STANDING * len(numbers):
         raise UsageError(
@@ -439,42 +443,53 @@ def read_columns(path: Path, wanted: Sequence[Column], time: TimeColumn, table_f
         )
     odd = header.encoding == WINDOWS and table_format.encoding == "auto"
     notes = (f"{path.name} is not in UTF-8, and was read as Windows-1252 (table.encoding)",) * odd
-    said = {name: units.get(place, "") or _bracketed(header.names[place]) for name, place in
-            zip(wanted, places[len(time.places) :], strict=True)}  # fmt: skip
-    return table._replace(counted=counted, units=said, notes=notes)
+    return table._replace(day=day, units=said, notes=notes)
 
 
-def _times(path: Path, time: TimeColumn, numbers: Floats, by_clock: bool) -> tuple[Stamps, bool]:
-    """Stamps [ns] of rows, and whether they begin anywhere, as frames and times of day do."""
+def check_unit(path: Path, column: Column, said: str, unit: str, kind: str, what: str) -> None:
+    """Refuse a unit of `kind` that is not the one which the file says of a column; `what` names the given one."""
+    theirs = ALIASES.get(said, said)
+    if theirs in UNITS[kind] and theirs != ALIASES.get(unit, unit):
+        raise UsageError(
+            f"{path} says {said} of column {column}, and {what} {unit}; where the file is wrong, name the column "
+            "by its place (column: 2), and the first row below the units (table.first_line)"
+        )
+
+
+def _times(
+    path: Path, time: TimeColumn, numbers: Floats, day: int | str | None, said: Mapping[Column, str]
+) -> tuple[Stamps, int | str | None]:
+    """Stamps [ns] of rows, and the day on which they begin, as for `Table`; `said` are units in the file."""
     if not time.places:
         numbers = np.arange(len(numbers), dtype=np.float64)[:, None]
     first = numbers[:, 0]
     if not np.isfinite(first).all():
         row = int(np.argmin(np.isfinite(first)))
         raise UsageError(f"{path}: column {time.column} is {first[row]} in row {row + 1}; a time must be there")
-    if by_clock:
-        return _stamps(path, first, 1.0, time.offset), True
+    if day is not None:
+        return _stamps(path, first, 1.0, time.offset), day
     if time.rate is None:
-        return _stamps(path, first, factor(time.unit, TIME, "time"), time.offset), False
+        check_unit(path, time.column, said.get(time.column, ""), time.unit, TIME, "time.unit")
+        return _stamps(path, first, factor(time.unit, TIME, "time"), time.offset), None
     if (first % 1.0).any():
         odd = first[first % 1.0 > 0.0][0]
         raise UsageError(f"{path}: column {time.column} has {odd:g}, and with time.rate it must count frames")
-    return _stamps(path, first, 1.0 / time.rate, time.offset), True
+    return _stamps(path, first, 1.0 / time.rate, time.offset), ""
 
 
 def read_numbers(
     header: Header, places: Sequence[int], table_format: TableFormat, times: int = 0
-) -> tuple[Floats, dict[int, str], bool]:
+) -> tuple[Floats, dict[int, str], int | str | None]:
     """Read the columns of a Parquet file or text at some places, shape (rows, places), NaN where there is none.
 
-    The first `times` places, 0 or 1, may hold times of day, which become seconds. The others answers are what a row
-    right below the names says in each column, and whether there are times of day.
+    The first `times` places, 0 or 1, may hold times of day, which become seconds. The other answers are what a row
+    right below the names says in each column, and the day of the first time of day, as for `Table`.
 
     Raises:
         UsageError: a cell is no number, or a line has not as many columns as there are names.
     """
     if header.path.suffix.lower() in PARQUETS:
-        return _parquet(header, places, table_format), {}, False
+        return _parquet(header, places, table_format), {}, None
     either = table_format.decimal == "auto" and header.delimiter != ","
     decimal = "." if table_format.decimal == "auto" else table_format.decimal
     stated = table_format.decimal != "auto"
@@ -494,7 +509,7 @@ def read_numbers(
                 marks.add(place, cell, line)
     if not stated:
         marks.check(header.path, header.names)
-    return np.array(flat).reshape(-1, len(places)), units, clock.first is not None
+    return np.array(flat).reshape(-1, len(places)), units, clock.day
 
 
 def _parquet(header: Header, places: Sequence[int], table_format: TableFormat) -> Floats:
@@ -527,7 +542,7 @@ def _text_header(path: Path, wanted: Collection[Column], table_format: TableForm
     content = [number for number in there if not lines[number - 1].startswith(COMMENT)]
     if not content:
         raise UsageError(f"{path} is empty")
-    delimiters = {n: table_format.delimiter or next((m for m in ";\t," if m in lines[n - 1]), " ") for n in there}
+    delimiters = {n: table_format.delimiter or next((m for m in ";\t,|" if m in lines[n - 1]), " ") for n in there}
     names = {number: _cells(lines[number - 1].lstrip(COMMENT), delimiters[number]) for number in there}
     asked = {name for name in wanted if isinstance(name, str)}
     asked |= {name.rpartition(".")[2] for name in asked}
@@ -569,9 +584,9 @@ def _cells(line: str, delimiter: str) -> list[str]:
 
 
 def _bracketed(name: str) -> str:
-    """What stands in brackets at the end of a name: its unit."""
-    match = re.search(r"[\[(]([^\[(\])]+)[\])]$", name)
-    return match[1].strip() if match else ""
+    """Unit at the end of a name."""
+    match = BRACKETED.search(name)
+    return (match[1] or match[2]).strip() if match else ""
 
 
 def _records(header: Header, table_format: TableFormat, units: dict[int, str]) -> Iterator[tuple[int, list[str]]]:
@@ -600,12 +615,12 @@ def _records(header: Header, table_format: TableFormat, units: dict[int, str]) -
 
 
 class Clock:
-    """Reads times of day, without dates also over midnight."""
+    """Reads times of day, also over midnight; those with a zone become UTC."""
 
     def __init__(self) -> None:
         """Begin before the first one."""
-        self.first: int | None = None
-        """Number of the first row's day; None before it"""
+        self.day: int | str | None = None
+        """Day of the first row, as for `Table`"""
         self._last, self._nights = 0.0, 0
 
     def seconds(self, cell: str) -> float:
@@ -613,14 +628,23 @@ class Clock:
         match = CLOCK.fullmatch(cell)
         if match is None:
             raise ValueError
-        year, month, day, hours, minutes, seconds = match.groups()
-        at = 3600.0 * int(hours or 0) + 60.0 * int(minutes) + float(seconds.replace(",", "."))
+        year, month, day, other, hours, minutes, seconds, half, zone = match.groups()
+        hour = int(hours or 0)
+        if half:
+            if not (hours and 1 <= hour <= 12):
+                raise ValueError
+            hour = hour % 12 + 12 * (half in "pP")
+        at = 3600.0 * hour + 60.0 * int(minutes) + float(re.sub("[,:]", ".", seconds))
+        if zone and zone[0] in "+-":
+            at -= float(f"{zone[0]}1") * (3600.0 * int(zone[1:3]) + 60.0 * int(zone[3:].strip(":") or 0))
         today = date(int(year), int(month), int(day)).toordinal() if year else 0
-        self.first = today if self.first is None else self.first
-        if not year:
+        if self.day is None:
+            self.day = today or other or ""
+        if not year or not isinstance(self.day, int):
             self._nights += self._last - at > HALF_DAY
             self._last = at
-        return DAY * (today - self.first + self._nights) + at
+            return DAY * self._nights + at
+        return DAY * (today - self.day) + at
 
 
 class Marks:

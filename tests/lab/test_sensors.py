@@ -110,6 +110,7 @@ def clock(begin: int, text: str) -> str:
     return "\n".join(lines) + "\n"
 
 
+TAF, HMS = "t,a,f\n", "{:02d}:{:02d}:{:06.3f}"
 FRAMES = rows("{:.0f},0,{:.3f},1,2,3,4,{:.2f}").splitlines()
 VICON = "Model Outputs\n50\n,,P01:RKneeAngles,,,P01:RKneeForce,,\nFrame,Sub Frame,X,Y,Z,X,Y,Z\n,,deg,deg,deg,N,N,N\n"
 VICON += "\n".join(f"{101 + n}{line[line.index(',') :]}" for n, line in enumerate(FRAMES)) + "\n"
@@ -122,22 +123,25 @@ WAYS: dict[str, tuple[str | bytes, str]] = {
                              "load: {column: RKneeForce.Z, unit: N}\n"),
     "places": (VICON, "time: {rate: 50}\nangle: {column: 3, unit: deg}\nload: {columns: {8: 1}, unit: N}\n"),
     "places without names": (rows(), "time: {column: 1}\nangle: {column: 2, unit: deg}\nload: {column: 3, unit: N}\n"),
-    "frames": ("t,a,f\n" + "".join(f"{n},{line.partition(',')[2]}\n" for n, line in enumerate(rows().splitlines())),
+    "frames": (TAF + "".join(f"{n},{line.partition(',')[2]}\n" for n, line in enumerate(rows().splitlines())),
                SIMPLE.replace("t}", "t, rate: 50}")),
     "behind a hash": ("# Name: made up\n# t\ta\tf\n" + rows("{:.2f}\t{:.3f}\t{:.2f}"), SIMPLE),
     "of savetxt": ("# t a f\n" + rows("{:.18e} {:.18e} {:.18e}"), SIMPLE),
     "a title, and units": ("made up\n\nt,a,f\ns,deg,N\n" + rows(), SIMPLE),
-    "a date and a time": ("t,a,f\n" + clock(36_000, "2020-01-01 {:02d}:{:02d}:{:06.3f}"), SIMPLE),
-    "over midnight": ("t,a,f\n" + clock(86_399, "{:02d}:{:02d}:{:06.3f}"), SIMPLE),
-    "with a zone": ("t,a,f\n" + clock(36_000, "2020-01-01T{:02d}:{:02d}:{:06.3f}+01:00"), SIMPLE),
+    "a date and a time": (TAF + clock(36_000, "2020-01-01 " + HMS), SIMPLE),
+    "over midnight": (TAF + clock(86_399, HMS), SIMPLE),
+    "with a zone": (TAF + clock(36_000, "2020-01-01T" + HMS + "+01:00"), SIMPLE),
+    "before midnight and after": (TAF + re.sub(r"(?m)^23(.*?),", r"11\1 PM,", re.sub(
+        r"(?m)^00(.*?),", r"12\1 am,", clock(86_399, HMS))), SIMPLE),
+    "words for no number": ("t,a,f,x\n" + rows("{:.2f},{:.3f},{:.2f},#N/A"), SIMPLE),
     "Windows": ("t;Winkel [°];f\n".encode("cp1252") + rows("{:.2f};{:.3f};{:.2f}", decimal=",").encode(),
                 SIMPLE.replace("column: a", "column: 'Winkel [°]'")),
     "semicolons": ("t;a;f\n" + rows("{:.2f};{:.3f};{:.2f}", decimal=","), SIMPLE),
     "tabs": ("t\ta\tf\n" + rows("{:.2f}\t{:.3f}\t{:.2f}", decimal=","), SIMPLE),
     "spaces": ("t   a  f\n" + rows("{:.2f}  {:.3f} {:.2f}"), SIMPLE),
-    "a byte order mark": (("t,a,f\n" + rows()).encode("utf-8-sig"), SIMPLE),
-    "utf-16": (("t,a,f\n" + rows()).encode("utf-16"), SIMPLE),
-    "crlf": (("t,a,f\n" + rows()).replace("\n", "\r\n"), SIMPLE),
+    "a byte order mark": ((TAF + rows()).encode("utf-8-sig"), SIMPLE),
+    "utf-16": ((TAF + rows()).encode("utf-16"), SIMPLE),
+    "crlf": ((TAF + rows()).replace("\n", "\r\n"), SIMPLE),
     "quotes": ('"t","a","f"\n' + rows('"{:.2f}","{:.3f}","{:.2f}"'), SIMPLE),
     "an old Macintosh": ("t;Winkel [°];f\n".encode("mac-roman") + rows("{:.2f};{:.3f};{:.2f}").encode(),
                          SIMPLE.replace("column: a", "column: 'Winkel [°]'") + "table: {encoding: mac-roman}\n"),
@@ -155,35 +159,53 @@ def test_what_programs_and_loggers_write(importing: Importing, name: str) -> Non
     np.testing.assert_allclose(np.degrees([angle.position[0] for angle in angles]), flexion(time), atol=6e-4)
 
 
-def test_tables_that_could_be_misread_are_refused(importing: Importing, capsys: pytest.CaptureFixture[str]) -> None:
-    """Two columns of a name, times that are no frames, clocks of two kinds, a unit that the file has otherwise."""
-    other = write_csv(Path("other.csv"), {"t": np.arange(150) / 50.0, "f": load(np.arange(150) / 50.0)})
-    by_clock = "t,a,x\n" + clock(0, "{:02d}:{:02d}:{:06.3f}")
-    for made, text, files, words in (
-        (
-            VICON,
-            SIMPLE.replace(" a,", " X,").replace("t}", "Frame}").replace(" f,", " Z,"),
-            (),
-            "2 columns X; say which: P01:RKneeAngles.X, P01:RKneeForce.X",
-        ),
-        ("t,a,f\n" + rows(), SIMPLE.replace("t}", "t, rate: 50}"), (), "has 0.02, and with time.rate it must count"),
-        (
-            "t,a,f\ns,deg,N\n" + rows(),
-            SIMPLE.replace("t}", "t, unit: ms}"),
-            (),
-            "has 5e+04 rows a second: is time.unit",
-        ),
-        (by_clock, SIMPLE, (other,), "must have times of one clock"),
-        (
-            "t,a,f[kN]\n" + rows(),
-            SIMPLE.replace(" f,", ' "f[kN]",'),
-            (),
-            "says kN of column f[kN], and map: load.unit N",
-        ),
-        ("t,a,f\n" + rows(), SIMPLE + "table: {encoding: utf-9}\n", (), "table.encoding 'utf-9' is not known"),
-    ):
-        assert importing(made.encode(), text, files=("cells.csv", *files) if files else ()) == 2
-        assert words in capsys.readouterr().err
+MS = SIMPLE.replace("t}", "t, unit: ms}")
+BY_CLOCK = "t,a,x\n" + clock(0, HMS)
+MISREAD: dict[str, tuple[str, str, str, str]] = {
+    "two of a name": (VICON, "", SIMPLE.replace(" a,", " X,").replace("t}", "Frame}").replace(" f,", " Z,"),
+                      "2 columns X; say which: P01:RKneeAngles.X, P01:RKneeForce.X"),
+    "no frames": (TAF + rows(), "", SIMPLE.replace("t}", "t, rate: 50}"), "0.02, and with time.rate it must count"),
+    "seconds as ms": (TAF + rows(), "", MS, "has 5e+04 rows a second: is time.unit"),
+    "a row of units": ("t,a,f\ns,deg,N\n" + rows(), "", MS, "says s of column t, and time.unit ms"),
+    "a unit in a name": ("t_ms,a,f\n" + rows(), "", SIMPLE.replace("t}", "t_ms}"), "says ms of column t_ms, and time"),
+    "kN in a name": ("t,a,f[kN]\n" + rows(), "", SIMPLE.replace(" f,", ' "f[kN]",'), "says kN of column f[kN], and"),
+    "clocks of two kinds": (BY_CLOCK, "t,f\n" + rows("{0:.2f},{2:.2f}"), SIMPLE, "must have times of one clock"),
+    "two days": ("t,a,x\n" + clock(0, "2026-03-04 " + HMS),
+                 "t,x,f\n" + clock(0, "2026-03-05 " + HMS), SIMPLE, "no time in common: 0 to 2.98 s and 86400"),
+    "days of two forms": ("t,a,x\n" + clock(0, "4.3.2026 " + HMS),
+                          "t,x,f\n" + clock(0, "5.3.2026 " + HMS), SIMPLE, "begins on 4.3.2026, and other.csv on 5.3"),
+    "no time of day": (TAF + clock(0, HMS).replace("00:00:", "00:61:"), "", SIMPLE, "is no number"),
+    "no encoding": (TAF + rows(), "", SIMPLE + "table: {encoding: utf-9}\n", "table.encoding 'utf-9' is not known"),
+}  # fmt: skip
+"""Files, map and what is told"""
+
+
+@pytest.mark.parametrize("name", MISREAD)
+def test_tables_that_could_be_misread_are_refused(
+    importing: Importing, capsys: pytest.CaptureFixture[str], name: str
+) -> None:
+    made, other, text, words = MISREAD[name]
+    Path("other.csv").write_text(other)
+    assert importing(made.encode(), text, files=("cells.csv", "other.csv") if other else ()) == 2
+    assert words in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("angles", "forces"),
+    [
+        (clock(86_399, "2026-03-04T" + HMS + "Z").replace("04T00", "05T00"),
+         clock(3_599, "2026-03-05T" + HMS + "+01:00")),
+        (clock(86_399, HMS), "\n".join(clock(86_399, HMS).splitlines()[60:])),
+    ],
+)  # fmt: skip
+def test_files_of_one_trial_may_begin_on_two_days(importing: Importing, angles: str, forces: str) -> None:
+    """By their dates and zones, or without any within a day."""
+    Path("other.csv").write_text("t,x,f\n" + forces)
+    assert importing(("t,a,x\n" + angles).encode(), SIMPLE, files=("cells.csv", "other.csv")) == 0
+    _, found = content()
+    time = 1e-9 * np.array([force.stamp for force in found])
+    np.testing.assert_allclose([-force.force[1] for force in found], load(time), atol=6e-3)
+    assert len(found) >= 90
 
 
 def test_an_insole_and_an_encoder_make_the_bag_that_estimate_load_takes(importing: Importing) -> None:
@@ -271,7 +293,7 @@ def test_weights_scale_units_direction_side_and_rate(importing: Importing) -> No
     total = load(table["time_s"])
     table |= {"time_s": 1e3 * table["time_s"] + 5000.0, "fy": -total / 4.4482216152605, "m": 0.01 * total}
     text = """
-time: {column: time_s, unit: ms, offset: -5.0}
+time: {column: 1, unit: ms, offset: -5.0}
 angle: {column: goniometer_deg, unit: deg, joint: left_knee}
 load: {column: fy, unit: lbf, direction: tension, scale: 0.5}
 moment: {columns: {m: 2}, unit: N*mm}
@@ -302,8 +324,8 @@ SPOILT: dict[str, tuple[Callable[[dict], dict], str]] = {
             r"column am_n has no number at 1 s, and in 1 of 720 rows .* missing: leave_out"),
     "empty cell": (lambda t: t | {"am_n": ["" if i == 7 else f"{v:.3f}" for i, v in enumerate(t["am_n"])]},
                    r"column am_n has no number at 0.058333 s"),
-    "text": (lambda t: t | {"pl_n": ["n/a" if i == 7 else f"{v:.3f}" for i, v in enumerate(t["pl_n"])]},
-             r"line 9, column pl_n: 'n/a' is no number"),
+    "text": (lambda t: t | {"pl_n": ["a lot" if i == 7 else f"{v:.3f}" for i, v in enumerate(t["pl_n"])]},
+             r"line 9, column pl_n: 'a lot' is no number"),
     "time goes back": (lambda t: t | {"time_s": np.where(t["time_s"] == 1.0, 0.5, t["time_s"])},
                        r"time goes back from 0.991667 to 0.5 s \(rows 120, 121\)"),
     "time stands still": (lambda t: t | {"time_s": np.floor(t["time_s"] * 20.0) / 20.0},
@@ -322,7 +344,8 @@ SPOILT: dict[str, tuple[Callable[[dict], dict], str]] = {
 MAPS = {
     ("unit: N", "unit: deg"): r"map: load: unit deg cannot be: it is a unit of angle, and force is wanted: N, kN",
     ("unit: N", "unit: newtn"): r"map: load: unit 'newtn' is not known; .*allowed: N",
-    ("goniometer_deg, unit: deg", "goniometer_deg, unit: rad"): r"goes from .* deg, which no knee does: is angle\.unit",
+    ("goniometer_deg, unit: deg", "goniometer_deg, unit: rad"): r"says deg of column goniometer_deg, and map: angle\.",
+    ("{column: goniometer_deg, unit: deg", "{column: 6, unit: rad"): r"deg, which no knee does: is angle\.unit",
     ("{column: goniometer_deg,", "{column: pm_n,"): r"which no knee does",
     ("{column: time_s}", "{column: pm_n}"): r"time goes back",
     ("{column: time_s}", "{column: times}"): r"has no column times; did you mean time_s\?",
