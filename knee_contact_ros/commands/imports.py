@@ -16,56 +16,60 @@ sensor_map_option = click.option(
     required=True,
     multiple=True,
     metavar="MAP.yaml",
-    help="Which columns are what, in which units and signs; the later of several wins, name by name. The package has "
-    "locohub.",
+    help="Says which column is what, and its unit and sign. Can be given several times; later names win. The package "
+    "has locohub.",
 )
 
 
 @click.command("import-opensim")
-@click.option("--kinematics", type=FILE, metavar="Q.sto", help="Of IK, RRA, CMC, or states.")
-@click.option("--reactions", type=FILE, metavar="JR.sto", help="Of a JointReaction analysis.")
-@click.option("--speeds", type=FILE, metavar="U.sto", help="Rates of the angles; else they are derived.")
+@click.option("--kinematics", type=FILE, metavar="Q.sto", help="Angles from IK, RRA or CMC, or a file of states.")
+@click.option("--reactions", type=FILE, metavar="JR.sto", help="Reactions of a JointReaction analysis.")
+@click.option("--speeds", type=FILE, metavar="U.sto", help="Rates of the angles. [default: derived from the angles]")
 @click.option(
     "--model",
     type=FILE,
     metavar="M.osim",
-    help="Tells the sign of flexion where the angles do not, and the body weight.",
+    help="Model, for the body weight, and for the sign of flexion if the angles do not show it.",
 )
 @click.option(
     "--ground",
     is_flag=False,
     flag_value="",
     metavar="[GRF.xml|GRF.mot]",
-    help="External loads or ground reactions: also what the leg's sensors would have told, for estimate-load (hip, "
-    "ankle, ground_reaction_force). Needs --model and the extra opensim; with --setup the file may be left out.",
+    help="External loads or ground reactions. The bag then also gets hip, ankle and ground_reaction_force for "
+    "estimate-load. Needs --model and the extra opensim. With --setup you may leave out the file.",
 )
 @click.option(
     "--joint", metavar="NAME", help="Joint of the reactions. [default: the one with knee and side in its name]"
 )
-@click.option("--coordinate", metavar="NAME", help="Column or coordinate of the angle. [default: likewise]")
+@click.option(
+    "--coordinate",
+    metavar="NAME",
+    help="Column or coordinate of the angle. [default: the one with knee and side in its name]",
+)
 @click.option(
     "--angle-unit",
     type=click.Choice(["auto", "deg", "rad"]),
     default="auto",
     show_default=True,
-    help="auto: as header and values say.",
+    help="Unit of the angle. auto: from the header and the values.",
 )
 @click.option(
     "--angle-sign",
     type=click.Choice(["auto", "1", "-1"]),
     default="auto",
     show_default=True,
-    help="-1: flexion is negative in the file.",
+    help="Sign of the angle. -1: flexion is negative in the file.",
 )
-@click.option("--start", type=float, metavar="S", help="Leave out what is earlier [s].")
-@click.option("--end", type=float, metavar="S", help="Leave out what is later [s].")
+@click.option("--start", type=float, metavar="S", help="Leave out earlier samples [s].")
+@click.option("--end", type=float, metavar="S", help="Leave out later samples [s].")
 @click.option(
     "--rate",
     type=click.FloatRange(0.0, 10_000.0),
     default=200.0,
     show_default=True,
     metavar="HZ",
-    help="Interpolate both; 0: every row keeps its stamp.",
+    help="Interpolate angles and reactions to this rate. 0: each row keeps its stamp.",
 )
 @click.option(
     "--setup",
@@ -73,34 +77,42 @@ sensor_map_option = click.option(
     multiple=True,
     type=FILE,
     metavar="FOLDER|FILE",
-    help="Run OpenSim instead (extra opensim): the folder with the set-up files, or each "
-    "of them. It is copied, and stays as it is.",
+    help="Run OpenSim first (extra opensim). Give the folder with the set-up files, or each file. They are copied and "
+    "not changed.",
 )
 @click.option(
     "--steps",
     metavar="LIST",
     default="",
-    help="For --setup: of scale,ik,rra,cmc,static; what is left out must be in the folder. static is quicker than "
-    "cmc, and is set up from cmc's file if it has none. [default: all there are]",
+    help="Steps for --setup, from scale,ik,rra,cmc,static. Results of steps that you leave out must be in the folder. "
+    "static is quicker than cmc, and uses its set-up file if it has none. [default: all that have a file]",
 )
 @click.option(
-    "--work", type=Output(folder=True), metavar="DIR", help="For --setup: a new folder that keeps logs and all results."
+    "--work", type=Output(folder=True), metavar="DIR", help="New folder in which --setup keeps logs and all results."
 )
-@click.option("--side", type=click.Choice(["right", "left", "both"]), required=True, help="both: a bag for each.")
+@click.option(
+    "--side",
+    type=click.Choice(["right", "left", "both"]),
+    required=True,
+    help="Side of the knee. both: one bag for each.",
+)
 @click.option(
     "--output",
     type=Output(),
     required=True,
     metavar="BAG",
-    help="rosbag2 folder to write; of both sides BAG_right and BAG_left.",
+    help="rosbag2 folder to write. With --side both: BAG_right and BAG_left.",
 )
 @click.option("--overwrite", is_flag=True, help="Replace a bag of that name.")
-@click.option("--anyway", is_flag=True, help="Write it although something is likely a mistake; that is then a warning.")
+@click.option(
+    "--anyway", is_flag=True, help="Write the bag although a value is probably a mistake. You get a warning instead."
+)
 def import_opensim(side: str, output: Path, overwrite: bool, **options: Any) -> None:
-    """Make a gait bag of OpenSim's results, or run OpenSim first.
+    """Make a gait bag from results of OpenSim, or run OpenSim first.
 
-    Columns are found by their names, units and signs by header and values; what is not clear is asked for. The
-    reaction must act on the tibia and be expressed in its frame; a left knee is mirrored to a right one.
+    The command finds columns by their names, and units and signs from the header and the values. If something is not
+    clear, it says which option decides. The reaction must act on the tibia and be expressed in its frame. A left knee
+    is mirrored to a right one.
     """
     from knee_contact_ros.lab.opensim.command import import_opensim as import_all
 
@@ -112,12 +124,15 @@ def import_opensim(side: str, output: Path, overwrite: bool, **options: Any) -> 
 @sensor_map_option
 @click.option("--output", type=Output(), required=True, metavar="BAG", help="rosbag2 folder to write.")
 @click.option("--overwrite", is_flag=True, help="Replace a bag of that name.")
-@click.option("--anyway", is_flag=True, help="Write it although something is likely a mistake; that is then a warning.")
+@click.option(
+    "--anyway", is_flag=True, help="Write the bag although a value is probably a mistake. You get a warning instead."
+)
 def import_csv(files: tuple[Path, ...], maps: tuple[Path, ...], output: Path, overwrite: bool, anyway: bool) -> None:
-    """Make a gait bag of a laboratory's own files.
+    """Make a gait bag from the files of a laboratory.
 
-    FILE is a text table (CSV) or an OpenSim file (.sto, .mot); of several, each channel is taken from the one that has
-    its columns. MAP.yaml says which columns are what, in which units. What cannot be a knee's is refused in one line.
+    FILE is a text table (CSV) or an OpenSim file (.sto, .mot). If there are several, each channel is read from the file
+    that has its columns. MAP.yaml says which column is what, and its unit. Values that no knee can have are refused in
+    one line.
     """
     from knee_contact_ros.lab.sensors import import_csv as import_files
 
@@ -135,13 +150,13 @@ def import_csv(files: tuple[Path, ...], maps: tuple[Path, ...], output: Path, ov
     default=0.25,
     show_default=True,
     metavar="S",
-    help="Lags that are tried, to both sides [s]; less than half a stride.",
+    help="Longest lag that is tried in both directions [s]. Use less than half a stride.",
 )
 def align(files: tuple[Path, ...], maps: tuple[Path, ...], output: Path, overwrite: bool, longest_lag: float) -> None:
-    """Find out what an angle sensor is off by.
+    """Find the offset and the lag of an angle sensor.
 
-    Offset and lag of the map's angle against its reference, from the files that import-csv takes, as
-    knee.flexion_offset and pairing.angle_delay for --params. A gain that is wrong is told.
+    It compares the angle of the map with its reference, in the files that import-csv reads. It writes
+    knee.flexion_offset and pairing.angle_delay for --params, and warns of a wrong gain.
     """
     from knee_contact_ros.lab.align import align as align_files
 

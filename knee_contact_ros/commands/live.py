@@ -27,8 +27,8 @@ WITH_EVERY_MESSAGE = "0"
 @click.option(
     "--from-sensors",
     is_flag=True,
-    help="Play an encoder and an insole to the load node, whose estimate the contact node answers; --companion "
-    "assists the knee.",
+    help="Play an encoder and an insole to the load node; the contact node answers its estimate. With --companion a "
+    "controller assists the knee.",
 )
 @click.option(
     "--load-params",
@@ -44,13 +44,13 @@ WITH_EVERY_MESSAGE = "0"
     default="knee_contact_demo",
     show_default=True,
     metavar="DIR",
-    help="Where the results go; those of an earlier demo are replaced.",
+    help="Folder for the results. Results of an earlier demo are replaced.",
 )
 @click.option(
     "--rate", type=click.FloatRange(0.01, 100.0), default=1.0, show_default=True, help="Seconds of gait per second."
 )
 @click.option(
-    "--companion", is_flag=True, help="Run the example of an assist controller beside it: examples/assist_as_needed.py."
+    "--companion", is_flag=True, help="Also run the example of an assist controller, examples/assist_as_needed.py."
 )
 def demo(
     bag: Path | None,
@@ -61,10 +61,10 @@ def demo(
     rate: float,
     companion: bool,
 ) -> None:
-    """See the knee of a walking person.
+    """Show the knee of a walking person.
 
-    Starts the real node, replays a recorded gait over real topics on this machine only, records to MCAP, writes a
-    Rerun file and prints the peaks.
+    It starts the real node and replays a recorded gait over real topics, on this machine only. It records to MCAP,
+    writes a Rerun file and prints the peaks.
     """
     if missing_middleware():  # the graph is its own, and what is there will do
         del os.environ["RMW_IMPLEMENTATION"]
@@ -84,10 +84,10 @@ def demo(
 
 
 def check_ros() -> None:
-    """Check that the middleware that is asked for is installed, and that ROS can be loaded.
+    """Check that the chosen middleware is installed and that ROS can be loaded.
 
     Raises:
-        UsageError: it is not, or another ROS is on the path.
+        UsageError: the middleware is not installed, or another ROS is on the path.
     """
     if words := missing_middleware():
         raise UsageError(words)
@@ -104,13 +104,13 @@ def check_ros() -> None:
 
 
 def ros_command(options_metavar: str) -> Callable[[Callable[..., None]], click.Command]:
-    """Make a command that leaves its arguments to ROS 2, even `-h`; `options_metavar` stands in the help text."""
+    """Make a command that passes its arguments to ROS 2, even `-h`. `options_metavar` is for the help text."""
     settings = {"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": list[str]()}
     return click.command(context_settings=settings, add_help_option=False, options_metavar=options_metavar)
 
 
 def run(ros_arguments: tuple[str, ...], kinds: Callable[[], Sequence[Any]]) -> None:
-    """Run the nodes of some `kinds` until they end, or print the help text if nothing but that is wanted."""
+    """Run the nodes of some `kinds` until they end, or print the help text if the only argument asks for it."""
     if ros_arguments in (("--help",), ("-h",)):
         click.echo(click.get_current_context().get_help())
         return
@@ -124,9 +124,9 @@ def run(ros_arguments: tuple[str, ...], kinds: Callable[[], Sequence[Any]]) -> N
 @ros_command("[--ros-args ...]")
 @click.argument("ros_arguments", nargs=-1, type=click.UNPROCESSED)
 def node(ros_arguments: tuple[str, ...]) -> None:
-    """Run the ROS 2 node.
+    """Run the ROS 2 node that computes the contact.
 
-    Takes ordinary ROS 2 arguments: --ros-args --params-file FILE -p NAME:=VALUE -r FROM:=TO ...
+    It takes ordinary ROS 2 arguments: --ros-args --params-file FILE -p NAME:=VALUE -r FROM:=TO ...
     """
 
     def kinds() -> Sequence[Any]:
@@ -138,12 +138,12 @@ def node(ros_arguments: tuple[str, ...]) -> None:
 
 
 @ros_command("[--with-contact] [--ros-args ...]")
-@click.option("--with-contact", is_flag=True, help="Run the contact node in the same process: quicker by a hop.")
+@click.option("--with-contact", is_flag=True, help="Run the contact node in the same process, which saves one message.")
 @click.argument("ros_arguments", nargs=-1, type=click.UNPROCESSED)
 def load(ros_arguments: tuple[str, ...], with_contact: bool) -> None:
     """Run the ROS 2 node that estimates the joint reaction force.
 
-    It listens to joint_states and ground_reaction_force, and publishes joint_reaction_force and load_estimate. Takes
+    It listens to joint_states and ground_reaction_force, and publishes joint_reaction_force and load_estimate. It takes
     ordinary ROS 2 arguments: --ros-args --params-file FILE -p NAME:=VALUE -r FROM:=TO ...
     """
 
@@ -191,47 +191,48 @@ def is_number(text: str) -> bool:
     CLOCK,
     type=click.FloatRange(0.0, 10_000.0),
     metavar="[HZ]",
-    help="Publish /clock, at HZ; without a number, with every message.",
+    help="Publish /clock HZ times a second, or with every message if there is no number.",
 )
 @click.option(
     "--start-offset",
     type=click.FloatRange(0.0, 1e9),
     default=0.0,
     metavar="SECONDS",
-    help="Begin so long after the bag's first message.",
+    help="Skip the first SECONDS of the bag.",
 )
 @click.option(
     "--duration",
     type=click.FloatRange(0.0, 1e9, min_open=True),
     metavar="SECONDS",
-    help="Publish only so long a part of the bag.",
+    help="Publish only SECONDS of the bag.",
 )
 @click.option(
     "--delay",
     type=click.FloatRange(0.0, 1e6),
     default=0.0,
     metavar="SECONDS",
-    help="Wait so long before the first message.",
+    help="Wait SECONDS before the first message.",
 )
-@click.option("--start-paused", is_flag=True, help="Wait for a key.")
+@click.option("--start-paused", is_flag=True, help="Wait for a key before the first message.")
 @click.option(
     "--wait",
     type=click.FloatRange(0.0, 3600.0),
     default=10.0,
     show_default=True,
-    help="How long to wait for subscribers [s] before publishing all the same.",
+    help="Wait for subscribers for at most this long [s].",
 )
 @names_in_bag_options(
-    "Publish into a namespace, what the bag has there, else what it has without one: a node in it hears one knee."
+    "Publish into this namespace. Topics of the bag in this namespace are used if there are any, otherwise those "
+    "without one."
 )
 @click.option(
-    "--sensors", is_flag=True, help="Publish /ground_reaction_force for the load node, and not /joint_reaction_force."
+    "--sensors", is_flag=True, help="Publish /ground_reaction_force for the load node instead of /joint_reaction_force."
 )
 def replay(bag: Path, remaps: tuple[str, ...], namespace: str, sensors: bool, **timing: Any) -> None:
-    """Publish a bag's input topics in time.
+    """Publish the inputs of a bag at the times of their stamps.
 
-    BAG is an .mcap file, a .db3 file or a rosbag2 folder with the topics /joint_states and /joint_reaction_force.
-    On a terminal, space pauses and goes on, s or the right arrow steps while paused, the up and down arrows change the
+    BAG is an .mcap file, a .db3 file or a rosbag2 folder with the topics /joint_states and /joint_reaction_force. On a
+    terminal, space pauses and resumes, s or the right arrow steps while paused, and the up and down arrows change the
     rate.
     """
     check_ros()

@@ -28,7 +28,7 @@ from knee_contact_ros.system.errors import IncompleteError, UsageError
     "--subject",
     type=FILE,
     metavar="FILE",
-    help="Subject file: body mass, profile, cartilage thickness and bag; --params and -p win over it.",
+    help="Subject file with body mass, profile, cartilage thickness and bag. --params and -p override it.",
 )
 @click.option("--output", type=Output(".mcap"), required=True, metavar="OUT.mcap", help="Recording to write.")
 @click.option("--overwrite", is_flag=True, help="Replace OUT.mcap if it exists.")
@@ -45,10 +45,10 @@ def solve(
 ) -> None:
     """Compute a bag offline.
 
-    As fast as the machine allows, without ROS, and with the same numbers as the node's. BAG is an .mcap file, a .db3
-    file or a rosbag2 folder with the topics /joint_states and /joint_reaction_force. A recording of ours is computed
-    again with the parameters stored in it, unless --params is given. Of a damaged bag, what can be read is computed;
-    the command then says what is missing, and ends with code 1.
+    It needs no ROS, runs as fast as the machine allows, and gives the same numbers as the node. BAG is an .mcap file, a
+    .db3 file or a rosbag2 folder with the topics /joint_states and /joint_reaction_force. If BAG is a recording of this
+    package, its own parameters are used unless you give --params. If a bag is damaged, the command computes what it can
+    read, says what is missing, and ends with code 1.
     """
     from knee_contact_ros.bags.provenance import Provenance, weight_of
     from knee_contact_ros.bags.reader import names_in_bag, others_beside
@@ -62,7 +62,7 @@ def solve(
     person = Subject(subject) if subject else None
     bag = bag or (person.bag if person else None)
     if bag is None:
-        raise UsageError("no BAG: give one, or --subject with a file that names one")
+        raise UsageError("no BAG: give a BAG, or a --subject file that names one")
     basis = basis_of(bag, parameter_files or None, parameters_of(parameter_values), person, namespace)
     names = names_in_bag(remaps, namespace)
     with progress("Solving") as advance:
@@ -101,9 +101,9 @@ def estimate_load(
 ) -> None:
     """Estimate the joint reaction force of a bag, offline.
 
-    BAG holds what sensors of a leg tell, on /joint_states and /ground_reaction_force. OUT.mcap gets them too, and
-    /joint_reaction_force and /load_estimate, with the same numbers as the node's: `knee-contact solve OUT.mcap` goes on
-    from there. Research only: muscles are not measured.
+    BAG holds a leg's sensors on /joint_states and /ground_reaction_force. OUT.mcap gets these topics,
+    /joint_reaction_force and /load_estimate, with the same numbers as the node's. Next, run `knee-contact solve
+    OUT.mcap`. For research only: muscles are not measured.
     """
     from knee_contact_ros.bags.reader import names_in_bag, others_beside
     from knee_contact_ros.commands.tables import show_load
@@ -134,10 +134,10 @@ def estimate_load(
 @click.argument("output", type=Output(".mcap"), metavar="OUT.mcap")
 @click.option("--overwrite", is_flag=True, help="Replace OUT.mcap if it exists.")
 def recover(source: Path, output: Path, overwrite: bool) -> None:
-    """Make a cut-off recording whole again.
+    """Repair a recording that was cut off.
 
-    Writes all that can be read of the MCAP file IN (ours end in .mcap.partial) to OUT.mcap, and says what is missing.
-    IN stays as it is.
+    It writes what it can read of the MCAP file IN to OUT.mcap, and says what is missing. IN is not changed. An
+    unfinished recording of this package ends in .mcap.partial.
     """
     from knee_contact_ros.bags.recover import recover as recover_file
     from knee_contact_ros.commands.tables import show_recovery
@@ -152,11 +152,15 @@ def recover(source: Path, output: Path, overwrite: bool) -> None:
 @click.argument("sources", nargs=-1, required=True, metavar="FILE...")
 @parameter_files
 @parameter_values
-@click.option("--save", type=Output(".rrd"), metavar="OUT.rrd", help="Write a Rerun file instead.")
+@click.option("--save", type=Output(".rrd"), metavar="OUT.rrd", help="Write a Rerun file instead of opening a window.")
 @click.option("--overwrite", is_flag=True, help="Replace OUT.rrd if it exists.")
-@click.option("--serve", is_flag=True, help="Serve it to browsers and viewers on this machine instead.")
+@click.option("--serve", is_flag=True, help="Serve the scene to browsers and viewers on this machine instead.")
 @click.option(
-    "--port", type=click.IntRange(1024, 65534), default=9876, show_default=True, help="For --serve; and the next one."
+    "--port",
+    type=click.IntRange(1024, 65534),
+    default=9876,
+    show_default=True,
+    help="Port for --serve. The next port is used too.",
 )
 def view(
     sources: tuple[str, ...],
@@ -167,12 +171,11 @@ def view(
     serve: bool,
     port: int,
 ) -> None:
-    """See recordings in Rerun.
+    """Show recordings in Rerun.
 
-    FILE is a recording with answers, or a bag with inputs, which is computed first. A recording of ours is drawn with
-    the parameters stored in it, others with those of --params. Several knees, of one recording or of several, are seen
-    side by side. FILE can also be a Rerun file, or the address that a node (rerun.mode serve) or
-    --serve tells.
+    FILE is a recording with answers, or a bag with inputs, which is computed first. A recording of this package is
+    drawn with its own parameters, any other file with those of --params. Several knees stand side by side. FILE can
+    also be a Rerun file, or the address that a node (rerun.mode serve) or --serve prints.
     """
     from knee_contact_ros.view.viewer import executable
 
@@ -195,13 +198,13 @@ def view(
 @click.option(
     "--output", type=Output(".csv", ".parquet"), required=True, metavar="OUT", help="Table to write: .csv or .parquet."
 )
-@click.option("--topic", default="", metavar="NAME", help="Answers of this topic. [default: of all of them]")
+@click.option("--topic", default="", metavar="NAME", help="Write the answers on this topic only. [default: all topics]")
 def table(bag: Path, output: Path, topic: str) -> None:
-    """Write answers as a table.
+    """Write the answers of a recording as a table.
 
-    One row an answer, in SI units: time, run, and every number of the message; vectors are columns of their components.
-    Several topics (knees, compartments) follow each other, with their names in a column. BAG is a recording, or a bag
-    that `solve` has made.
+    The table has one row for each answer, in SI units: time, run, and every number of the message. Each component of a
+    vector has its own column. If there are several topics (knees, compartments), they follow each other and a column
+    names them. BAG is a recording, or the output of `solve`.
     """
     from knee_contact_ros.bags.reader import absolute, answer_topics, read_answers
     from knee_contact_ros.results import answer_table
@@ -225,10 +228,10 @@ def table(bag: Path, output: Path, topic: str) -> None:
 def warm(parameter_files: tuple[Path, ...], parameter_values: tuple[str, ...]) -> None:
     """Compile the model ahead of its first use.
 
-    An installation does so by itself. The compiled model is for every kind of knee; --params and -p are only checked.
-    It is kept beside the package if you can write there, else in $XDG_CACHE_HOME/knee_contact_ros or
-    ~/.cache/knee_contact_ros, for this version of the model, of its compiler and of Python on this kind of processor.
-    What is kept already is left as it is.
+    Installing the package does this already. One compiled model serves every kind of knee; --params and -p are only
+    checked. It is kept beside the package if you can write there, otherwise in $XDG_CACHE_HOME/knee_contact_ros or
+    ~/.cache/knee_contact_ros. It is valid for this version of the model, of its compiler and of Python, on this kind of
+    processor.
     """
     from knee_contact_ros.model.compiler import compiled_run, folders, kept_files
     from knee_contact_ros.model.ticks import run
@@ -247,7 +250,7 @@ def warm(parameter_files: tuple[Path, ...], parameter_values: tuple[str, ...]) -
     places = folders(run)
     if len(places) == 1:
         raise UsageError(
-            f"XDG_CACHE_HOME is not set, and this user has no home and cannot write in {places[0]}: there is no folder "
-            "to keep the compiled model in"
+            f"there is no folder for the compiled model: this user has no home and cannot write in {places[0]}; set "
+            "XDG_CACHE_HOME"
         )
     raise IncompleteError(f"the model could not be compiled and kept in {places[0]} or {places[1]}")

@@ -20,15 +20,15 @@ Function = TypeVar("Function", bound=Callable[..., Any])
 class Input(click.Path):
     """Type of an option or an argument that names an input file or folder.
 
-    What is neither, such as a pipe or a device, might never end: it is refused. What is not there is left to the
-    command, which says what it should be.
+    It refuses a pipe or a device, which might never end. It accepts a name that does not exist: the command says what
+    it should be.
     """
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
         """Convert the argument to a path.
 
         Raises:
-            UsageError: it is no file or folder, or a link that leads nowhere.
+            UsageError: it is not a file or folder, or it is a link that leads nowhere.
         """
         path = Path(str(super().convert(value, param, ctx)))
         check_input(path)
@@ -39,7 +39,7 @@ def check_input(path: Path) -> None:
     """Check that a path, if anything is there, is a regular file or a folder.
 
     Raises:
-        UsageError: it is something else, or a link that leads to itself.
+        UsageError: it is something else, or it is a link to itself.
     """
     try:
         mode = path.stat().st_mode
@@ -48,7 +48,7 @@ def check_input(path: Path) -> None:
     except (OSError, ValueError) as error:
         raise UsageError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
-        raise UsageError(f"{path}: it is no regular file, and no folder")
+        raise UsageError(f"{path}: it is not a regular file and not a folder")
 
 
 FILE = Input(path_type=Path)
@@ -58,8 +58,8 @@ FILE = Input(path_type=Path)
 class Output(click.Path):
     """Type of an option or an argument that names an output file or folder.
 
-    What cannot be written, or not as meant, is refused before any work: the folder of an output must exist, as a
-    misspelt one is not made, and its suffix must tell the format.
+    It refuses a wrong output before any work. The folder must exist, so that a misspelt one is not made. The suffix
+    must be that of the format.
     """
 
     def __init__(self, *suffixes: str, folder: bool = False) -> None:
@@ -85,18 +85,18 @@ def parameter_files_option(own: str, default: str) -> Callable[[Function], Funct
         multiple=True,
         type=FILE,
         metavar="FILE",
-        help="Parameter file; can be given several times, the later one wins. A name that is not found here "
-        f"is looked up among the package's own{own}. [default: {default}]",
+        help="Parameter file. Can be given several times; later files win. If there is no such file, the package's "
+        f"own is used{own}. [default: {default}]",
     )
 
 
-parameter_files = parameter_files_option(", as osteoarthritis", DEFAULT_PARAMETERS)
+parameter_files = parameter_files_option(", for example osteoarthritis", DEFAULT_PARAMETERS)
 parameter_values = click.option(
     "-p",
     "parameter_values",
     multiple=True,
     metavar="NAME:=VALUE",
-    help="A parameter, as -p knee.joint_name:=knee_r; wins over the files. Can be given several times.",
+    help="Set a parameter, for example -p knee.joint_name:=knee_r. It overrides the files. Can be given several times.",
 )
 
 
@@ -112,8 +112,8 @@ def together(*options: Callable[[Function], Function]) -> Callable[[Function], F
 
 
 def names_in_bag_options(
-    of_namespace: str = "Take the inputs from /NAME/... of the bag, and from parameter files what a node there would, "
-    "as --namespace left.",
+    of_namespace: str = "Read the inputs from /NAME/... in the bag, and the parameters that a node in that namespace "
+    "reads.",
 ) -> Callable[[Function], Function]:
     """Make the options of names in a bag; the help text of `--namespace` is given."""
     return together(
@@ -122,8 +122,8 @@ def names_in_bag_options(
             "remaps",
             multiple=True,
             metavar="FROM:=TO",
-            help="Take an input from another topic of the bag, as --remap joint_states:=/exo/joint_states. Can be "
-            "given several times.",
+            help="Read an input from another topic of the bag, for example --remap joint_states:=/exo/joint_states. "
+            "Can be given several times.",
         ),
         click.option("--namespace", default="", metavar="NAME", help=of_namespace),
     )

@@ -20,9 +20,14 @@ from knee_contact_ros.commands.options import (
 from knee_contact_ros.system.files import require
 
 on_workers = together(
-    click.option("--workers", type=click.IntRange(1, 1024), help="Processes. [default: one for each processor]"),
     click.option(
-        "--scheduler", default="", metavar="ADDRESS", help="Of a Dask scheduler to use instead, as tcp://host:8786."
+        "--workers", type=click.IntRange(1, 1024), help="Number of processes. [default: one for each processor]"
+    ),
+    click.option(
+        "--scheduler",
+        default="",
+        metavar="ADDRESS",
+        help="Use this Dask scheduler instead, for example tcp://host:8786.",
     ),
 )
 
@@ -31,14 +36,15 @@ on_workers = together(
 @click.argument("study", type=FILE, metavar="STUDY.yaml")
 @click.option(
     "--output", required=True, metavar="DIR",
-    help="Folder of the table, a Parquet dataset, here or as fsspec spells it. What is there is not computed again.",
+    help="Folder of the table, a Parquet dataset; a path or an fsspec address. Cases that it holds are not computed "
+    "again.",
 )  # fmt: skip
 @on_workers
 def sweep(study: Path, output: str, workers: int | None, scheduler: str) -> None:
     """Compute many knees.
 
-    Bags, parameter files and values of a study, all combined: a row of outcomes for each case. A study that was
-    stopped, or has grown, goes on where it is.
+    It combines all bags, parameter files and values of a study, and writes a row of outcomes for each case. Run it
+    again to continue a study that was stopped, or that has grown.
     """
     require("sweep", "pyarrow", "distributed", "fsspec")
     from knee_contact_ros.lab.run_study import run_sweep
@@ -50,14 +56,14 @@ def sweep(study: Path, output: str, workers: int | None, scheduler: str) -> None
 @click.argument("study", type=FILE, metavar="STUDY.yaml")
 @click.option(
     "--output", required=True, metavar="DIR",
-    help="Folder of pictures, indices.csv and cases. Cases that are there are not computed again.",
+    help="Folder for pictures, indices.csv and cases. Cases that it holds are not computed again.",
 )  # fmt: skip
 @on_workers
 def sensitivity(study: Path, output: str, workers: int | None, scheduler: str) -> None:
     """Find out which parameters matter.
 
-    Indices of Sobol or Morris, with intervals, of depth, pressure, bone contact and force: a table and pictures. A
-    study is as for sweep, with `sensitivity` (method, n, ranges) in the place of `sample`.
+    It writes the indices of Sobol or Morris, with intervals, for depth, pressure, bone contact and force, as a table
+    and pictures. A study is written as for sweep, with `sensitivity` (method, n, ranges) instead of `sample`.
     """
     require("sweep", "pyarrow", "distributed", "fsspec", "SALib", "matplotlib")
     from knee_contact_ros.lab.sensitivity_study import run_sensitivity
@@ -74,7 +80,7 @@ def sensitivity(study: Path, output: str, workers: int | None, scheduler: str) -
     "--worth",
     type=click.FloatRange(min=0.0, min_open=True),
     metavar="METRES",
-    help="Error of the depth that the measured data leave anyway. [default: what 1 % of the load makes of it]",
+    help="Error of the depth that your measured data cause anyway. [default: that of a 1 % change of the load]",
 )
 @click.option(
     "--picture",
@@ -82,7 +88,7 @@ def sensitivity(study: Path, output: str, workers: int | None, scheduler: str) -
     default="knee_contact_trade.png",
     show_default=True,
     metavar="FILE.png",
-    help="Picture to write; an earlier one is replaced.",
+    help="Picture to write. An earlier one is replaced.",
 )
 def trade(
     bag: Path,
@@ -95,9 +101,9 @@ def trade(
 ) -> None:
     """Show what accuracy costs on your own bag and knee.
 
-    Computes BAG at every fidelity.level and at tolerances from 1e-3 to 1e-9 m. Prints the largest errors against the
-    tightest tolerance, the cost of a tick and the share of flagged ticks, draws them, and recommends a setting. A
-    recording of ours is computed with the parameters stored in it, unless --params is given.
+    It computes BAG at every fidelity.level, with tolerances from 1e-3 to 1e-9 m. It prints and draws the largest errors
+    compared with the tightest tolerance, the cost of a tick and the share of flagged ticks, and recommends a setting.
+    If BAG is a recording of this package, its own parameters are used unless you give --params.
     """
     from knee_contact_ros.lab.trade import draw, measure, show
     from knee_contact_ros.offline.notebooks import solve
@@ -126,7 +132,7 @@ def trade(
     default="knee_contact_report",
     show_default=True,
     metavar="DIR",
-    help="Where the page, its figures and data go; those of an earlier report are replaced.",
+    help="Folder for the page, its figures and data. Those of an earlier report are replaced.",
 )
 @parameter_files
 @parameter_values
@@ -136,16 +142,17 @@ def trade(
     multiple=True,
     type=FILE,
     metavar="FILE",
-    help="Compute each FILE again with this parameter file over its own parameters, as --compare osteoarthritis.yaml, "
-    "and show it beside. Can be given several times, the later one wins.",
+    help="Compute each FILE again with this parameter file on top of its own parameters, and show both side by side, "
+    "for example --compare osteoarthritis.yaml. Can be given several times; later files win.",
 )
 @click.option(
     "--uncertainty",
     type=FILE,
     metavar="FILE",
-    help="Show what the standard deviations in this YAML file make of depth and force, as 'contact.stiffness: 20 %'.",
+    help="YAML file with standard deviations, for example 'contact.stiffness: 20 %'. The report shows their effect on "
+    "depth and force.",
 )
-@click.option("--label", "labels", multiple=True, metavar="TEXT", help="Name of a FILE; once for each, in their order.")
+@click.option("--label", "labels", multiple=True, metavar="TEXT", help="Name of a FILE. Once for each, in their order.")
 @names_in_bag_options()
 def report(
     files: tuple[Path, ...],
@@ -158,10 +165,10 @@ def report(
     remaps: tuple[str, ...],
     namespace: str,
 ) -> None:
-    """Write figures and tables that need no viewer.
+    """Write a report: figures and tables that need no viewer.
 
-    A page (report.html, which needs no other file), figures (PNG) and data (CSV). FILEs are recordings of ours, or
-    bags with the inputs, which are computed with --params; several are shown side by side, as both knees. Needs
+    It writes one page (report.html, which needs no other file), figures (PNG) and data (CSV). A FILE is a recording of
+    this package, or a bag with the inputs, which is computed with --params. Several files stand side by side. It needs
     the extra report.
     """
     from knee_contact_ros.bags.reader import names_in_bag, others_beside

@@ -1,7 +1,7 @@
-"""Declaration of all parameters of both nodes: each once, with its type, default, unit, meaning and limits.
+"""Declaration of all parameters of both nodes: type, default, unit, meaning and limits.
 
-Node, parameter files, `--help`, the reference page and changes at run time read it here. `files.py` reads values for
-these parameters, and `build.py` builds models from them.
+The node, parameter files, `--help`, the reference page and changes at run time use this declaration. `files.py` reads
+values for these parameters, and `build.py` builds models from them.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ def one_of(*allowed: str | float) -> Rule:
 
 
 def off_or_at_least(least: float, zero: str = "off", numbers: str = "a number") -> Rule:
-    """Rule that allows 0, whose meaning is `zero`, and numbers from `least` on, described by `numbers`."""
+    """Rule that allows 0, which means `zero`, and numbers from `least` on, described by `numbers`."""
     return Rule(lambda value: value == 0 or value >= least, f"0 ({zero}) or {numbers} >= {least:g}", 0.0)
 
 
@@ -114,16 +114,16 @@ class NodeSection(Section):
     folder: ClassVar[str] = ""
     """Folder of the package's own parameter files for the node, within `config`"""
     force_source: ClassVar[str]
-    """Name of the parameter that says where the forces come from"""
+    """Name of the parameter for the source of the forces"""
     usual_forces: ClassVar[str]
     """Its default: the name of the usual topic"""
 
     def problem(self) -> str:
-        """First combination of values that is not allowed, as name and reason; empty if there is none."""
+        """Return the first combination of values that is not allowed, as name and reason; empty if there is none."""
         raise NotImplementedError
 
     def problem_of_sources(self, needed: int, why: str) -> str:
-        """Number of fields that does not fit: forces need so many of them, for a reason."""
+        """Report a wrong number of fields. Forces need `needed` fields because of `why`."""
         angles, forces = (len(source.fields) for source in self.inputs())
         joints, (first, second) = self.joints(), self.inputs()
         if angles not in (0, len(joints)):
@@ -133,7 +133,8 @@ class NodeSection(Section):
         if 0 < forces < needed:
             return f"{self.force_source}: {forces} fields are not allowed; {why} needs {needed}"
         if first.topic == second.topic and first.type != second.type:
-            return f"knee.source: {first.topic} is that of {self.force_source}, too, and cannot be of two types"
+            return f"knee.source: {first.topic} is also the topic of {self.force_source}, and a topic cannot have two "
+            "types"
         return ""
 
     def inputs(self) -> tuple[Source, Source]:
@@ -154,7 +155,7 @@ def frame_name(name: str) -> str:
     """Check the name of a tf2 frame, which may be empty.
 
     Raises:
-        ValueError: it begins with a slash, or is the suffix of a tibia frame alone.
+        ValueError: it begins with a slash, or it is only the suffix of a tibia frame.
     """
     if name.startswith("/") or name == "_isb":
         raise ValueError("allowed: the name of a tf2 frame, without a slash before it")
@@ -175,9 +176,7 @@ class SourceRule(Rule):
 
 AngleSource = Annotated[str, SourceRule(JOINT_STATE)]
 ForceSource = Annotated[str, SourceRule(WRENCH_STAMPED)]
-ANGLES = (
-    "topic of the angles (JointState or dynamic_joint_states); of another type, a field for each joint that is named"
-)
+ANGLES = "topic of the angles, of type JointState or dynamic_joint_states; for another type, one field for each joint"
 
 
 class Pairing(Section):
@@ -186,43 +185,43 @@ class Pairing(Section):
     wait: float = parameter(0.1, "[s] how long a force waits for an angle at or after its stamp", ge=0.0, le=10.0)
     max_gap: float = parameter(0.1, "[s] largest gap between stamps that is not flagged stale", gt=0.0, le=3600.0)
     angle_delay: float = parameter(
-        0.0, "[s] delay of the angles behind the forces; an angle is paired this much earlier", ge=-1.0, le=1.0
+        0.0, "[s] how much later angles arrive than forces; their stamps are moved back by this", ge=-1.0, le=1.0
     )
-    queue: int = parameter(
-        20_000, "largest number of samples of a stream that wait for the other one", ge=100, le=10**7
-    )
+    queue: int = parameter(20_000, "largest number of samples of one stream that wait for the other", ge=100, le=10**7)
 
 
 class Diagnostics(Section):
     """Limits of the inputs beyond which `/diagnostics` warns or reports an error."""
 
-    angle_warn_rate: float = parameter(0.0, "[Hz] rate of the angles below which it warns; 0: off", ge=0.0, le=1e5)
+    angle_warn_rate: float = parameter(0.0, "[Hz] warn if the angles are slower than this; 0: off", ge=0.0, le=1e5)
     angle_error_rate: float = parameter(
-        0.0, "[Hz] rate of the angles below which it reports an error; 0: off", ge=0.0, le=1e5
+        0.0, "[Hz] report an error if the angles are slower than this; 0: off", ge=0.0, le=1e5
     )
-    force_warn_rate: float = parameter(0.0, "[Hz] rate of the forces below which it warns; 0: off", ge=0.0, le=1e5)
+    force_warn_rate: float = parameter(0.0, "[Hz] warn if the forces are slower than this; 0: off", ge=0.0, le=1e5)
     force_error_rate: float = parameter(
-        0.0, "[Hz] rate of the forces below which it reports an error; 0: off", ge=0.0, le=1e5
+        0.0, "[Hz] report an error if the forces are slower than this; 0: off", ge=0.0, le=1e5
     )
-    timeout: float = parameter(1.0, "[s] silence after which an input is stale", gt=0.0, le=3600.0)
+    timeout: float = parameter(1.0, "[s] an input is stale after this time without a message", gt=0.0, le=3600.0)
 
 
 class ContactDiagnostics(Diagnostics):
-    """The same of the contact node, which also tells how far force and depth may be off because the load is."""
+    """The same for the contact node, which also reports the uncertainty of force and depth due to the load."""
 
     load_deviation: float = parameter(
-        0.0, "standard deviation of a compartment's load, as part of the body weight; 0: not known", ge=0.0, le=10.0
+        0.0, "standard deviation of a compartment's load, as a fraction of body weight; 0: not known", ge=0.0, le=10.0
     )
 
 
 def queue(answers: int) -> Any:
     """Field for the number of answers that may wait for an output's process; `answers` is the default."""
-    return parameter(answers, "answers that may wait for the output's process", ge=100, le=10_000_000)
+    return parameter(
+        answers, "largest number of answers that wait for the process of this output", ge=100, le=10_000_000
+    )
 
 
 def queue_size(size: float) -> Any:
     """Field for the memory that answers may take while they wait; `size` [MB] is the default."""
-    return parameter(size, "[MB] memory that waiting answers may take", ge=1.0, le=1e5)
+    return parameter(size, "[MB] largest memory of waiting answers", ge=1.0, le=1e5)
 
 
 # A section of an output names the module that describes it: see `streams/output.py`.
@@ -233,19 +232,23 @@ class Record(Section):
 
     output: ClassVar[str] = "knee_contact_ros.bags.recorder"
 
-    path: str = parameter("", "MCAP file to write; {stamp} in it becomes the time; empty: none")
-    flush_period: float = parameter(0.03, "[s] period of flushing: a crash loses at most this much", ge=0.001, le=60.0)
+    path: str = parameter("", "MCAP file to write; {stamp} in the name becomes the time; empty: do not record")
+    flush_period: float = parameter(
+        0.03, "[s] period of writing to the file; a crash loses at most this much", ge=0.001, le=60.0
+    )
     sync_period: Annotated[float, off_or_at_least(0.05)] = parameter(
-        1.0, "[s] period of syncing the disk: a power failure loses at most this much; 0: off", le=3600.0
+        1.0, "[s] period of syncing the disk; a power failure loses at most this much; 0: off", le=3600.0
     )
     max_size: Annotated[float, off_or_at_least(0.1)] = parameter(
-        0.0, "[MB] size at which the recording continues in a new file; 0: off", le=1e9
+        0.0, "[MB] start a new file at this size; 0: off", le=1e9
     )
     max_duration: Annotated[float, off_or_at_least(1.0)] = parameter(
-        0.0, "[s] span of stamps at which the recording continues in a new file; 0: off", le=1e9
+        0.0, "[s] start a new file after this span of stamps; 0: off", le=1e9
     )
-    min_free: float = parameter(100.0, "[MB] free space at which a recording ends", ge=0.0, le=1e9)
-    snapshot: float = parameter(10.0, "[s] that ~/save_snapshot writes: kept in memory; 0: off", ge=0.0, le=3600.0)
+    min_free: float = parameter(100.0, "[MB] end the recording if the disk has less free space", ge=0.0, le=1e9)
+    snapshot: float = parameter(
+        10.0, "[s] length of the snapshot that ~/save_snapshot writes, kept in memory; 0: off", ge=0.0, le=3600.0
+    )
     queue: int = queue(30_000)
     queue_size: float = queue_size(100.0)
 
@@ -256,7 +259,7 @@ def _off(value: object) -> object:
 
 
 def _level_of_today(level: object) -> object:
-    """Replace the level of earlier versions that is gone, and say so once."""
+    """Replace a level of earlier versions that no longer exists, and say so once."""
     if level != FIRST_ORDER:
         return level
     _tell_of_first_order()
@@ -265,7 +268,9 @@ def _level_of_today(level: object) -> object:
 
 @functools.cache
 def _tell_of_first_order() -> None:
-    _log.warning("fidelity.level: %s is gone; dynamic is used, which takes less time for less error", FIRST_ORDER)
+    _log.warning(
+        "fidelity.level: %s no longer exists; dynamic is used instead, which is faster and more accurate", FIRST_ORDER
+    )
 
 
 class Knee(Section):
@@ -275,7 +280,7 @@ class Knee(Section):
     flexion_sign: Annotated[float, one_of(1.0, -1.0)] = parameter(1.0, "1 if the position grows in flexion, or -1")
     flexion_offset: float = parameter(0.0, "[rad] added to the signed position", ge=-10.0, le=10.0)
     height_joint_name: str = parameter(
-        "knee_height", "drive displacement: joint whose position is the femoral height [m]", min_length=1
+        "knee_height", "joint whose position is the femoral height [m], for drive displacement", min_length=1
     )
     source: AngleSource = parameter("joint_states", ANGLES)
 
@@ -285,21 +290,21 @@ class Load(Section):
 
     source: ForceSource = parameter(
         "joint_reaction_force",
-        "topic of the joint reaction (WrenchStamped); of messages of another type, the field of the compression, or "
-        "three of the force on the tibia (x, y, z), or six of the wrench",
+        "topic of the joint reaction, of type WrenchStamped; for another type, one field for the compression, three "
+        "for the force on the tibia (x, y, z), or six for the wrench",
     )
     compartment: Annotated[str, one_of(*RULES, BOTH)] = parameter(
-        "fixed_share", "rule for the load of the compartment; both: medial and lateral"
+        "fixed_share", "rule for the load of the compartment; both: model the medial and the lateral one"
     )
     split: Annotated[str, one_of(*SPLITS)] = parameter(
-        "fixed_share", "compartment both: rule for the load of the medial one"
+        "fixed_share", "rule for the medial load if load.compartment is both"
     )
-    share: float = parameter(0.5, "medial share of the axial joint reaction; fixed_share", gt=0.0, le=1.0)
+    share: float = parameter(0.5, "medial share of the axial joint reaction, for fixed_share", gt=0.0, le=1.0)
     share_file: str = parameter(
-        "share_medial.csv", "CSV of flexion_angle [rad], axial_load [BW], medial_share; measured_share"
+        "share_medial.csv", "CSV file with flexion_angle [rad], axial_load [BW] and medial_share, for measured_share"
     )
     compartment_spacing: float = parameter(
-        0.07, "[m] from the medial to the lateral compartment; moment_balance, both", ge=0.005, le=0.2
+        0.07, "[m] distance from the medial to the lateral compartment, for moment_balance and both", ge=0.005, le=0.2
     )
 
     @property
@@ -312,7 +317,7 @@ class Frame(Section):
     """Frame of the messages."""
 
     tibia: Annotated[str, AfterValidator(frame_name)] = parameter(
-        "", "tibia frame (x anterior, y superior, z right) that forces are turned into; empty: as they come"
+        "", "turn forces into this tibia frame (x anterior, y superior, z right); empty: do not turn them"
     )
 
 
@@ -322,7 +327,7 @@ class Femur(Section):
     mass: float = parameter(9.3014, "[kg] mass that moves up and down with the femur", ge=1e-4, le=1e3)
     geometry: Annotated[str, one_of(*GEOMETRIES)] = parameter("circle", "surface of the femur")
     radius: float = parameter(0.034, "[m] radius of the femoral circle", gt=0.0, le=1.0)
-    profile: str = parameter("", "CSV of x, y [m] in the femur frame, ordered along the curve")
+    profile: str = parameter("", "CSV file with x, y [m] in the femur frame, in order along the curve")
     scale: float = parameter(1.0, "factor for the size of the profile", ge=0.1, le=10.0)
 
 
@@ -332,7 +337,7 @@ class Tibia(Section):
     geometry: Annotated[str, one_of(*TIBIAL_GEOMETRIES)] = parameter("plane", "surface of the tibial plateau")
     slope: float = parameter(0.0, "[rad] slope of the plane, positive if its anterior edge is higher", ge=-0.7, le=0.7)
     radius: float = parameter(0.095, "[m] radius of the concave tibial circle", gt=0.0, le=10.0)
-    profile: str = parameter("", "CSV of x, y [m] in the tibia frame, from posterior to anterior")
+    profile: str = parameter("", "CSV file with x, y [m] in the tibia frame, from posterior to anterior")
     scale: float = parameter(1.0, "factor for the size of the profile", ge=0.1, le=10.0)
 
 
@@ -340,11 +345,11 @@ class Translation(Section):
     """Anterior-posterior translation of the femur."""
 
     mechanism: Annotated[str, one_of(*MECHANISMS)] = parameter("hinge", "how the femur moves along the plateau")
-    table: str = parameter("", "CSV of flexion_angle [rad], x [m] of the femoral reference point")
+    table: str = parameter("", "CSV file with flexion_angle [rad] and x [m] of the femoral reference point")
 
 
 class CommonContactParameters(Section):
-    """Contact law, and the constants that several laws have or that other parameters depend on.
+    """Contact law, and the constants that several laws use or that other parameters depend on.
 
     Further arguments of a law's factory are parameters, too; see `with_constants_of_laws`.
     """
@@ -360,12 +365,12 @@ class CommonContactParameters(Section):
     restitution: float = parameter(0.5, "coefficient of restitution, for laws with impact damping", ge=0.01, le=1.0)
     least_impact_speed: float = parameter(
         0.1,
-        "[m/s] lowest speed of touch for impact damping; slower ones and the static start count as this",
+        "[m/s] lowest impact speed for impact damping; slower impacts and the static start use this value",
         ge=1e-6,
         le=100.0,
     )
     stiffness_from: Annotated[str, one_of("value", "material")] = parameter(
-        "value", "value, or material: Hertz from modulus, Poisson's ratio and radii (exponent 1.5)"
+        "value", "value: contact.stiffness; material: Hertz from modulus, Poisson's ratio and radii (exponent 1.5)"
     )
     youngs_modulus: float = parameter(24e6, "[Pa] Young's modulus of cartilage (first layer)", ge=1.0, le=1e13)
     poissons_ratio: float = parameter(0.38, "Poisson's ratio of cartilage (first layer)", ge=0.0, lt=0.5)
@@ -377,7 +382,7 @@ class CommonContactParameters(Section):
         gt=0.0,
         le=10.0,
     )
-    tibial_radius: float = parameter(0.095, "[m] concave radius of the tibia, likewise", gt=0.0, le=10.0)
+    tibial_radius: float = parameter(0.095, "[m] concave radius of the tibia, for the same three", gt=0.0, le=10.0)
     foundation_thickness: float = parameter(
         4.4e-3, "[m] thickness of both cartilages together, for elastic_foundation and the strain", gt=0.0, le=0.1
     )
@@ -418,7 +423,7 @@ else:
 
 
 class Lateral(Section):
-    """Lateral compartment, where both are modelled; values that are not given equal those of the medial one."""
+    """Lateral compartment, if both are modelled. Values that you do not set equal those of the medial one."""
 
     femur: Femur = Femur()
     tibia: Tibia = Tibia()
@@ -426,10 +431,10 @@ class Lateral(Section):
 
 
 class FidelityParameters(Section):
-    """Level and accuracy of the solution, and its largest cost."""
+    """Level, accuracy and largest cost of the solution."""
 
     level: Annotated[str, BeforeValidator(_level_of_today), one_of(*LEVELS)] = parameter(
-        "auto", "equations that a tick solves; auto is dynamic"
+        "auto", "equations that a tick solves; auto: dynamic"
     )
     tolerance: float = parameter(1.0e-6, "[m] wanted error of the penetration depth", ge=1e-12, le=1e-3)
     force_tolerance: Annotated[float, off_or_at_least(1e-9)] = parameter(
@@ -437,8 +442,8 @@ class FidelityParameters(Section):
     )
     budget: Annotated[int, off_or_at_least(100, "a hundred thousand", "an integer")] = parameter(
         BUDGET,
-        "largest number of contact law evaluations in a tick; a tick that reaches it is answered with the "
-        "static contact and flagged, and so are later ones until the contact has forgotten; 0: a hundred thousand",
+        "largest number of contact law evaluations in a tick; a tick that reaches it gets the static contact and a "
+        "flag, and so do later ticks until the contact has settled; 0: 100000",
     )
 
 
@@ -448,13 +453,11 @@ class Rerun(Section):
     output: ClassVar[str] = "knee_contact_ros.view.output"
 
     mode: Annotated[str, BeforeValidator(_off), one_of("off", "file", "serve", "spawn")] = parameter(
-        "off", "off, file, serve (on this machine's loopback interface), spawn (a viewer beside it)"
+        "off", "off; file: write rerun.path; serve: to viewers on this machine; spawn: open a viewer"
     )
-    path: str = parameter("", ".rrd file to write in mode file; {stamp} in it becomes the time")
+    path: str = parameter("", ".rrd file to write, for mode file; {stamp} in the name becomes the time")
     port: int = parameter(9876, "port to serve on", ge=1024, le=65535)
-    knees: str = parameter(
-        "", "names of the knees that share a viewer side by side, as left,right; empty: this knee alone"
-    )
+    knees: str = parameter("", "names of knees that share a viewer, for example left,right; empty: this knee alone")
     queue: int = queue(20_000)
     queue_size: float = queue_size(64.0)
 
@@ -470,7 +473,7 @@ class Parameters(NodeSection):
     frame: Frame = Frame()
     pairing: Pairing = Pairing()
     drive: Annotated[str, one_of("force", "displacement")] = parameter(
-        "force", "force: Eq. 13; displacement: the femoral height is prescribed, the force follows"
+        "force", "force: the load is prescribed (Eq. 13); displacement: the femoral height is prescribed"
     )
     femur: Femur = Femur()
     tibia: Tibia = Tibia()
@@ -478,10 +481,10 @@ class Parameters(NodeSection):
     contact: ContactParameters = ContactParameters()
     lateral: Lateral = Lateral()
     fidelity: FidelityParameters = FidelityParameters()
-    body_weight: float = parameter(737.068, "[N] for reports in body weights", gt=0.0, le=1e5)
-    autostart: bool = parameter(True, "whether the node configures and activates itself")
+    body_weight: float = parameter(737.068, "[N] body weight, for forces in BW", gt=0.0, le=1e5)
+    autostart: bool = parameter(True, "true: the node configures and activates itself")
     deadline: float = parameter(
-        0.02, "[s] longest time from a force to its answer; later answers are counted", gt=0.0, le=3600.0
+        0.02, "[s] longest time from a force to its answer; the node counts later answers", gt=0.0, le=3600.0
     )
     diagnostics: ContactDiagnostics = ContactDiagnostics()
     record: Record = Record()
@@ -555,7 +558,7 @@ def lateral_knee(parameters: Parameters) -> Parameters:
 class MeasuredJoint(Section):
     """Joint in joint_states; its angle is sign x position + offset."""
 
-    joint_name: str = parameter("", "joint in joint_states; empty: it is not measured")
+    joint_name: str = parameter("", "joint in joint_states; empty: not measured")
     sign: Annotated[float, one_of(1.0, -1.0)] = parameter(1.0, "1 if the position grows with the angle, or -1")
     offset: float = parameter(0.0, "[rad] added to the signed position", ge=-10.0, le=10.0)
 
@@ -564,7 +567,7 @@ class ActuatedJoint(MeasuredJoint):
     """Joint in joint_states that an actuator may turn."""
 
     assisted: bool = parameter(
-        False, "whether its effort [N m] in joint_states is an actuator's torque, in the position's sense"
+        False, "true: the effort [N m] in joint_states is an actuator's torque, with the sign of the position"
     )
 
 
@@ -580,24 +583,26 @@ class GroundForce(Section):
 
     source: ForceSource = parameter(
         "ground_reaction_force",
-        "topic of the ground force (WrenchStamped); of messages of another type, the field of the force upwards, or "
-        "three of the force (x, y, z), or six of the wrench",
+        "topic of the ground force, of type WrenchStamped; for another type, one field for the upward force, three "
+        "for the force (x, y, z), or six for the wrench",
     )
     components: Annotated[str, one_of("vertical", "full")] = parameter(
-        "vertical", "vertical: force.y alone, as of an insole; full: all of force and torque"
+        "vertical", "vertical: use force.y only, as from an insole; full: use force and torque"
     )
     axes: Annotated[str, one_of("ground", "foot")] = parameter(
-        "ground", "ground: its axes stand upright; foot: they turn with the foot"
+        "ground", "ground: the axes of the wrench stay upright; foot: they turn with the foot"
     )
-    ankle_x: float = parameter(0.0, "[m] where the ankle joint is in the frame of the wrench, forward", ge=-1.0, le=1.0)
-    ankle_y: float = parameter(0.0, "[m] where the ankle joint is, up", ge=-1.0, le=1.0)
+    ankle_x: float = parameter(
+        0.0, "[m] forward position of the ankle joint in the frame of the wrench", ge=-1.0, le=1.0
+    )
+    ankle_y: float = parameter(0.0, "[m] upward position of the ankle joint in that frame", ge=-1.0, le=1.0)
 
 
 class LoadFrames(Section):
     """Frames of the messages."""
 
     ground: Annotated[str, AfterValidator(frame_name)] = parameter(
-        "", "frame (x forward, y up, z right) that ground forces are turned into; empty: as they come"
+        "", "turn ground forces into this frame (x forward, y up, z right); empty: do not turn them"
     )
     tibia: Annotated[str, AfterValidator(frame_name)] = parameter(
         "tibia", "frame_id of the joint reaction force: x anterior, y superior, z right", min_length=1
@@ -605,17 +610,17 @@ class LoadFrames(Section):
 
 
 class PersonParameters(Section):
-    """Person whose knee it is. Muscles are not measured: `knee-contact calibrate` fits their constants to a bag."""
+    """The person. Muscles are not measured; `knee-contact calibrate` fits their constants to a bag."""
 
     mass: float = parameter(75.16, "[kg] body mass", ge=10.0, le=400.0)
     height: float = parameter(1.75, "[m] body height", ge=0.8, le=2.5)
     moment_arm_scale: float = parameter(1.75, "factor for the published moment arms of the muscles", ge=0.3, le=3.0)
     co_contraction: float = parameter(
-        0.39, "least pull of antagonists, as a part of the vertical ground force", ge=0.0, le=3.0
+        0.39, "smallest pull of antagonists, as a fraction of the vertical ground force", ge=0.0, le=3.0
     )
-    tone: float = parameter(0.27, "least pull of antagonists, as a part of the body weight", ge=0.0, le=2.0)
+    tone: float = parameter(0.27, "smallest pull of antagonists, as a fraction of body weight", ge=0.0, le=2.0)
     electromechanical_delay: float = parameter(
-        0.025, "[s] time constant with which muscle forces follow what is needed of them; 0: at once", ge=0.0, le=0.2
+        0.025, "[s] time constant with which muscle forces follow the demand; 0: at once", ge=0.0, le=0.2
     )
 
     @property
@@ -634,7 +639,7 @@ class LoadParameters(NodeSection):
     force_source, usual_forces = "ground.source", "ground_reaction_force"
 
     level: Annotated[str, one_of(AUTO, *LOAD_LEVELS)] = parameter(
-        AUTO, f"{', '.join(LOAD_LEVELS)}, or auto: the last one of these that the inputs allow"
+        AUTO, f"{', '.join(LOAD_LEVELS)}, or auto: the last of these that the inputs allow"
     )
     knee: FlexedKnee = FlexedKnee()
     ankle: ActuatedJoint = ActuatedJoint()
@@ -642,19 +647,19 @@ class LoadParameters(NodeSection):
     ground: GroundForce = GroundForce()
     frame: LoadFrames = LoadFrames()
     person: PersonParameters = PersonParameters()
-    calibrated: bool = parameter(False, "whether the person's constants were fitted to a measured knee of this person")
+    calibrated: bool = parameter(False, "true: the constants were fitted to a measured knee of this person")
     standard_deviation: Annotated[float, off_or_at_least(0.01, "as measured for the level")] = parameter(
         0.0,
-        "standard deviation of the axial force, as a part of the body weight; 0: as measured for the level",
+        "standard deviation of the axial force, as a fraction of body weight; 0: as measured for the level",
         le=10.0,
     )
     motion_window: Annotated[float, off_or_at_least(0.01, "no inertia")] = parameter(
-        0.05, "[s] window for the accelerations of the joints, which are half of it late; 0: no inertia", le=1.0
+        0.05, "[s] window for the accelerations of the joints, which delays them by half of it; 0: no inertia", le=1.0
     )
     pairing: Pairing = Pairing()
-    autostart: bool = parameter(True, "whether the node configures and activates itself")
+    autostart: bool = parameter(True, "true: the node configures and activates itself")
     deadline: float = parameter(
-        0.02, "[s] longest time from a ground force to its estimate; later estimates are counted", gt=0.0, le=3600.0
+        0.02, "[s] longest time from a ground force to its estimate; the node counts later estimates", gt=0.0, le=3600.0
     )
     diagnostics: Diagnostics = Diagnostics()
     record: Record = Record()

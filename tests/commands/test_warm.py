@@ -46,4 +46,4 @@ def test_without_a_home_one_line_says_what_is_missing(
     monkeypatch.setattr(compiler, "kept_files", list)
     assert main(["warm"]) == 2
     *_, line = capsys.readouterr().err.splitlines()  # before it, maybe, that the model is compiled
-    assert "XDG_CACHE_HOME is not set" in line
+    assert "set XDG_CACHE_HOME" in line

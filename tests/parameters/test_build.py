@@ -136,7 +136,7 @@ def test_a_level_of_earlier_versions_is_dynamic_and_one_line_says_so(caplog: pyt
     assert parameters.fidelity.level == "dynamic"
     (record,) = caplog.records
     assert record.getMessage() == (
-        "fidelity.level: first_order is gone; dynamic is used, which takes less time for less error"
+        "fidelity.level: first_order no longer exists; dynamic is used instead, which is faster and more accurate"
     )
 
 

@@ -115,6 +115,6 @@ def test_what_is_not_allowed_is_one_line(tmp_path: Path, text: str, words: str) 
 def test_commands_say_what_is_missing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     path = subject(tmp_path, "mass: 70\n")
     assert main(["solve", "--subject", str(path), "--output", str(tmp_path / "a.mcap")]) == 2
-    assert "no BAG: give one, or --subject with a file that names one" in capsys.readouterr().err
+    assert "no BAG: give a BAG, or a --subject file that names one" in capsys.readouterr().err
     assert main(["solve", "--subject", "none.yaml", "--output", str(tmp_path / "a.mcap")]) == 2
     assert "none.yaml: cannot read the subject file" in capsys.readouterr().err
