@@ -31,13 +31,13 @@ from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.messages import encode_answer, encode_answer_wrench
 from knee_contact_ros.streams.topics import (
+    EACH_TICK,
     JOINT_REACTION_FORCE,
     JOINT_STATES,
     KNEE_CONTACT,
     KNEE_CONTACT_WRENCH,
     MESSAGE_TYPES,
     NANOSECONDS,
-    RECORDED,
     definition,
 )
 from knee_contact_ros.system.files import share_folder
@@ -85,7 +85,7 @@ def copy_by_mcap(bag: Path, output: Path) -> int:
         writer = McapWriter(file, chunk_size=CHUNK_SIZE, compression=CompressionType.ZSTD, enable_data_crcs=True)
         writer.start(profile="ros2")
         channels = {}
-        for topic in RECORDED:
+        for topic in EACH_TICK:
             name = MESSAGE_TYPES[topic]
             kind = writer.register_schema(name, "ros2msg", definition(name))
             channels[f"/{topic}"] = writer.register_channel(f"/{topic}", "cdr", kind)

@@ -34,7 +34,16 @@ from mcap.writer import CompressionType, Writer
 from ruamel.yaml import YAML
 
 from knee_contact_ros.streams.output import PROVENANCE, Knee, Sink
-from knee_contact_ros.streams.topics import MESSAGE_TYPES, NANOSECONDS, RECORDED, Ending, Record, definition, typestore
+from knee_contact_ros.streams.topics import (
+    MESSAGE_TYPES,
+    NANOSECONDS,
+    RECORDED,
+    ROBOT_DESCRIPTION,
+    Ending,
+    Record,
+    definition,
+    typestore,
+)
 from knee_contact_ros.system import output_files
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import LARGEST_METADATA, open_regular
@@ -176,10 +185,10 @@ class BagFile(Writer):
     def add_topic(self, topic: str, type_name: str) -> None:
         """Declare a topic by its absolute name and message type; channels have the order of the declarations."""
         type_hash = typestore().hash_rihs01(type_name)
-        self.topics.append(topic_metadata(topic, type_name, "cdr", OFFERED_QOS, type_hash))
+        self.topics.append(topic_metadata(topic, type_name, "cdr", qos_of(type_name), type_hash))
         if type_name not in self._schemas:
             self._schemas[type_name] = self.register_schema(type_name, "ros2msg", definition(type_name))
-        metadata = {"offered_qos_profiles": offered_qos(), "topic_type_hash": type_hash}
+        metadata = {"offered_qos_profiles": offered_qos(type_name), "topic_type_hash": type_hash}
         self.channels[topic] = self.register_channel(topic, "cdr", self._schemas[type_name], metadata)
 
     def next_number(self, topic: str) -> int:
@@ -712,7 +721,13 @@ def to_yaml(content: Any) -> str:
     return text.getvalue()
 
 
+def qos_of(type_name: str) -> list[dict[str, Any]]:
+    """Offered QoS profiles of a topic by its type: late subscribers get the description of the leg, too."""
+    is_description = type_name == MESSAGE_TYPES[ROBOT_DESCRIPTION]
+    return [OFFERED_QOS[0] | {"depth": 1, "durability": "transient_local"}] if is_description else OFFERED_QOS
+
+
 @cache
-def offered_qos() -> str:
-    """Offered QoS profiles as YAML text, for the metadata of channels."""
-    return to_yaml(OFFERED_QOS)
+def offered_qos(type_name: str) -> str:
+    """Offered QoS profiles of a topic as YAML text, for the metadata of channels."""
+    return to_yaml(qos_of(type_name))

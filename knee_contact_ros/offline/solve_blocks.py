@@ -195,17 +195,22 @@ def _computed(pipeline: ContactStream, samples: _Samples, paired: PairedSamples,
     if pipeline.varies:
         pipeline.split.add_all(axial, medial, pipeline.rule.beyond(axial, angle))
     taken = fresh & (paired.tick_of_angle < number)
-    states, each = samples.states, len(rows) + 3
+    states, each = samples.states, len(rows) + 5
     place = each * np.arange(number)
     answered = [
         Messages(compartment.topic, stamps, encode_answers(frame_id, stamps, answers), place + behind)
         for behind, (compartment, answers) in enumerate(zip(pipeline.compartments, rows, strict=True), start=2)
+    ]
+    leg = [
+        Messages(topic, stamps[ticks], data, place[ticks] + each - 3 + behind)
+        for behind, (topic, ticks, data) in enumerate(pipeline.leg.messages(stamps, frame_id, rows[0]))
     ]
     wrenches = encode_answer_wrenches(frame_id, stamps, summed_wrenches(rows))
     messages = (
         Messages(JOINT_STATES, states.stamps[taken], states.data[taken], each * paired.tick_of_angle[taken]),
         Messages(JOINT_REACTION_FORCE, stamps, samples.wrenches.data[:number], place + 1),
         *answered,
+        *leg,
         Messages(KNEE_CONTACT_WRENCH, stamps, wrenches, place + each - 1),
     )
     return Answers(rows, messages)

@@ -19,6 +19,7 @@ from knee_contact_ros.parameters.build import build_model, load_rule, retuned
 from knee_contact_ros.parameters.files import curve_texts, lateral_texts
 from knee_contact_ros.parameters.schema import Knee, Parameters, has_both, lateral_knee
 from knee_contact_ros.streams.frames import ForceFrame
+from knee_contact_ros.streams.leg import Leg
 from knee_contact_ros.streams.messages import (
     JointState,
     RefusedSampleError,
@@ -135,6 +136,7 @@ class ContactStream(PairedStreams):
         """The only compartment, or medial and lateral"""
         self.split = Split(parameters.body_weight)
         """Statistics of the medial share, where it varies"""
+        self.leg = Leg()
         self.is_lost = False
         """Whether the first tick lies in the middle of a motion that is not known"""
         self._divide(parameters)
@@ -203,6 +205,7 @@ class ContactStream(PairedStreams):
             compartment.stream.latency[0] = latency
             rows.append(compartment.row.tobytes())
             records.append((compartment.topic, load.stamp, message))
+        records += self.leg.records(load.stamp, load.frame_id, rows[0])
         wrench = encode_answer_wrench(load.stamp, load.frame_id, summed_wrench(rows))
         records.append((KNEE_CONTACT_WRENCH, load.stamp, wrench))
         size = 0

@@ -27,6 +27,8 @@ KNEE_CONTACT_STRIDE = "knee_contact/stride"
 """Numbers of each stride, as a sensor_msgs/JointState; not recorded, as they follow from the answers"""
 KNEE_CONTACT_MARKERS = "knee_contact/markers"
 """Markers for RViz; not recorded, as they follow from the answers"""
+ROBOT_DESCRIPTION, TF = "robot_description", "tf"
+"""Description of the leg, and where the thigh is; recorded, and not published: on a robot others do that"""
 MESSAGE_TYPES = {
     JOINT_STATES: "sensor_msgs/msg/JointState",
     JOINT_REACTION_FORCE: "geometry_msgs/msg/WrenchStamped",
@@ -35,6 +37,8 @@ MESSAGE_TYPES = {
     KNEE_CONTACT: "knee_contact_ros/msg/KneeContact",
     KNEE_CONTACT_LATERAL: "knee_contact_ros/msg/KneeContact",
     KNEE_CONTACT_WRENCH: "geometry_msgs/msg/WrenchStamped",
+    ROBOT_DESCRIPTION: "std_msgs/msg/String",
+    TF: "tf2_msgs/msg/TFMessage",
 }
 MEDIAL, LATERAL = "medial", "lateral"
 KNEE = "knee"
@@ -43,7 +47,9 @@ INPUTS = (JOINT_STATES, JOINT_REACTION_FORCE)
 LOAD_INPUTS = (JOINT_STATES, GROUND_REACTION_FORCE)
 LOAD_RECORDED = (*LOAD_INPUTS, JOINT_REACTION_FORCE, LOAD_ESTIMATE)
 """Topics of a recording of the load node"""
-RECORDED = (*INPUTS, KNEE_CONTACT, KNEE_CONTACT_WRENCH)
+EACH_TICK = (*INPUTS, KNEE_CONTACT, KNEE_CONTACT_WRENCH)
+"""Topics of which a tick has a message"""
+RECORDED = (*EACH_TICK, ROBOT_DESCRIPTION, TF)
 """Topics of a recording of the contact node with one compartment"""
 
 

@@ -88,7 +88,7 @@ def test_a_recording_is_split_by_duration(tmp_path: Path, first: str) -> None:
         }
         for name, span in zip(files, spans, strict=True)
     ]
-    assert {topic["message_count"] for topic in found["topics_with_message_count"]} == {250}
+    assert {topic["message_count"] for topic in found["topics_with_message_count"]} == {0, 250}  # no leg
 
 
 def test_a_recording_is_split_by_size(tmp_path: Path) -> None:

@@ -71,7 +71,7 @@ def write_by_library(path: Path, like: Path, parts: list[Said], compressed: bool
         channels, numbers = {}, Counter[str]()
         for topic, name in NAMES.items():
             kind = MESSAGE_TYPES[topic]
-            metadata = {"offered_qos_profiles": offered_qos(), "topic_type_hash": typestore().hash_rihs01(kind)}
+            metadata = {"offered_qos_profiles": offered_qos(kind), "topic_type_hash": typestore().hash_rihs01(kind)}
             schema = writer.register_schema(kind, "ros2msg", definition(kind))
             channels[topic] = writer.register_channel(name, "cdr", schema, metadata)
         for part in parts:

@@ -17,12 +17,12 @@ from knee_contact_ros.offline.summary import read_summary
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
-from knee_contact_ros.streams.topics import MESSAGE_TYPES, RECORDED
+from knee_contact_ros.streams.topics import EACH_TICK, MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.answers import FIELDS, rows_of, same
 from tests.helpers.messages import raw_inputs
 
-OUTPUTS = {f"/{topic}": MESSAGE_TYPES[topic] for topic in RECORDED}
+OUTPUTS = {f"/{topic}": MESSAGE_TYPES[topic] for topic in EACH_TICK}
 WRENCH = list(OUTPUTS)[-1]
 
 

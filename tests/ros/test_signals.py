@@ -14,7 +14,7 @@ import pytest
 
 from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.model.compiler import kept_files, stamp
-from knee_contact_ros.streams.topics import MESSAGE_TYPES, RECORDED
+from knee_contact_ros.streams.topics import EACH_TICK, MESSAGE_TYPES
 from tests.helpers.needs import needs_viewer
 from tests.helpers.processes import has_ended
 from tests.ros.conftest import NodeProcess, Peer
@@ -39,8 +39,8 @@ def test_a_signal_completes_the_files(peer: Peer, start_node: Start, tmp_path: P
     assert code == 0, output
     assert "40 ticks, 0 samples refused" in output
     assert sorted(path.name for path in tmp_path.rglob("*")) == ["bag", "bag_0.mcap", "knee.rrd", "metadata.yaml"]
-    messages = read_bag(recording.parent, {f"/{topic}": MESSAGE_TYPES[topic] for topic in RECORDED})
-    count = {f"/{topic}": sum(m.topic == f"/{topic}" for m in messages) for topic in RECORDED}
+    messages = read_bag(recording.parent, {f"/{topic}": MESSAGE_TYPES[topic] for topic in EACH_TICK})
+    count = {f"/{topic}": sum(m.topic == f"/{topic}" for m in messages) for topic in EACH_TICK}
     assert count == {"/joint_states": 41, "/joint_reaction_force": 40, "/knee_contact": 40, "/knee_contact/wrench": 40}
     recorded = [m.message.penetration_depth for m in messages if m.topic == "/knee_contact"]
     assert recorded == [contact.penetration_depth for contact in peer.contacts]

@@ -20,7 +20,7 @@ from rosbags.typesys import get_types_from_msg
 from knee_contact_ros.model.types import UNUSABLE, ContactState, Fidelity, Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.streams.topics import RECORDED
+from knee_contact_ros.streams.topics import EACH_TICK
 from scripts.make_layouts import LANES, PLOTS, files
 from tests import ROOT
 
@@ -123,7 +123,7 @@ def test_plotjuggler_4_has_the_same_curves_by_topic_and_field(config: Path) -> N
     assert root.attrib == {"format": "PlotJuggler", "pj4_version": "4", "binding": "generic"}
     curves = [(curve.attrib["topic"], curve.attrib["field"]) for curve in root.iter("curve")]
     assert [f"{topic}/{field}" for topic, field in curves] == [curve.attrib["name"] for curve in before.iter("curve")]
-    assert {topic for topic, _ in curves} == {f"/{topic}" for topic in RECORDED}
+    assert {topic for topic, _ in curves} == {f"/{topic}" for topic in EACH_TICK}
     assert not list(root.iter("transform"))
     titles = [area.attrib["name"] for area in root.iter("DockArea")]
     assert {"Flexion angle [rad]", "Depth [m]", "Joint position [rad]"} <= set(titles)  # nothing converts them

@@ -72,3 +72,11 @@ def test_the_first_tab_shows_the_knee_and_its_curves(scene: Path) -> None:
         whole = screen.picture()
     assert whole.shape == (900, 1600, 3)
     assert pixels_of(whole, DEPTH, within=20) > 300
+
+
+def test_rerun_alone_draws_the_leg_of_a_recording(osteoarthritic: Path) -> None:
+    with rendered(osteoarthritic) as screen:
+        assert not screen.complaints()
+        (space,) = (view for view in screen.state.views if view.view_class == "3D")
+        shown = screen.picture(space.name)
+    assert pixels_of(shown, (204, 199, 191), within=60) > 200

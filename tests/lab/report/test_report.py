@@ -25,7 +25,7 @@ from knee_contact_ros.model.types import FLAT
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.streams.topics import KNEE_CONTACT_WRENCH, MESSAGE_TYPES, RECORDED
+from knee_contact_ros.streams.topics import EACH_TICK, KNEE_CONTACT_WRENCH, MESSAGE_TYPES
 from tests.lab.report.pages import check_html, numbers, page_of, rows_of, runs_of, text_of
 from tests.offline.test_solve import make_bag, silent
 
@@ -212,7 +212,7 @@ def test_a_recording_says_its_parameters_itself(recording: Path, tmp_path: Path)
 def test_recordings_of_others_and_of_two_knees_in_one(recording: Path, tmp_path: Path) -> None:
     """Somebody else's recorder stores the messages, and no parameters."""
     path, out = tmp_path / "both.mcap", tmp_path / "out"
-    types = {f"/{topic}": MESSAGE_TYPES[topic] for topic in RECORDED if topic != KNEE_CONTACT_WRENCH}
+    types = {f"/{topic}": MESSAGE_TYPES[topic] for topic in EACH_TICK if topic != KNEE_CONTACT_WRENCH}
     with BagWriter(path) as bag, BagReader(recording, types) as reader:
         for side in ("left", "right"):
             for topic, name in types.items():

@@ -1,0 +1,51 @@
+"""The leg in recordings: what is drawn of it, and where."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from knee_contact_ros.bags.reader import read_answers, read_bag
+from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.streams.leg import MOVED
+from knee_contact_ros.streams.topics import MESSAGE_TYPES, ROBOT_DESCRIPTION, TF, stamp_to_ns
+
+
+@pytest.fixture(scope="module")
+def recording(right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("leg") / "out.mcap"
+    solve(right_bag, load_parameters(["healthy"]), path, lambda *_: None)
+    return path
+
+
+def test_the_thigh_is_where_the_answers_have_the_femur(recording: Path) -> None:
+    answers = read_answers(recording)
+    by_stamp = {int(answer["stamp"]): answer for answer in answers}
+    moves = [message.message.transforms for message in read_bag(recording, {f"/{TF}": MESSAGE_TYPES[TF]})]
+    stamps = [stamp_to_ns(one.header.stamp) for (one,) in moves]
+    assert len({stamp // MOVED for stamp in stamps}) == len(stamps) == len({s // MOVED for s in by_stamp})
+    for stamp, (one,) in zip(stamps, moves, strict=True):
+        assert (one.header.frame_id, one.child_frame_id) == ("tibia_r", "tibia_r/thigh")
+        place, turn, answer = one.transform.translation, one.transform.rotation, by_stamp[stamp]
+        assert (place.x, place.y, place.z) == (0.0, answer["femoral_height"], 0.0)  # a hinge
+        assert (turn.x, turn.y) == (0.0, 0.0)
+        assert 2.0 * math.atan2(turn.z, turn.w) == pytest.approx(answer["flexion_angle"], abs=1e-12)
+
+
+def test_the_description_is_a_leg_whose_condyles_touch_the_plateau(recording: Path) -> None:
+    yourdfpy = pytest.importorskip("yourdfpy", reason="needs yourdfpy, of the development environment")
+    types = {f"/{ROBOT_DESCRIPTION}": MESSAGE_TYPES[ROBOT_DESCRIPTION]}
+    (message,) = read_bag(recording, types)
+    urdf = recording.with_suffix(".urdf")
+    urdf.write_text(message.message.data)
+    leg = yourdfpy.URDF.load(str(urdf))
+    assert set(leg.link_map) == {"tibia_r", "tibia_r/thigh"}
+    plateau, condyles = leg.link_map["tibia_r"].visuals[1], leg.link_map["tibia_r/thigh"].visuals[1]
+    top = plateau.origin[1, 3] + 0.5 * plateau.geometry.box.size[1]
+    assert top == 0.0
+    height = read_answers(recording)["femoral_height"]
+    assert np.all(np.abs(height - condyles.geometry.cylinder.radius) < 1e-3)
