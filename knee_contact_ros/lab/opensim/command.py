@@ -163,14 +163,15 @@ def read_knee(side: str, files: Files, settings: Settings, work: Path) -> Gait:
     facts = results.read_model(files.model, coordinate_of(column)) if files.model else None
     angle, notes = results.read_angles(kinematics, column, files.speeds, settings, facts.bounds if facts else None)
     degrees = checks.unit_of(kinematics, column, settings.angle_unit) == "deg"
-    chosen = results.find_reaction(reactions, side, settings.joint)
-    reactions = reactions.needed([chosen.column(axis) for axis in results.AXES], settings.start, settings.end)
-    pose, reactions, doubts = _pose(chosen, reactions, kinematics, degrees, angle, files.model, work)
-    reaction, of_reaction = results.read_reaction(reactions, chosen, side, pose)
+    chosen = results.find_reactions(reactions, side, settings.joint)
+    needed = [each.column(axis) for each in chosen for axis in results.AXES]
+    reactions = reactions.needed(needed, settings.start, settings.end)
+    poses, reactions, doubts = _poses(chosen, reactions, kinematics, degrees, angle, files.model, work)
+    reaction, of_reaction = results.read_reaction(reactions, list(zip(chosen, poses, strict=True)), side)
     notes += of_reaction
     columns = {
         "angle": f"{column} of {files.kinematics.name}",
-        "load": f"{chosen.column(results.ALL)} of {files.reactions.name}",
+        "load": f"{' + '.join(each.column(results.ALL) for each in chosen)} of {files.reactions.name}",
     }
     joints, wrenches = {gait_bag.JOINT: angle}, {"load": reaction}
     if files.ground and files.ground_data and files.model:
@@ -187,7 +188,9 @@ def read_knee(side: str, files: Files, settings: Settings, work: Path) -> Gait:
     flexion, force = (
         each.inside(window) if len(each.inside(window).stamps) > 1 else each for each in (angle, reaction)
     )
-    load = Series("load", files.reactions, chosen.column("fy"), force.stamps, -force.values[:, 1])
+    load = Series(
+        "load", files.reactions, " + ".join(each.column("fy") for each in chosen), force.stamps, -force.values[:, 1]
+    )
     seen = Series("angle", files.kinematics, column, flexion.stamps, flexion.values[:, 0])
     doubtful = checks.doubts(seen, load, None, weight, results.MAX_GAP, mapped=False)
     if doubtful and not settings.anyway:
@@ -202,28 +205,29 @@ def read_knee(side: str, files: Files, settings: Settings, work: Path) -> Gait:
     )
 
 
-def _pose(
-    chosen: Reaction, reactions: StorageTable, kinematics: StorageTable, degrees: bool, angle: gait_bag.Signal,
-    model: Path | None, work: Path,
-) -> tuple[Pose | None, StorageTable, list[str]]:  # fmt: skip
-    """Pose of the tibia in the frame of a reaction, if that is another one; the rows that have one, and doubts.
+def _poses(
+    chosen: Sequence[Reaction], reactions: StorageTable, kinematics: StorageTable, degrees: bool,
+    angle: gait_bag.Signal, model: Path | None, work: Path,
+) -> tuple[list[Pose | None], StorageTable, list[str]]:  # fmt: skip
+    """Poses of the tibia in the frames of reactions, if these are others; the rows that have one, and doubts.
 
     Raises:
         UsageError: it needs a model that is not given, or does not fit.
     """
-    if chosen.on_tibia or chosen.on_femur:
-        return None, reactions, []
-    if model and (find_spec("opensim") or not chosen.in_femur):
-        pose, stamps = legs.tibia_in(chosen, kinematics, degrees, model, reactions.stamps, work)
-        return pose, reactions.at(stamps), []
-    if not chosen.in_femur:
-        raise results.needs_model(reactions, chosen)
+    first = chosen[0]
+    if all(each.on_tibia or each.on_femur for each in chosen):
+        return [None] * len(chosen), reactions, []
+    if model and (find_spec("opensim") or not first.in_femur):
+        found = [legs.tibia_in(each, kinematics, degrees, model, reactions.stamps, work) for each in chosen]
+        return [pose for pose, _ in found], reactions.at(found[0][1]), []
+    if not first.in_femur:
+        raise results.needs_model(reactions, first)
     inside = reactions.stamps[(reactions.stamps >= angle.stamps[0]) & (reactions.stamps <= angle.stamps[-1])]
     doubt = (
-        f"{reactions.path}: the reaction was turned from {chosen.frame} by the flexion angle alone, as of a hinge, and "
+        f"{reactions.path}: the reaction was turned from {first.frame} by the flexion angle alone, as of a hinge, and "
         "its torque is about the point that the file has: --model (with the extra opensim) turns it as the model does"
     )
-    return results.hinge(angle, inside), reactions.at(inside), [doubt]
+    return [results.hinge(angle, inside)], reactions.at(inside), [doubt]
 
 
 def show_checks(found: Sequence[Check], fault: str = "") -> None:

@@ -18,6 +18,7 @@ from knee_contact_ros.lab import checks
 from knee_contact_ros.lab.gait_bag import MIRROR, Signal
 from knee_contact_ros.lab.opensim import child, pipeline, setup_files
 from knee_contact_ros.lab.opensim.results import (
+    FEMUR,
     LEFT,
     RIGHT,
     SIDE_WORDS,
@@ -363,12 +364,18 @@ def tibia_in(
         UsageError: OpenSim is not installed or fails, the model has no such joint or frame, or a coordinate between
             both is not in the kinematics.
     """
-    joints = [e.get("name") for e in read_xml(model, "Model").iter() if e.tag.endswith("Joint")]
-    if reaction.joint not in joints:
+    root = read_xml(model, "Model")
+    if reaction.joint not in [e.get("name") for e in root.iter() if e.tag.endswith("Joint")]:
         raise UsageError(f"{model} (--model) has no joint {reaction.joint}; is it the model of these results?")
     stamps = stamps[(stamps >= kinematics.stamps[0]) & (stamps <= kinematics.stamps[-1])]
     table = kinematics._replace(stamps=stamps, values=Signal(kinematics.stamps, kinematics.values).at(stamps).values)
-    frames = [("child_base", reaction.joint), ("frame", reaction.frame), ("child", reaction.joint)]
+    tibia = ("child_base", reaction.joint)
+    if not is_part(reaction.body, (*TIBIA, *FEMUR)):  # of a compartment: the tibia of its side
+        side = [words(reaction.joint) & each for each in SIDE_WORDS.values()]
+        names = [e.get("name", "") for e in root.iter("Body")]
+        legs = [n for n in names if is_part(n, TIBIA) and any(words(n) & each for each in side)]
+        tibia = ("frame", min(legs, key=len, default="tibia"))
+    frames = [tibia, ("frame", reaction.frame), ("child", reaction.joint)]
     found = frames_of(table, degrees, model, frames, work)
     if not is_part(found.names[0], TIBIA):
         raise UsageError(f"{model}: {reaction.joint} joins {found.names[0]} to its parent, and must join the tibia")

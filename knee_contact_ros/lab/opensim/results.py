@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -26,6 +26,8 @@ ANGLE_WORDS = {"angle", "flexion", "flex", "extension", "ext", "fe"}
 """Words allowed in the name of a knee's angle beside `knee` and the side; others are of the patella or other axes"""
 TIBIA, FEMUR = ("tibia", "shank"), ("femur", "femor", "thigh")
 """Beginnings of words in the names of bodies"""
+PLATEAU, COMPARTMENTS = ("tibial", "tibiofemoral", "plat"), ("med", "lat")
+"""Beginnings of words in the names of joints or bodies: of one at the plateau, and of those of the two compartments"""
 REACTION = re.compile(r"(?P<joint>.+)_on_(?P<body>.+)_in_(?P<frame>.+)_(?:[fmp][xyz])")
 MOCO = re.compile(r"(?P<path>.*?(?P<joint>[^/|]+)\|reaction_on_child)_[1-6]")
 """Columns of a reaction on a joint's child that Moco's study writes: torque and force in ground, at the joint"""
@@ -172,8 +174,11 @@ def coordinate_of(name: str) -> str | None:
     return parts[-2] if parts[-1] == "value" else None
 
 
-def find_reaction(table: Table, side: str, joint: str | None) -> Reaction:
+def find_reactions(table: Table, side: str, joint: str | None) -> list[Reaction]:
     """Find the knee's reaction on the tibia in the tibia's frame, or else one from which it can be computed.
+
+    Of a knee whose joint does not act on the tibia these are that of the joint at the plateau, or those of the medial
+    and the lateral compartment, which are to be added up.
 
     Raises:
         UsageError: there is no such joint or more than one, or its reaction is on another body.
@@ -187,27 +192,27 @@ def find_reaction(table: Table, side: str, joint: str | None) -> Reaction:
     joints = list(dict.fromkeys(reaction.joint for reaction in there))
     if joint is not None and joint not in joints:
         raise UsageError(f"{table.path} has no joint {joint} (--joint); it has {some(joints)}")
-    knees = [joint] if joint else [name for name in joints if is_knee(name, side)]
-    if len(knees) != 1:
-        having = f"{len(knees)} joints of the {side} knee" if knees else f"no joint of the {side} knee"
-        raise UsageError(f"{table.path} has {having} among {some(joints)}; choose one with --joint NAME")
-    ours = [reaction for reaction in there if reaction.joint == knees[0]]
-    of_knee = [each for each in ours if is_part(each.body, (*TIBIA, *FEMUR))]
-    usable = sorted(of_knee, key=lambda each: (not each.on_tibia, not each.on_femur, not each.in_femur))
-    if not usable:
-        joint, body = ours[0][:2]
-        fault = f"{joint} acts on {body}, and must on the tibia"
-        others = [each.joint for each in there if (each.on_tibia or each.on_femur) and _of_side(each, side)]
-        cure = f"in this file {some(others)} does: --joint {others[0]}" if others else HOW
-        raise UsageError(f"{table.path}: {fault}; {cure}")
-    if missing := [name for name in map(usable[0].column, AXES) if name not in table.names]:
+    usable: dict[str, Reaction] = {}
+    for each in sorted(there, key=lambda each: (not each.on_tibia, not each.on_femur, not each.in_femur)):
+        if is_part(each.body, (*TIBIA, *FEMUR)) or (is_part(each.joint, COMPARTMENTS) and each.frame != GROUND):
+            usable.setdefault(each.joint, each)
+    ours = [name for name in usable if words(name) & SIDE_WORDS[side]]
+    halves = [[name for name in ours if is_part(name, (half,))] for half in COMPARTMENTS]
+    at_plateau = [name for name in ours if is_part(f"{name} {usable[name].body}", PLATEAU)]
+    of_knee = [name for name in ours if is_knee(name, side) and is_part(usable[name].body, (*TIBIA, *FEMUR))]
+    pair = [name for names in halves for name in names] if all(len(names) == 1 for names in halves) else []
+    found = [joint] if joint else next((each for each in (of_knee, at_plateau) if len(each) == 1), pair)
+    if joint and joint not in usable:
+        body = next(each.body for each in there if each.joint == joint)
+        raise UsageError(f"{table.path}: {joint} acts on {body}, and must on the tibia; {HOW}")
+    if not found:
+        raise UsageError(
+            f"{table.path}: of {some(joints)} none acts on the tibia of the {side} knee, or several do; name one that "
+            f"does with --joint NAME, or run JointReaction again, {HOW}"
+        )
+    if missing := [name for each in found for name in map(usable[each].column, AXES) if name not in table.names]:
         raise UsageError(f"{table.path} has no column {', '.join(missing)}")
-    return usable[0]
-
-
-def _of_side(reaction: Reaction, side: str) -> bool:
-    """Whether the name of a reaction's joint or body has a word for a side."""
-    return bool((words(reaction.joint) | words(reaction.body)) & SIDE_WORDS[side])
+    return [usable[name] for name in found]
 
 
 def is_part(name: str, beginnings: tuple[str, ...]) -> bool:
@@ -270,36 +275,40 @@ def hinge(angle: Signal, stamps: Stamps) -> Pose:
     return Pose(rotation, np.zeros((len(stamps), 3)))
 
 
-def read_reaction(table: Table, reaction: Reaction, side: str, pose: Pose | None = None) -> tuple[Signal, list[str]]:
+def read_reaction(table: Table, parts: Sequence[tuple[Reaction, Pose | None]], side: str) -> tuple[Signal, list[str]]:
     """Read force and torque on the tibia at its frame's origin, mirrored for a left knee, and notes.
 
-    `pose` is that of the tibia in the reaction's frame, at the rows of the table, if that is another one.
+    The `parts` are added up. Each has the pose of the tibia in its frame at the rows of the table, if that is another.
 
     Raises:
         UsageError: the force pulls the joint apart, or is not in N.
     """
-    wrench = np.column_stack([table.column(reaction.column(axis)) for axis in AXES])
-    notes = []
-    if is_part(reaction.body, FEMUR):
-        wrench = -wrench
-        notes.append(f"reaction: on {reaction.body} turned into that on the tibia (Newton's third law)")
-    points = [reaction.column(axis) for axis in POINT]
-    point = np.zeros((len(wrench), 3)) if pose is None or pose.point is None else pose.point
-    if set(points) <= set(table.names):
-        point = np.column_stack([table.column(name) for name in points])
-    arm = point if pose is None else point - pose.origin
-    if arm.any():
-        wrench[:, 3:] += np.cross(arm, wrench[:, :3])
-        notes.append("torque: moved to the tibia frame's origin")
-    if pose:
-        turned = [np.einsum("nij,nj->ni", pose.rotation, part) for part in (wrench[:, :3], wrench[:, 3:])]
-        wrench = np.hstack(turned)
-        notes.append(f"reaction: turned from {reaction.frame} into the tibia's frame")
-    checks.check_axial(-wrench[:, 1], f"{table.path}: {reaction.column('fy')}")
+    total, notes = np.zeros((len(table.stamps), 6)), []
+    for reaction, pose in parts:
+        wrench = np.column_stack([table.column(reaction.column(axis)) for axis in AXES])
+        if is_part(reaction.body, FEMUR):
+            wrench = -wrench
+            notes.append(f"reaction: on {reaction.body} turned into that on the tibia (Newton's third law)")
+        points = [reaction.column(axis) for axis in POINT]
+        point = np.zeros((len(wrench), 3)) if pose is None or pose.point is None else pose.point
+        if set(points) <= set(table.names):
+            point = np.column_stack([table.column(name) for name in points])
+        arm = point if pose is None else point - pose.origin
+        if arm.any():
+            wrench[:, 3:] += np.cross(arm, wrench[:, :3])
+            notes.append("torque: moved to the tibia frame's origin")
+        if pose:
+            turned = [np.einsum("nij,nj->ni", pose.rotation, part) for part in (wrench[:, :3], wrench[:, 3:])]
+            wrench = np.hstack(turned)
+            notes.append(f"reaction: turned from {reaction.frame} into the tibia's frame")
+        total += wrench
+    if len(parts) > 1:
+        notes.append("reaction: sum of the compartments, its torque about the tibia frame's origin")
+    checks.check_axial(-total[:, 1], f"{table.path}: {' + '.join(reaction.column('fy') for reaction, _ in parts)}")
     if side == LEFT:
-        wrench = wrench * MIRROR
+        total = total * MIRROR
         notes.append("reaction: left knee mirrored to a right one (force z, torque x and y turned)")
-    return Signal(table.stamps, wrench), [*notes, *duplicate_notes(table)]
+    return Signal(table.stamps, total), [*dict.fromkeys(notes), *duplicate_notes(table)]
 
 
 def duplicate_notes(table: Table) -> list[str]:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
 from knee_contact_ros.commands.main import main
@@ -19,13 +20,14 @@ from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.lab.opensim import child
 from knee_contact_ros.lab.opensim.command import Files, read_knee
 from knee_contact_ros.lab.opensim.pipeline import run_python
-from knee_contact_ros.lab.opensim.results import Settings
+from knee_contact_ros.lab.opensim.results import AXES, Settings
 from knee_contact_ros.lab.opensim.setup_files import Setup, dynamics_setup, find_setups, read_setup
 from knee_contact_ros.lab.tables import read_storage
 from knee_contact_ros.offline.estimate_load import LoadSummary, estimate_load
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.topics import NANOSECONDS
+from knee_contact_ros.system.errors import UsageError
 from tests.helpers.needs import needs_opensim
 from tests.lab.opensim.storages import write_storage
 from tests.lab.opensim.test_command import origin
@@ -39,6 +41,7 @@ BODY_WEIGHT = 711.96
 SUBJECT = {"person.mass": 72.6, "person.height": 1.8}
 KINEMATICS, REACTIONS = "reference_CMC_Kinematics_q.sto", "reference_JointReaction_ReactionLoads.sto"
 LOADS = "subject01_walk1_grf.xml"
+POINTS = [f"knee_r_on_tibia_r_in_tibia_r_p{axis}" for axis in "xyz"]
 QUICK = ("--steps", "scale,ik,static")
 BEGUN = 0.6
 """[s] from which the estimator has seen angles for long enough"""
@@ -103,6 +106,45 @@ def test_reactions_in_other_frames_are_turned_as_opensim_does(reference_data: Pa
     assert np.abs(ours[:, 1]).max() > 5e4  # nothing but gravity and inertia; the muscles pull as their tone does
     for kind, wrench in found.items():
         np.testing.assert_allclose(wrench, ours, rtol=0.0, atol=0.01, err_msg=f"{kind} [N, N m]")
+
+
+def test_the_compartments_of_a_knee_are_added_in_the_tibias_frame(reference_data: Path, tmp_path: Path) -> None:
+    """What OpenSim says of the tibia, told by two bodies on it that are turned and lie beside its axis."""
+    import opensim
+
+    example = reference_data / "opensim_gait2354"
+    model = opensim.Model(str(example / "gait2354_simbody.osim"))
+    halves = {
+        "med": (0.65, [0.01, -0.02, -0.02], [0.1, 0.2, 0.3]),
+        "lat": (0.35, [0.0, -0.02, 0.025], [0.0, -0.3, 0.1]),
+    }
+    for name, (_, place, turn) in halves.items():
+        body, on = opensim.Body(f"{name}_cond_r", 1e-9, opensim.Vec3(0), opensim.Inertia(1e-9)), (opensim.Vec3(0),) * 2
+        model.addBody(body)
+        at = opensim.Vec3(*place), opensim.Vec3(*turn)
+        model.addJoint(opensim.WeldJoint(f"{name}_cond_joint_r", model.getBodySet().get("tibia_r"), *at, body, *on))
+    model.finalizeConnections()
+    model.printToXML(str(tmp_path / "model.osim"))
+    whole = Files(example / KINEMATICS, example / REACTIONS)
+    table = read_storage(example / REACTIONS)
+    wrench = table.columns([f"knee_r_on_tibia_r_in_tibia_r_{axis}" for axis in AXES])
+    force, torque = wrench[:, :3], wrench[:, 3:] + np.cross(table.columns(POINTS), wrench[:, :3])
+    torque = torque - sum(share * np.cross(place, force) for share, place, _ in halves.values())
+    columns = {}
+    for name, (share, _, turn) in halves.items():
+        to_tibia = Rotation.from_euler("XYZ", turn).as_matrix()
+        parts = np.hstack([share * force @ to_tibia, share * torque @ to_tibia])
+        columns |= {
+            f"{name}_cond_joint_r_on_{name}_cond_r_in_{name}_cond_r_{a}": c for a, c in zip(AXES, parts.T, strict=True)
+        }
+    jr = write_storage(tmp_path / "jr.sto", table.stamps / NANOSECONDS, columns, "no")
+    parts_of = whole._replace(reactions=jr, model=tmp_path / "model.osim")
+    ours, found = (read_knee("right", files, Settings(), tmp_path).reaction.values for files in (whole, parts_of))
+    np.testing.assert_allclose(found, ours, rtol=0.0, atol=0.01)
+    with pytest.raises(
+        UsageError, match=r"med_cond_joint_r_on_med_cond_r_in_med_cond_r_fx is in med_cond_r, .*--model M"
+    ):
+        read_knee("right", parts_of._replace(model=None), Settings(), tmp_path)
 
 
 def test_a_model_whose_coordinates_are_not_all_known_turns_nothing(
