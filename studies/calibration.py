@@ -24,7 +24,7 @@ from benchmarks.gait import gait
 from benchmarks.report import Section, machine, save
 from knee_contact_ros import calibrate
 from knee_contact_ros.lab.calibrate import Calibration
-from knee_contact_ros.lab.calibrate.contact import fittable_of, measured_from, problem_of
+from knee_contact_ros.lab.calibrate.contact import fittable, measured_from, problem_of
 from knee_contact_ros.lab.calibrate.problem import scaled, unknowns_of
 from knee_contact_ros.parameters.files import load_parameters
 from studies.reference import LAWS, Knee, Solution, solve
@@ -281,7 +281,7 @@ def along_straight_lines(name: str, repetitions: int) -> NDArray[np.int64]:
     case = case_of(name)
     parameters, table = load_parameters([case.parameters]), made(name, case, np.random.default_rng(0))
     measured = measured_from(table, parameters.drive)
-    problem = problem_of(parameters, measured, unknowns_of(list(case.free), fittable_of(parameters, measured)), True)
+    problem = problem_of(parameters, measured, unknowns_of(list(case.free), fittable(), parameters, name), True)
     problem = problem.with_steps_for(problem.start, case.noise)
     slopes = problem.jacobian(problem.start, case.noise)
     spread = np.linalg.inv(slopes.T @ slopes)

@@ -155,10 +155,11 @@ def fit_share(
     It prints the RMS error of each form in each trial, fitted to the other trials. It writes a file for
     load.share_file: the curve, or the table if it is clearly better.
     """
-    from knee_contact_ros.lab.shares import Wanted, run_fit_share
+    from knee_contact_ros.lab.shares import run_fit_share
 
-    wanted = Wanted(time, axial, medial, flexion, degrees=angle_unit == "deg", moment=moment)
-    run_fit_share([[Path(name.strip()) for name in trial.split(",")] for trial in trials], wanted, **rest)
+    sums = {"--axial": axial, "--medial": medial, "--flexion": flexion} | ({"--moment": moment} if moment else {})
+    files = [[Path(name.strip()) for name in trial.split(",")] for trial in trials]
+    run_fit_share(files, time, sums, angle_unit == "deg", **rest)
 
 
 @click.command()

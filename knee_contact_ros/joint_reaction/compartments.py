@@ -71,11 +71,7 @@ class MeasuredShare:
     def __init__(self, table: ShareTable, body_weight: float) -> None:
         """Prepare the table for a person with this body weight [N]."""
         self._body_weight = body_weight
-        self._flexion, self._load = table.flexion, table.load
-        self._cells = _cells(table)
-        self._inner_flexion, self._inner_load = table.flexion[1:-1].tolist(), table.load[1:-1].tolist()
-        self._edges = *table.flexion[[0, -1]].tolist(), *table.load[[0, -1]].tolist()
-        self._lists = [table.flexion.tolist(), table.load.tolist(), self._cells.tolist()]
+        self._places = table.flexion.tolist(), table.load.tolist(), _cells(table).tolist()
 
     def share(self, axial: Any, flexion: Any) -> Any:
         """Medial share, from 0 to 1, at axial compression [N] and flexion [rad]: numbers, or arrays of one shape.
@@ -83,31 +79,23 @@ class MeasuredShare:
         Both give the same bits.
         """
         if isinstance(axial, np.ndarray):
-            return self._shares(axial, flexion)
-        first, last, least, most = self._edges
-        angle, load = min(max(flexion, first), last), min(max(axial / self._body_weight, least), most)
-        row, column = bisect_right(self._inner_flexion, angle), bisect_right(self._inner_load, load)
-        flexions, loads, cells = self._lists
+            return np.array([self.share(*each) for each in zip(axial.tolist(), flexion.tolist(), strict=True)])
+        flexions, loads, cells = self._places
+        angle = min(max(flexion, flexions[0]), flexions[-1])
+        load = min(max(axial / self._body_weight, loads[0]), loads[-1])
+        row, column = (
+            bisect_right(flexions, angle, 1, len(flexions) - 1) - 1,
+            bisect_right(loads, load, 1, len(loads) - 1) - 1,
+        )
         constant, by_angle, by_load, by_both = cells[row][column]
         right, up = angle - flexions[row], load - loads[column]
         return min(max(constant + by_angle * right + (by_load + by_both * right) * up, 0.0), 1.0)
 
-    def _shares(self, axial: NDArray[np.float64], flexion: NDArray[np.float64]) -> NDArray[np.float64]:
-        first, last, least, most = self._edges
-        angle = np.minimum(np.maximum(flexion, first), last)
-        load = np.minimum(np.maximum(axial / self._body_weight, least), most)
-        row = np.searchsorted(self._inner_flexion, angle, "right")
-        column = np.searchsorted(self._inner_load, load, "right")
-        constant, by_angle, by_load, by_both = np.moveaxis(self._cells[row, column], -1, 0)
-        right, up = angle - self._flexion[row], load - self._load[column]
-        shares: NDArray[np.float64] = constant + by_angle * right + (by_load + by_both * right) * up
-        return np.minimum(np.maximum(shares, 0.0), 1.0)
-
     def beyond(self, axial: Any, flexion: Any) -> Any:
         """Whether load or flexion lie beyond the table, so that its edge is taken: numbers, or arrays of one shape."""
-        first, last, least, most = self._edges
+        flexions, loads, _ = self._places
         load = axial / self._body_weight
-        return (flexion < first) | (flexion > last) | (load < least) | (load > most)
+        return (flexion < flexions[0]) | (flexion > flexions[-1]) | (load < loads[0]) | (load > loads[-1])
 
 
 def _cells(table: ShareTable) -> NDArray[np.float64]:

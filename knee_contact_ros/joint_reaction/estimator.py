@@ -48,22 +48,18 @@ class Deviation(NamedTuple):
         return math.hypot(self.floor * weight, self.part * axial)
 
 
-class Measured(NamedTuple):
-    """Standard deviation of a level's axial force from that of an instrumented knee."""
+class EstimationLevel(NamedTuple):
+    """A level: its dynamics, and the error of its axial force for the knees of two men (`docs/validation.md`).
 
+    In OpenSim's walk the errors are larger.
+    """
+
+    level: Level
+    dynamics: Dynamics
     calibrated: Deviation
     """Deviation with constants that were fitted to other trials of the same person"""
     uncalibrated: Deviation
     """Deviation with constants that were fitted to another person"""
-
-
-class EstimationLevel(NamedTuple):
-    """A level: its dynamics, and its error."""
-
-    level: Level
-    dynamics: Dynamics
-    error: Measured
-    """Error for the knees of two men, as `docs/validation.md` says; in OpenSim's walk the errors are larger"""
 
 
 KNEE_LEVER = 0.6
@@ -100,13 +96,12 @@ def knee_moment_alone(leg: Leg, joints: Joints, motion: Motion, ground: Ground) 
     return net_moments(leg, joints, motion, ground)._replace(plantarflexion=UNKNOWN)
 
 
-OF_MOMENTS = Measured(Deviation(0.225, 0.125), Deviation(0.325, 0.125))
+OF_MOMENTS = Deviation(0.225, 0.125), Deviation(0.325, 0.125)
+OF_GROUND = Deviation(0.40, 0.10), Deviation(0.55, 0.10)
 LEVELS = {
-    "ground_force": EstimationLevel(
-        Level.GROUND_FORCE, ground_force_alone, Measured(Deviation(0.40, 0.10), Deviation(0.55, 0.10))
-    ),
-    "knee_moment": EstimationLevel(Level.KNEE_MOMENT, knee_moment_alone, OF_MOMENTS),
-    "ankle_moment": EstimationLevel(Level.ANKLE_MOMENT, net_moments, OF_MOMENTS),
+    "ground_force": EstimationLevel(Level.GROUND_FORCE, ground_force_alone, *OF_GROUND),
+    "knee_moment": EstimationLevel(Level.KNEE_MOMENT, knee_moment_alone, *OF_MOMENTS),
+    "ankle_moment": EstimationLevel(Level.ANKLE_MOMENT, net_moments, *OF_MOMENTS),
 }
 """The levels by name, from the one that needs the fewest sensors to the one that knows most"""
 
@@ -213,29 +208,27 @@ TIME_RESET, INPUT_HELD, IMPLAUSIBLE, DOUBTFUL_LOAD = 2, 4, 32, 64
 """Bits of `status` in `LoadEstimate.msg`; for the last two see `is_implausible` and `Movement`"""
 
 
-class Trust(NamedTuple):
-    """How far an estimate can be trusted."""
-
-    calibrated: bool
-    """Whether the person's constants were fitted to a measured knee of this person"""
-    deviation: float = 0.0
-    """Standard deviation relative to the body weight, whatever the force is; 0: as it was measured for the level"""
-
-
 class Estimator:
     """Estimates the joint reaction of one knee from its samples in order."""
 
-    def __init__(self, level: str, person: Person, trust: Trust) -> None:
-        """Make an estimator for a person; `level` is a name in `LEVELS`."""
+    def __init__(self, level: str, person: Person, calibrated: bool = False, deviation: float = 0.0) -> None:
+        """Make an estimator; see `configure`."""
         self._lag = Lag()
-        self.configure(level, person, trust)
+        self.configure(level, person, calibrated, deviation)
 
-    def configure(self, level: str, person: Person, trust: Trust) -> None:
-        """Continue with another level, person or trust; the muscles go on from the forces that they have."""
-        self._level, self._person, self._calibrated = LEVELS[level], person, trust.calibrated
+    def configure(self, level: str, person: Person, calibrated: bool, deviation: float) -> None:
+        """Continue with another level or person; the muscles go on from the forces that they have.
+
+        Args:
+            level: Name in `LEVELS`.
+            person: Constants of the person.
+            calibrated: Whether they were fitted to a measured knee of this person.
+            deviation: Standard deviation relative to the body weight, whatever the force is; 0: that of the level.
+        """
+        self._level, self._person, self._calibrated = LEVELS[level], person, calibrated
         self._leg = leg_of(person.mass, person.height)
-        measured = self._level.error.calibrated if trust.calibrated else self._level.error.uncalibrated
-        self._deviation = Deviation(trust.deviation, 0.0) if trust.deviation else measured
+        measured = self._level.calibrated if calibrated else self._level.uncalibrated
+        self._deviation = Deviation(deviation, 0.0) if deviation else measured
         self._movement = Movement(person.weight)
 
     def at(self, stamp: int, joints: Joints, motion: Motion, ground: Ground, status: int = 0) -> Estimate:

@@ -244,33 +244,20 @@ class NetMoments(NamedTuple):
     """
 
 
-class Plane(NamedTuple):
-    """A vector in the sagittal plane: x forward, y up."""
+def cross(arm: complex, force: complex) -> float:
+    """Give the z component of a cross product: the moment [N m] of a force [N] on an arm [m].
 
-    x: float
-    y: float
-
-    def cross(self, other: Plane) -> float:
-        """Give the z component of the cross product with another vector: the moment of a force on this lever arm."""
-        return self.x * other.y - self.y * other.x
-
-    def plus(self, other: Plane) -> Plane:
-        """Give the sum with another vector."""
-        return Plane(self.x + other.x, self.y + other.y)
-
-    def times(self, factor: float) -> Plane:
-        """Give the product with a factor."""
-        return Plane(self.x * factor, self.y * factor)
-
-    def swung(self, turning: Turning) -> Plane:
-        """Give the acceleration of this arm's end, relative to its beginning, as it turns about that."""
-        square = turning.rate * turning.rate
-        return Plane(
-            -self.y * turning.acceleration - self.x * square, self.x * turning.acceleration - self.y * square
-        )  # fmt: skip
+    A vector in the sagittal plane is a complex number here: x forward, y up.
+    """
+    return (arm.conjugate() * force).imag
 
 
-UPWARDS = Plane(0.0, GRAVITY)
+def swung(arm: complex, turning: Turning) -> complex:
+    """Give the acceleration [m/s^2] of an arm's end, relative to its beginning, as it turns about that."""
+    return arm * complex(-turning.rate * turning.rate, turning.acceleration)
+
+
+UPWARDS = complex(0.0, GRAVITY)
 """Acceleration [m/s^2] by which the ground supports a body at rest"""
 
 
@@ -298,26 +285,23 @@ def net_moments(leg: Leg, joints: Joints, motion: Motion, ground: Ground) -> Net
     of_shank = Turning(hip.rate - bent.rate, hip.acceleration - bent.acceleration)
     of_foot = Turning(of_shank.rate + turned.rate, of_shank.acceleration + turned.acceleration)
 
-    down = Plane(math.sin(shank), -math.cos(shank))
-    to_knee = Plane(math.sin(hip_angle), -math.cos(hip_angle)).times(leg.thigh_length)
-    to_ankle, to_shank_centre = down.times(leg.shank_length), down.times(leg.shank_centre)
-    to_foot_centre = Plane(
-        leg.foot_forward * math.cos(foot) + leg.foot_below * math.sin(foot),
-        leg.foot_forward * math.sin(foot) - leg.foot_below * math.cos(foot),
-    )
-    knee = to_knee.swung(hip).plus(UPWARDS)
-    ankle = knee.plus(to_ankle.swung(of_shank))
-    holds_shank = knee.plus(to_shank_centre.swung(of_shank)).times(leg.shank_mass)
-    holds_foot = ankle.plus(to_foot_centre.swung(of_foot)).times(leg.foot_mass)
+    down = complex(math.sin(shank), -math.cos(shank))
+    to_knee = complex(math.sin(hip_angle), -math.cos(hip_angle)) * leg.thigh_length
+    to_ankle, to_shank_centre = down * leg.shank_length, down * leg.shank_centre
+    to_foot_centre = complex(math.cos(foot), math.sin(foot)) * complex(leg.foot_forward, -leg.foot_below)
+    knee = swung(to_knee, hip) + UPWARDS
+    ankle = knee + swung(to_ankle, of_shank)
+    holds_shank = (knee + swung(to_shank_centre, of_shank)) * leg.shank_mass
+    holds_foot = (ankle + swung(to_foot_centre, of_foot)) * leg.foot_mass
 
     force_x, force_y, force_z = ground.force
     about_x, about_y, about_z = ground.torque
-    on_foot = holds_foot.plus(Plane(-force_x, -force_y))
-    dorsiflexion = leg.foot_inertia * of_foot.acceleration + to_foot_centre.cross(holds_foot) - about_z
+    on_foot = holds_foot - complex(force_x, force_y)
+    dorsiflexion = leg.foot_inertia * of_foot.acceleration + cross(to_foot_centre, holds_foot) - about_z
     extension = dorsiflexion + leg.shank_inertia * of_shank.acceleration
-    extension += to_shank_centre.cross(holds_shank) + to_ankle.cross(on_foot)
-    on_shank = on_foot.plus(holds_shank)
-    compression = on_shank.x * down.x + on_shank.y * down.y
-    about_x = -about_x - to_ankle.y * force_z - leg.knee_offset * force_y
-    about_y = -about_y + to_ankle.x * force_z + leg.knee_offset * force_x
-    return NetMoments(extension, -dorsiflexion, compression, about_x * -down.y + about_y * down.x)
+    extension += cross(to_shank_centre, holds_shank) + cross(to_ankle, on_foot)
+    on_shank = on_foot + holds_shank
+    compression = on_shank.real * down.real + on_shank.imag * down.imag
+    about_x = -about_x - to_ankle.imag * force_z - leg.knee_offset * force_y
+    about_y = -about_y + to_ankle.real * force_z + leg.knee_offset * force_x
+    return NetMoments(extension, -dorsiflexion, compression, about_x * -down.imag + about_y * down.real)

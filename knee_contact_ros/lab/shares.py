@@ -13,10 +13,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Sequence
-from functools import partial
+from collections.abc import Callable, Mapping, Sequence
 from itertools import combinations
 from pathlib import Path
+from statistics import fmean
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -38,6 +38,8 @@ from knee_contact_ros.system.terminal import WIDTH, say, shown, warn
 
 TERM = re.compile(r"\s*([+-])?\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)\s*\*?\s*)?([^\W\d]\w*|'[^']+'|\"[^\"]+\")\s*")
 """A term of a sum: sign, factor, column, in quotes if it has other signs than letters and digits"""
+Term = tuple[float, str]
+"""Weight and name of a column"""
 FEWEST = 20
 """The least number of samples of a trial"""
 LEAST_FLEXION = -10.0
@@ -51,7 +53,7 @@ EARNED = 0.95
 """RMS error of the table on what it was not fitted to, relative to the curve's, below which it is written"""
 LEAST_LOAD, MOST_LOAD = 0.05, 5.0
 """Range of the load b [body weights]; at its end the share is a constant, or a line in the load"""
-QUARTERS, COLUMNS = 4, ("flexion", "load", "medial", "moment")
+QUARTERS = 4
 CURVE_FLEXION, CURVE_STEP, CURVE_END = (-0.5, 2.7), 0.1, 6.0
 """Flexion [rad] of a written curve's two rows, and step and last of its loads [body weights]"""
 SPACINGS = 0.02, 0.15
@@ -83,32 +85,17 @@ class Trial(NamedTuple):
     """Body weight [N]"""
 
 
-class Wanted(NamedTuple):
-    """The columns of a trial's files that are read; forces and flexion may be sums like `0.98 am + 0.97 pm - al`."""
-
-    time: str
-    """Time [s], a column of every file"""
-    axial: str
-    """Axial force [N], positive in compression"""
-    medial: str
-    """Medial force [N], positive in compression"""
-    flexion: str
-    """Flexion angle, in radians or degrees"""
-    degrees: bool
-    """Whether flexion is in degrees"""
-    moment: str = ""
-    """Frontal moment [N m], as torque.x of the joint reaction; empty: it is not known"""
-
-
 def run_fit_share(
-    files: Sequence[Sequence[Path]], wanted: Wanted, body_weight: Sequence[float], form: str, smoothing: float | None,
-    source: str, output: Path, overwrite: bool,
+    files: Sequence[Sequence[Path]], time: str, sums: Mapping[str, str], degrees: bool, body_weight: Sequence[float],
+    form: str, smoothing: float | None, source: str, output: Path, overwrite: bool,
 ) -> None:  # fmt: skip
     """Fit a table to trials, write it, and print its errors.
 
     Args:
         files: Files of each trial.
-        wanted: The columns of these files.
+        time: Column with the time [s], in every file.
+        sums: Sums of columns by option: `--axial` and `--medial` [N], `--flexion`, and if known `--moment` [N m].
+        degrees: Whether flexion is in degrees.
         body_weight: Body weight [N] of all trials, or of each.
         form: curve, table, or auto: the one that is better on what it was not fitted to.
         smoothing: Penalty of the table; None: the one of `SMOOTHINGS` that is.
@@ -124,7 +111,8 @@ def run_fit_share(
     if len(body_weight) not in (1, len(files)):
         raise UsageError(f"--body-weight: {len(body_weight)} for {len(files)} trials; give one, or one for each")
     weights = list(body_weight) * (len(files) // len(body_weight))
-    trials = [read_trial(paths, wanted, weight) for paths, weight in zip(files, weights, strict=True)]
+    terms = {option: _terms(option, text) for option, text in sums.items()}
+    trials = [read_trial(paths, time, terms, degrees, weight) for paths, weight in zip(files, weights, strict=True)]
     for one, other in combinations(trials, 2):
         if np.array_equal(one.load, other.load) and np.array_equal(one.medial, other.medial):
             fault = f"trials {one.name} and {other.name} are the same: each is left out in turn, and must be a new one"
@@ -136,7 +124,9 @@ def run_fit_share(
     say(f"Written: {output}")
 
 
-def read_trial(paths: Sequence[Path], wanted: Wanted, body_weight: float) -> Trial:
+def read_trial(
+    paths: Sequence[Path], time: str, sums: Mapping[str, Sequence[Term]], degrees: bool, body_weight: float
+) -> Trial:
     """Read a trial from one file, or from several that share a clock.
 
     Columns of all files are identified by their names. The trial has the samples of the first file that are within the
@@ -144,7 +134,9 @@ def read_trial(paths: Sequence[Path], wanted: Wanted, body_weight: float) -> Tri
 
     Args:
         paths: The files.
-        wanted: The columns.
+        time: Column with the time [s].
+        sums: Weights and names of columns by option, see `run_fit_share`.
+        degrees: Whether flexion is in degrees.
         body_weight: Body weight [N].
 
     Raises:
@@ -152,54 +144,49 @@ def read_trial(paths: Sequence[Path], wanted: Wanted, body_weight: float) -> Tri
             values cannot be those of a knee.
     """
     name = paths[0].stem
-    sums = {"--axial": wanted.axial, "--medial": wanted.medial, "--flexion": wanted.flexion}
-    sums |= {"--moment": wanted.moment} if wanted.moment else {}
-    terms = {option: _terms(option, text) for option, text in sums.items()}
-    needed = list(dict.fromkeys(column for each in terms.values() for _, column in each))
-    times: list[Any] = []
+    needed = list(dict.fromkeys(column for terms in sums.values() for _, column in terms))
     found: dict[str, tuple[Floats, Floats]] = {}
-    known: list[str] = []
+    clocks, known = list[Floats](), list[str]()
     day: int | str | None = None
     for path in paths:
-        header = header_of(path, [wanted.time, *needed], TableFormat())
-        header.place(wanted.time)
+        header = header_of(path, [time, *needed], TableFormat())
+        header.place(time)
         known += header.names
         table = read_columns(
-            path, [each for each in needed if header.places(each)], TimeColumn(column=wanted.time), TableFormat()
+            path, [each for each in needed if header.places(each)], TimeColumn(column=time), TableFormat()
         )
-        day = day if times else table.day
+        day = day if clocks else table.day
         if table.day != day:
             raise UsageError(f"{path}: trial {name} begins on another day than in {paths[0]}, or has another clock")
-        times.append(table.stamps * NANOSECOND)
-        for place, column in enumerate(table.names):
+        clocks.append(np.asarray(table.stamps * NANOSECOND))
+        for column, values in zip(table.names, table.values.T, strict=True):
             if column in found:
                 raise UsageError(f"{path}: column {column} is in another file of trial {name}, too")
-            if not np.isfinite(table.values[:, place]).all():
+            if not np.isfinite(values).all():
                 raise UsageError(f"{path}: column {column} of trial {name} has values that are no numbers")
-            found[column] = times[-1], table.values[:, place]
-    first, last = max(time[0] for time in times), min(time[-1] for time in times)
-    kept = times[0][(times[0] >= first) & (times[0] <= last)]
-    if len(kept) < FEWEST:
-        raise UsageError(
-            f"trial {name}: {len(kept)} samples at which all files have some; at least {FEWEST} are needed"
-        )
-    for option, each in terms.items():
-        for _, column in each:
+            found[column] = clocks[-1], values
+    for option, terms in sums.items():
+        for _, column in terms:
             if column not in found:
                 raise UsageError(f"{option}: trial {name} has no column {column}; it has {', '.join(known)}")
+    first, last = max(clock[0] for clock in clocks), min(clock[-1] for clock in clocks)
+    kept = clocks[0][(clocks[0] >= first) & (clocks[0] <= last)]
+    if len(kept) < FEWEST:
+        fault = f"{len(kept)} samples at which all files have some; at least {FEWEST} are needed"
+        raise UsageError(f"trial {name}: {fault}")
     axial, medial, flexion, *moments = (
-        sum((weight * np.interp(kept, *found[column]) for weight, column in each), np.zeros(len(kept)))
-        for each in terms.values()
+        sum((weight * np.interp(kept, *found[column]) for weight, column in terms), np.zeros(len(kept)))
+        for terms in sums.values()
     )
-    flexion = np.radians(flexion) if wanted.degrees else flexion
-    hint = "" if wanted.degrees else "; --angle-unit deg, if it is in degrees"
+    flexion = np.radians(flexion) if degrees else flexion
+    hint = "" if degrees else "; --angle-unit deg, if it is in degrees"
     _refuse_impossible(name, flexion, axial, medial, body_weight, hint)
     moment = moments[0] / body_weight if moments else np.full(len(axial), np.nan)
     moment = np.where(np.abs(moment) <= LARGEST_MOMENT, moment, np.nan)
     return Trial(name, flexion, axial / body_weight, medial / body_weight, moment, body_weight)
 
 
-def _terms(option: str, text: str) -> list[tuple[float, str]]:
+def _terms(option: str, text: str) -> list[Term]:
     """Read a weighted sum of columns: weights and names."""
     place, terms = 0, []
     while place < len(text):
@@ -332,6 +319,10 @@ def spacing(trials: Sequence[Trial]) -> float:
     return 1.0 / float(found.x[0])
 
 
+Rule = Callable[[Sequence[Trial]], Callable[[Trial], Any]]
+"""A rule for the share: it is fitted to trials, and gives the shares in another one"""
+
+
 class Found(NamedTuple):
     """Result of a fit."""
 
@@ -357,33 +348,36 @@ class Found(NamedTuple):
 
 def chosen(trials: Sequence[Trial], form: str, smoothing: float | None) -> Found:
     """Fit curve and table, and choose by what they miss of trials that they were not fitted to; see `run_fit_share`."""
-    folds = [([*trials[:place], *trials[place + 1 :]], [trial], place) for place, trial in enumerate(trials)]
-    if len(trials) == 1:
-        folds = [(*_without_quarter(trials[0], quarter), 0) for quarter in range(QUARTERS)]
+    parts = trials if len(trials) > 1 else _quarters(trials[0])
 
-    def missed(rule: Callable[[Sequence[Trial]], Callable[[Trial], Any]]) -> list[float]:
-        squares: list[list[float]] = [[] for _ in trials]
-        for known, left_out, place in folds:
-            share = rule(known)
-            squares[place].append(float(np.mean([_rms(trial, share(trial)) ** 2 for trial in left_out])))
-        return [math.sqrt(sum(each) / len(each)) for each in squares]
+    def missed(rule: Rule) -> list[float]:
+        """RMS errors of the medial force in every part, by a rule that is fitted to the others."""
+        errors = []
+        for place, part in enumerate(parts):
+            share = rule([*parts[:place], *parts[place + 1 :]])(part)
+            errors.append(float(np.sqrt(np.nanmean((share * part.load - part.medial) ** 2))))
+        return errors if len(trials) > 1 else [math.sqrt(fmean(error**2 for error in errors))]
 
-    def tabled(penalty: float) -> Callable[[Sequence[Trial]], Callable[[Trial], Any]]:
-        return lambda known: partial(_shares, fit_table(known, penalty))
+    def tabled(penalty: float) -> Rule:
+        def rule(known: Sequence[Trial]) -> Callable[[Trial], Any]:
+            share = MeasuredShare(fit_table(known, penalty), 1.0).share
+            return lambda trial: share(trial.load, trial.flexion)
 
-    def curved(known: Sequence[Trial]) -> Callable[[Trial], Any]:
-        return partial(_on_curve, fit_curve(known))
+        return rule
 
     def constantly(known: Sequence[Trial]) -> Callable[[Trial], Any]:
         share = constant(known)
-        return lambda trial: np.full(len(trial.load), share)
+        return lambda _: share
+
+    def curved(known: Sequence[Trial]) -> Callable[[Trial], Any]:
+        curve = fit_curve(known)
+        return lambda trial: curve.at(trial.load)
 
     def balanced(known: Sequence[Trial]) -> Callable[[Trial], Any]:
         apart = spacing(known)
         return lambda trial: 0.5 - trial.moment / (apart * np.maximum(trial.load, 1e-9))
 
-    errors = {"share of 1/2": [_rms(trial, 0.5) for trial in trials], "constant": missed(constantly)}
-    errors["curve"] = missed(curved)
+    errors = {"share of 1/2": missed(lambda _: lambda _: 0.5), "constant": missed(constantly), "curve": missed(curved)}
     tried = {penalty: missed(tabled(penalty)) for penalty in ([smoothing] if smoothing else SMOOTHINGS)}
     best = min(tried, key=lambda penalty: float(np.mean(np.square(tried[penalty]))))
     errors["table"] = tried[best]
@@ -396,24 +390,13 @@ def chosen(trials: Sequence[Trial], form: str, smoothing: float | None) -> Found
     return Found(curve.table, curve, best, errors, spacing(trials))
 
 
-def _without_quarter(trial: Trial, quarter: int) -> tuple[list[Trial], list[Trial]]:
-    """Divide a trial into what is left without a quarter of its samples, and that quarter."""
-    place = QUARTERS * np.arange(len(trial.load)) // len(trial.load) == quarter
-    both = [trial._replace(**{name: getattr(trial, name)[kept] for name in COLUMNS}) for kept in (~place, place)]
-    return [both[0]], [both[1]]
-
-
-def _on_curve(curve: Curve, trial: Trial) -> Floats:
-    return curve.at(trial.load)
-
-
-def _shares(table: ShareTable, trial: Trial) -> Any:
-    return MeasuredShare(table, 1.0).share(trial.load, trial.flexion)
-
-
-def _rms(trial: Trial, share: Floats | float) -> float:
-    """RMS error of the medial force [body weights], where the share is known."""
-    return float(np.sqrt(np.nanmean((share * trial.load - trial.medial) ** 2)))
+def _quarters(trial: Trial) -> list[Trial]:
+    """Divide a trial into quarters."""
+    quarters = np.array_split(np.array(trial[1:5]), QUARTERS, axis=1)
+    return [
+        Trial(trial.name, flexion, load, medial, moment, trial.body_weight)
+        for flexion, load, medial, moment in quarters
+    ]
 
 
 def _csv(found: Found, trials: Sequence[Trial], source: str) -> str:

@@ -312,6 +312,8 @@ def diagnostic_entry(name: str, values: dict[str, str], problem: Problem) -> Any
 
 REFUSAL_LOG_PERIOD = 5.0
 """Shortest time [s] between two warnings of refused samples, or of other faults of the inputs, in the log"""
+HANDED_OVER = "handed over"
+"""Reliability of an input from another node in the process"""
 SILENCE = 5.0
 """Time [s] without a message of an input after which the log warns"""
 SILENCE_LOG_PERIOD = 30.0
@@ -379,7 +381,8 @@ class Health:
         if silent:
             names = " and ".join(resolved(self.node, stream.topic) for stream in silent)
             text = f"nothing received on {names} for {SILENCE:g} s or more"
-            if any(stream.publishers and not stream.meter.received for stream in silent):
+            others = [stream for stream in silent if stream.reliability != HANDED_OVER]
+            if any(stream.publishers and not stream.meter.received for stream in others):
                 text += (
                     ", although a publisher is there: it does not publish, or is of another user, whose shared memory "
                     "cannot be read (FASTDDS_BUILTIN_TRANSPORTS=UDPv4 for both)"

@@ -17,7 +17,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from knee_contact_ros.node.diagnostics import REFUSAL_LOG_PERIOD, InputMeter, at_most_every
+from knee_contact_ros.node.diagnostics import HANDED_OVER, REFUSAL_LOG_PERIOD, InputMeter, at_most_every
 from knee_contact_ros.parameters.sources import Source
 from knee_contact_ros.streams.conversion import Convert
 from knee_contact_ros.streams.frames import TF_STATIC, ForceFrame, decode_transforms, encode_transforms, isb_transform
@@ -56,7 +56,7 @@ class HandedInputs(NamedTuple):
 class HandedStream:
     """Input that comes from a node in the same process, not from its topic; used like an `InputStream`."""
 
-    reliability, publishers = "handed over", 1
+    reliability, publishers = HANDED_OVER, 1
 
     def __init__(self, topic: str, on_data: Callable[[bytes], int | None], meter: InputMeter, source: HandOver) -> None:
         """Take the messages of `source`: `on_data` gets the bytes of one and returns its stamp, `meter` counts it."""

@@ -30,7 +30,7 @@ from knee_contact_ros.node.inputs import (
     message_class,
 )
 from knee_contact_ros.node.outputs import Outputs
-from knee_contact_ros.parameters.sources import Source
+from knee_contact_ros.parameters.sources import WRENCH_STAMPED, Source, source_of
 from knee_contact_ros.streams.conversion import ANY, converters
 from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.output import Knee, Note
@@ -91,6 +91,11 @@ class Session(ABC):
         else:
             first = self._input(angles, "knee.source", self._on_joint_state, qos_given, angle_meter, on_angle)
         if handed:
+            if forces != source_of(self.parameters.usual_forces, WRENCH_STAMPED):
+                fault = f"parameter {self.parameters.force_source}: {forces.topic!r} is not allowed with --with-contact"
+                raise UsageError(
+                    f"{fault}: the force comes from the load node; leave it out, or run `knee-contact node`"
+                )
             return first, HandedStream(self.pipeline.force_topic, self._on_force, force_meter, handed.forces)
         by = self.parameters.force_source
         return first, self._input(forces, by, self._on_force, qos_given, force_meter, on_force)

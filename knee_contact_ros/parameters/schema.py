@@ -19,7 +19,6 @@ from pydantic_core import CoreSchema, core_schema
 
 from knee_contact_ros.joint_reaction.compartments import BOTH, RULES, SPLITS
 from knee_contact_ros.joint_reaction.estimator import LEVELS as LOAD_LEVELS
-from knee_contact_ros.joint_reaction.estimator import Trust
 from knee_contact_ros.joint_reaction.muscles import Person
 from knee_contact_ros.model.knee import BUDGET
 from knee_contact_ros.model.laws import CONTACT_LAWS
@@ -677,11 +676,6 @@ class LoadParameters(NodeSection):
     def chosen_level(self) -> str:
         """Name of the level, of `LOAD_LEVELS`; `auto` is resolved by the inputs."""
         return allowed_levels(self)[-1] if self.level == AUTO else self.level
-
-    @property
-    def trust(self) -> Trust:
-        """Calibration and standard deviation for the estimator."""
-        return Trust(self.calibrated, self.standard_deviation)
 
     def problem(self) -> str:
         """First combination of values that is not allowed; see `NodeSection`."""

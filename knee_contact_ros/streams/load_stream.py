@@ -10,6 +10,7 @@ from collections.abc import Sequence
 
 from knee_contact_ros.joint_reaction.estimator import DOUBTFUL_LOAD, IMPLAUSIBLE, PACKING, Estimate, Estimator
 from knee_contact_ros.joint_reaction.leg import UNKNOWN, Ground, Joints, Motion, MotionFilter, Vector, inclination
+from knee_contact_ros.joint_reaction.muscles import Person
 from knee_contact_ros.model.knee import LARGEST_ANGLE
 from knee_contact_ros.parameters.schema import ActuatedJoint, GroundForce, LoadParameters, MeasuredJoint
 from knee_contact_ros.streams.frames import ForceFrame
@@ -130,7 +131,7 @@ class LoadStream(PairedStreams):
         self.parameters = parameters
         self.level = parameters.chosen_level
         self._motion = MotionFilter(parameters.motion_window)
-        self._estimator = Estimator(self.level, parameters.person.constants, parameters.trust)
+        self._estimator = Estimator(*_constants(parameters))
         self.estimate: Estimate | None = None
         """Last estimate; None before the first tick"""
 
@@ -186,7 +187,7 @@ class LoadStream(PairedStreams):
             self._motion.forget()
             self._estimator.forget()
         self.parameters, self.level = parameters, parameters.chosen_level
-        self._estimator.configure(self.level, parameters.person.constants, parameters.trust)
+        self._estimator.configure(*_constants(parameters))
 
 
 def encode_estimate(stamp: int, frame_id: str, estimate: Estimate) -> bytes:
@@ -196,6 +197,10 @@ def encode_estimate(stamp: int, frame_id: str, estimate: Estimate) -> bytes:
         ValueError: the stamp is beyond what ROS can hold.
     """
     return header(stamp, frame_id) + PACKING.pack(*estimate)
+
+
+def _constants(parameters: LoadParameters) -> tuple[str, Person, bool, float]:
+    return parameters.chosen_level, parameters.person.constants, parameters.calibrated, parameters.standard_deviation
 
 
 def _offsets(parameters: LoadParameters) -> tuple[float, ...]:

@@ -115,7 +115,7 @@ def text(torques: Sequence[float], found: Mapping[str, Sequence[Walk]]) -> str:
     middle, best = forces[:, 1], int(forces[:, 1].argmin())
     parameters, (more, higher) = person(), with_more_co_contraction()
     weight, level = parameters.person.constants.weight, parameters.chosen_level
-    deviation = LEVELS[level].error.uncalibrated
+    deviation = LEVELS[level].uncalibrated
     recorded = largest(share_folder() / "bags" / RECORDED, JOINT_REACTION_FORCE)
     numbers = {
         "machine": machine(),

@@ -117,7 +117,7 @@ def walk(samples: Sequence[Sample], law: Law, model: KneeModel, parameters: Load
     Then once more with the load a standard deviation of every sample off, under the same torques: who assists sees the
     estimate alone. What muscles do at rest presses on (`person.tone`): no load falls below that by a deviation.
     """
-    estimator = Estimator(parameters.chosen_level, parameters.person.constants, parameters.trust)
+    estimator = Estimator(parameters.chosen_level, parameters.person.constants)
     stream, contact, motion = model.stream(), 0.0, MotionFilter(parameters.motion_window)
     torques, axial, force, off = [], [], [], []
     for sample in samples:

@@ -39,7 +39,7 @@ def draw(found: Sequence[Estimate], walks: Sequence[Walk], folder: Path) -> None
         for each in found:
             if each.walk is walk and each.how == OTHER_PERSON and each.level in LEVEL_STYLES:
                 colour, line = LEVEL_STYLES[each.level]
-                force, told = each.force[seen] / weight, LEVELS[each.level].error.uncalibrated
+                force, told = each.force[seen] / weight, LEVELS[each.level].uncalibrated
                 grid[0, place].plot(time[seen], force, color=colour, linestyle=line, linewidth=1.3, label=each.level)
                 if each.level == "knee_moment":
                     off = np.hypot(told.floor, told.part * force)

@@ -96,7 +96,7 @@ def deviation_section(found: Sequence[Estimate]) -> Section:
     rows = []
     for how in (OTHER_PERSON, OWN):
         for level in LEVELS:
-            error, each = LEVELS[level].error, chosen(found, level, how)
+            error, each = LEVELS[level], chosen(found, level, how)
             told = error.uncalibrated if how == OTHER_PERSON else error.calibrated
             cells = []
             for stance in (True, False):

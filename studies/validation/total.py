@@ -11,7 +11,7 @@ from scipy.optimize import least_squares
 
 from knee_contact_ros import estimate_load
 from knee_contact_ros.bags.reader import read_bag
-from knee_contact_ros.joint_reaction.estimator import LEVELS, Deviation, Estimator, Trust
+from knee_contact_ros.joint_reaction.estimator import LEVELS, Deviation, Estimator
 from knee_contact_ros.joint_reaction.leg import GRAVITY, UNKNOWN, Ground
 from knee_contact_ros.joint_reaction.muscles import Person as Constants
 from knee_contact_ros.parameters.schema import PersonParameters
@@ -35,7 +35,7 @@ def constants(walk: Walk, values: Sequence[float] = (), delay: float | None = No
 
 def axial(walk: Walk, level: str, person: Constants) -> Floats:
     """Joint reaction [N] of a walk by a level, shape (n,), with the code of the node."""
-    estimator, stamps = Estimator(level, person, Trust(calibrated=False)), np.rint(walk.time * SECOND).astype(np.int64)
+    estimator, stamps = Estimator(level, person), np.rint(walk.time * SECOND).astype(np.int64)
     rows = zip(stamps.tolist(), walk.joints, walk.nets(level), walk.vertical.tolist(), strict=True)
     return np.array([
         estimator.react(stamp, joints, Ground((0.0, force, 0.0), (UNKNOWN,) * 3), net, 0)[0].axial

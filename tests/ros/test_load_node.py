@@ -342,6 +342,10 @@ def test_arguments_that_ros_would_pass_over_are_refused(kind: str, capsys: pytes
             ["-r", "knee_load:__ns:=/left"],
             "/knee_contact takes /left/joint_reaction_force from /left/knee_load, and cannot listen to /joint_reac",
         ),
+        (
+            ["-p", "knee_contact:load.source:=/measured"],
+            "parameter load.source: '/measured' is not allowed with --with-contact: the force comes from the load node",
+        ),
     ],
 )
 def test_two_nodes_in_one_process_that_do_not_fit_each_other_end_at_once(

@@ -193,8 +193,8 @@ def test_what_is_recorded_is_turned_and_gives_the_same_again() -> None:
 @pytest.mark.parametrize(
     ("values", "deviation"),
     [
-        ({}, LEVELS["ground_force"].error.uncalibrated),
-        ({"calibrated": True}, LEVELS["ground_force"].error.calibrated),
+        ({}, LEVELS["ground_force"].uncalibrated),
+        ({"calibrated": True}, LEVELS["ground_force"].calibrated),
         ({"standard_deviation": 0.1}, Deviation(0.1, 0.0)),
     ],
 )

@@ -37,7 +37,7 @@ def test_a_torque_takes_off_the_load_what_it_takes_off_the_extensors(samples: li
     for peaks in (alone.peaks, assisted.peaks):
         assert peaks.force[0] < peaks.force[1] < peaks.force[2]
         assert peaks.depth[0] < peaks.depth[1] < peaks.depth[2]
-    level = LEVELS[parameters.chosen_level].error.uncalibrated
+    level = LEVELS[parameters.chosen_level].uncalibrated
     deviation = level.at(alone.axial[at], parameters.person.constants.weight)
     assert alone.peaks.force[2] - alone.peaks.force[1] == pytest.approx(0.5 * deviation, abs=1.0)  # the femur's inertia
 

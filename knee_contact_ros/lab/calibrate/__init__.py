@@ -195,32 +195,16 @@ def _calibrated(
     residuals = {name: answers[name] - column for name, column in problem.measured.answers.items()}
     rms = {name: float(np.sqrt(np.nanmean(misfit**2))) for name, misfit in residuals.items()}
     names = [unknown.name for unknown in problem.unknowns]
-    remarks, also = _left_out(problem, loss, dict(minimum.noise), problem.remarks(place), problem.also(place))
+    with progress("Leaving one out") as advance:
+        remarks, also, warnings = problem.conclusions(
+            place, lambda others: fitted(others, loss, dict(minimum.noise), 1, advance).place
+        )
     return Calibration(
         problem.unknowns, problem.measured, problem.values(place), dict(zip(names, bounds or (), strict=False)), level,
         minimum.correlation, dict(minimum.noise), minimum.given, rms, residuals, answers,
-        (*([ROUGH] if rough else ()), *trades(minimum, bounds), *doubts(minimum, bounds, level)), loss,
+        (*([ROUGH] if rough else ()), *trades(minimum, bounds), *doubts(minimum, bounds, level), *warnings), loss,
         tuple(remarks), also,
     )  # fmt: skip
-
-
-def _left_out(
-    problem: Problem, loss: str, noise: dict[str, float], remarks: list[str], also: dict[str, Any]
-) -> tuple[list[str], dict[str, Any]]:
-    """Leave each of several bags out, and add what that says to the remarks and parameters of a fit."""
-    if not isinstance(problem, load.LoadProblem) or not problem.measured.bags:
-        return remarks, also
-    with progress("Leaving one out") as advance:
-        found = problem.left_out(lambda others: fitted(others, loss, noise, 1, advance).place)
-    lines = [
-        f"bag {bag}: {own:.3f} body weights with constants of the other bags, {start:.3f} with those of the start"
-        for bag, own, start in found
-    ]
-    mean, before = (float(np.sqrt(np.mean(np.square(column)))) for column in list(zip(*found, strict=True))[1:])
-    gain = f"calibrating takes the error from {before:.3f} to {mean:.3f} body weights in a bag that it has not seen"
-    advice = "" if mean < before else ": these constants are no better than those of the start"
-    deviation = min(max(mean, load.LEAST_DEVIATION), load.LARGEST_DEVIATION)
-    return [*remarks, *lines, gain + advice], also | {"standard_deviation": deviation}
 
 
 def _problem(
@@ -233,11 +217,10 @@ def _problem(
     sources = [*(given if isinstance(given, list | tuple) else [given]), dict(values)]
     if bags:
         person = parameters_for(bags[0], sources, namespace, LoadParameters)
-        unknowns = unknowns_of(free, load.fittable_in(person))
+        unknowns = unknowns_of(free, load.FITTABLE, person, f"bag {bags[0]}")
         names = names_in_bag(remaps, namespace, (*LOAD_INPUTS, JOINT_REACTION_FORCE))
         with progress("Reading") as advance:
-            reference = load.referenced_in(bags, person, names, advance)
-        return load.load_problem_of(person, reference, unknowns)
+            return load.load_problem_of(person, load.referenced(bags, person, names, advance), unknowns)
     if remaps or namespace:
         raise UsageError("--remap or --namespace: a table has columns, and no topics")
     knee = load_parameters(sources)
@@ -246,7 +229,8 @@ def _problem(
         measured = contact.read_measured(Path(expanded(str(data))), knee.drive)
     else:
         measured = contact.measured_from(data, knee.drive)
-    return contact.problem_of(knee, measured, unknowns_of(free, contact.fittable_of(knee, measured)), compiled)
+    unknowns = unknowns_of(free, contact.fittable(), knee, measured.source)
+    return contact.problem_of(knee, measured, unknowns, compiled)
 
 
 def _with_intervals(minimum: Minimum, level: float) -> tuple[Minimum, list[Interval], bool]:
@@ -309,26 +293,19 @@ def parameter_file(found: Calibration, data: Sequence[Path], params: Sequence[Pa
     files = ", ".join(path.name for path in params) or "the defaults"
     others = "".join(f", {name} {value}" for name, value in values.items())
     rms = [f"{name} {value:.4g} {UNITS[name]}" for name, value in found.rms.items()]
-    intervals_known = []
-    for name, (low, high, low_open, high_open) in found.intervals.items():
-        below = "not bounded below" if low_open else f"{low:.6g}"
-        above = "not bounded above" if high_open else f"{high:.6g}"
-        between = ", " if low_open or high_open else " to "
-        intervals_known.append(f"{name}: {100.0 * found.level:g} % interval {below}{between}{above}.")
+    intervals_known = [f"{name}: {100.0 * found.level:g} % interval {each}" for name, each in found.intervals.items()]
     comments = [
         f"Written by knee-contact calibrate {__version__}, loss {found.loss}; all other parameters: {files}{others}.",
         f"Data: {', '.join(path.name for path in data)}, sha256 {found.measured.digest}.",
         f"RMS of what is left: {', '.join(rms)}.",
-        *(f"{remark[0].upper()}{remark[1:]}." for remark in found.remarks), *intervals_known,
+        *(f"{line[0].upper()}{line[1:]}." for line in (*found.remarks, *intervals_known)),
         *(f"Warning: {warning}." for warning in found.warnings),
     ]  # fmt: skip
     lines = [f"# {' '.join(comment.split())}" for comment in comments]
     lines += [f"/**/{(LoadParameters if bags_in(list(data)) else Parameters).node}:", "  ros__parameters:"]
-    lines += [f"    {name}: {'true' if value is True else f'{value:.9e}'}" for name, value in found.also.items()]
-    for section in dict.fromkeys(name.partition(".")[0] for name in found.values):
-        lines.append(f"    {section}:")
-        own = {name.partition(".")[2]: value for name, value in found.values.items() if name.startswith(f"{section}.")}
-        lines += [f"      {name}: {value:.9e}" for name, value in own.items()]
+    lines += [
+        f"    {name}: {'true' if value is True else f'{value:.9e}'}" for name, value in found.to_parameters().items()
+    ]
     return "\n".join(lines) + "\n"
 
 
@@ -338,10 +315,7 @@ def _show(found: Calibration) -> None:
     for heading in ("parameter [unit]", "start", "fitted", f"{100.0 * found.level:g} % interval"):
         table.add_column(heading.replace("[", r"\["), justify="right" if heading in ("start", "fitted") else "left")
     for unknown in found.unknowns:
-        low, high, low_open, high_open = found.intervals.get(unknown.name, (math.nan, math.nan, False, False))
-        interval = "-" if math.isnan(low) else f"{low:.6g} to {high:.6g}"
-        if low_open or high_open:
-            interval = ("not bounded" if high_open else f"below {high:.6g}") if low_open else f"above {low:.6g}"
+        interval = str(found.intervals.get(unknown.name, "-"))
         name = unknown.name + (f"\n  [{unknown.unit}]" if unknown.unit else "")
         cells = (f"{unknown.start:.6g}", f"{found.values[unknown.name]:.6g}", interval)
         table.add_row(escape(name), *map(shown, cells))

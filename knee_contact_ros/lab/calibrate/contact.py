@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from knee_contact_ros.lab.calibrate.problem import STEP, Data, Fittable, Problem, Unknown
+from knee_contact_ros.lab.calibrate.problem import STEP, Data, Problem, Unknown
 from knee_contact_ros.lab.gait_bag import digest
 from knee_contact_ros.lab.tables import TableFormat, header_of, read_numbers
 from knee_contact_ros.model.compiler import worth_compiling
@@ -20,13 +20,12 @@ from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import Floats, Rows, Status, blank
 from knee_contact_ros.parameters.build import build_model, retuned
 from knee_contact_ros.parameters.files import (
-    all_values,
     curve_texts,
     flat_parameters,
     known_parameters,
     load_parameters,
 )
-from knee_contact_ros.parameters.schema import LoadParameters, Parameters, constants_of
+from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.results import Results
 from knee_contact_ros.system.errors import UsageError
 
@@ -36,9 +35,6 @@ ANSWERS: dict[str, str] = {"penetration_depth": "m", "contact_force": "N", "gap"
 COLUMNS = (TIME, ANGLE, LOAD, AXIAL_LOAD, *ANSWERS)
 SHARE = "load.share"
 SECTIONS = ("femur.", "tibia.", "contact.")
-RADII = ("femoral_radius", "tibial_radius")
-ELASTIC = {"stiffness": ("youngs_modulus", "poissons_ratio"), "stiffness_2": ("youngs_modulus_2", "poissons_ratio_2")}
-"""Parameters from which a stiffness is computed where `contact.stiffness_from` is material"""
 FINE = 1e-9
 """Tolerance of the depth [m] while fitting: the model's error must be far below that of the measurement"""
 RUNS = 300
@@ -149,38 +145,10 @@ def _check_finite(inputs: Mapping[str, Floats], answers: Mapping[str, Floats], s
             raise UsageError(f"{source}: column {name} is empty; leave it out, or give what was measured")
 
 
-def fittable_of(parameters: Parameters, measured: Measured) -> Fittable:
-    """Give the parameters that can be fitted to a trial: real ones on which the model of the compartment depends."""
-    used, known = _used_parameters(parameters, measured), known_parameters()
-
-    def why_not(name: str) -> str:
-        if name == SHARE:
-            return f"{measured.source} has no column axial_load, of which it is the share"
-        if name not in known and name in known_parameters(LoadParameters):
-            return f"it is one of the load node, which is fitted to a bag; to a table {', '.join(used)} are"
-        if name not in known or not name.startswith(SECTIONS):
-            return ""
-        if not isinstance(known[name].default, float):
-            return f"it is no real number; allowed are {', '.join(used)}"
-        model = f"law {parameters.contact.law}, femur {parameters.femur.geometry}, tibia {parameters.tibia.geometry}"
-        if parameters.contact.stiffness_from == "material":
-            model += ", stiffness from material"
-        return f"nothing depends on it ({model}, drive {parameters.drive}); allowed are {', '.join(used)}"
-
-    return Fittable(used, known, all_values(parameters), "contact.stiffness", why_not)
-
-
-def _used_parameters(parameters: Parameters, measured: Measured) -> list[str]:
-    contact, femur, tibia = parameters.contact, parameters.femur, parameters.tibia
-    names = [name for name in constants_of(contact.law) if isinstance(getattr(contact, name), float)]
-    if contact.stiffness_from == "material" and "stiffness" in names:
-        elastic = [name for stiffness, made_of in ELASTIC.items() if stiffness in names for name in made_of]
-        names = [name for name in names if name not in (*ELASTIC, "exponent")] + [*elastic, *RADII]
-    used = [f"contact.{name}" for name in dict.fromkeys(names)]
-    used += [] if measured.height is not None else ["femur.mass"]
-    used += ["femur.radius" if femur.geometry == "circle" else "femur.scale"]
-    used += {"plane": ["tibia.slope"], "circle": ["tibia.radius"], "profile": ["tibia.scale"]}.get(tibia.geometry, [])
-    return [*used, *([SHARE] if measured.axial else [])]
+def fittable() -> list[str]:
+    """Names of the parameters that may be free; one on which a model does not depend is refused by the fit."""
+    known = known_parameters()
+    return [SHARE, *(name for name in known if name.startswith(SECTIONS) and isinstance(known[name].default, float))]
 
 
 @dataclass(frozen=True)
@@ -246,11 +214,9 @@ class ContactProblem(Problem):
         for name, value in self.values(place).items():
             section, own = name.split(".")
             changed = changed.model_copy(update={section: getattr(changed, section).model_copy(update={own: value})})
-        femur, tibia, contact = changed.femur, changed.tibia, changed.contact
+        femur, tibia = changed.femur, changed.tibia
         if femur.geometry == tibia.geometry == "circle" and tibia.radius <= femur.radius:
             raise UsageError(f"tibia.radius: {tibia.radius:g} must exceed femur.radius, {femur.radius:g}")
-        if contact.law == "elastic_foundation" and contact.tibial_radius <= contact.femoral_radius:
-            raise UsageError(f"contact.tibial_radius: {contact.tibial_radius:g} must exceed contact.femoral_radius")
         return changed
 
     def _made(self, parameters: Parameters) -> KneeModel:

@@ -24,7 +24,6 @@ symmetric, and it may have no end within the parameter's range: the data do not 
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -318,6 +317,11 @@ class Interval(NamedTuple):
     high_open: bool
     """Whether the data do not bound the value above: `high` is the end of its range, or where the search ended"""
 
+    def __str__(self) -> str:
+        if self.low_open:
+            return "not bounded" if self.high_open else f"below {self.high:.6g}"
+        return f"above {self.low:.6g}" if self.high_open else f"{self.low:.6g} to {self.high:.6g}"
+
 
 class BetterError(Exception):
     """A better place than the fit was found during the search for an interval."""
@@ -390,52 +394,38 @@ def _end(minimum: Minimum, index: int, side: float, limit: float, ignore_better:
     return at + side * (brentq(rise, inner, outer, xtol=close, rtol=1e-6) if outer > inner else outer), False
 
 
-def trades(minimum: Minimum, bounds: Sequence[Interval] | None) -> list[str]:
-    """Describe each pair, or larger group, of parameters that trade off, in a sentence.
+def trades(minimum: Minimum, bounds: Sequence[Interval] | None) -> Iterator[str]:
+    """Describe each group of parameters that trade off, in a sentence with how they change together.
+
+    Such a direction is one in which the slopes, scaled to one size for all parameters, nearly vanish: for two
+    parameters, where their correlation exceeds `HIGH`.
 
     Args:
         minimum: The fit.
         bounds: Intervals of the parameters; None if they were not computed.
     """
-    unknowns, spread = minimum.problem.unknowns, minimum.covariance
-    sentences, paired = [], set()
-    for one, other in itertools.combinations(range(len(unknowns)), 2):
-        r = float(minimum.correlation[one, other])
-        if abs(r) > HIGH:
-            paired |= {one, other}
-            first, second = unknowns[one], unknowns[other]
-            step = SHOWN if first.scale else math.log1p(SHOWN)
-            other_step = float(spread[one, other] / spread[one, one]) * step
-            sentences.append(
-                f"{first.name} and {second.name} trade off (correlation {r:.4f}): {_change(first, step)} up with "
-                f"{_change(second, other_step)} {'up' if other_step > 0.0 else 'down'} leaves nearly the same answers; "
-                f"{_what_to_do(bounds, (one, other))}"
-            )
-    sizes = np.linalg.norm(minimum.slopes, axis=0)
-    _, singular, directions = np.linalg.svd(minimum.slopes / np.where(sizes > 0.0, sizes, 1.0), full_matrices=False)
-    null_directions = directions[singular < math.sqrt(1.0 - HIGH)]
-    group = np.flatnonzero(np.linalg.norm(null_directions, axis=0) > IN_GROUP).tolist()
-    if len(group) > 2 and not paired.issuperset(group):
-        names = [unknowns[index].name for index in group]
-        sentences.append(
-            f"{', '.join(names[:-1])} and {names[-1]} trade off: changed together, they leave nearly the same answers; "
-            f"{_what_to_do(bounds, group)}"
-        )
-    return sentences
+    unknowns, sizes = minimum.problem.unknowns, np.linalg.norm(minimum.slopes, axis=0)
+    sizes[sizes == 0.0] = 1.0
+    _, singular, directions = np.linalg.svd(minimum.slopes / sizes, full_matrices=False)
+    for direction in directions[singular < math.sqrt(1.0 - HIGH)]:
+        group = np.flatnonzero(np.abs(direction) > IN_GROUP).tolist()
+        steps = direction / sizes
+        steps *= (SHOWN if unknowns[group[0]].scale else math.log1p(SHOWN)) / steps[group[0]]
+        changes = " with ".join(_change(unknowns[index], float(steps[index])) for index in group)
+        names = " and ".join(unknowns[index].name for index in group)
+        known = bounds is not None and all(_is_known(bounds[index]) for index in group)
+        yield f"{names} trade off: {changes} leaves nearly the same answers; " + (
+            "take them from one fit, never one of them alone" if known
+            else "these data cannot tell them apart: hold one of them, or measure over a wider range"
+        )  # fmt: skip
 
 
 def _change(unknown: Unknown, step: float) -> str:
-    """Write the size of a step of a coordinate as a change of the value."""
-    if unknown.scale:
-        return f"{unknown.name} {abs(step * unknown.scale):.3g} {unknown.unit}".strip()
-    return f"{unknown.name} {abs(100.0 * math.expm1(step)):.3g} %"
-
-
-def _what_to_do(bounds: Sequence[Interval] | None, indices: Sequence[int]) -> str:
-    """Advise on parameters that trade off; without intervals all count as hardly known."""
-    if bounds is not None and all(_is_known(bounds[index]) for index in indices):
-        return "take them from one fit, never one of them alone"
-    return "these data cannot tell them apart: hold one of them, or measure over a wider range"
+    """Write a step of a coordinate as a change of the value."""
+    size = (
+        f"{abs(step * unknown.scale):.3g} {unknown.unit}" if unknown.scale else f"{abs(100 * math.expm1(step)):.3g} %"
+    )
+    return f"{unknown.name} {size.strip()} {'up' if step > 0.0 else 'down'}"
 
 
 def _is_known(interval: Interval) -> bool:

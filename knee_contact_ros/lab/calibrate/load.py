@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +17,10 @@ from knee_contact_ros.bags.reader import BagReader, Names, others_beside
 from knee_contact_ros.joint_reaction.estimator import LEVELS, EstimationLevel, Estimator
 from knee_contact_ros.joint_reaction.leg import NetMoments, leg_of
 from knee_contact_ros.joint_reaction.muscles import Person
-from knee_contact_ros.lab.calibrate.problem import STEP, Data, Fittable, Problem, Unknown
+from knee_contact_ros.lab.calibrate.problem import STEP, Conclusions, Data, Problem, Unknown
 from knee_contact_ros.model.types import UNUSABLE, Floats
 from knee_contact_ros.offline.estimate_load import Sensed, sensed_in
-from knee_contact_ros.parameters.files import all_values, known_parameters
+from knee_contact_ros.parameters.files import known_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.contact_stream import load_sample
 from knee_contact_ros.streams.messages import WRENCH, RefusedSampleError
@@ -32,6 +32,10 @@ AXIAL_FORCE = "axial_force"
 OWN_NAME, ROLE = f"/{JOINT_REACTION_FORCE}", "/reference"
 """Default topic of the reference, and a role of its own, so that no other force is read in its place"""
 SECTION = "person."
+FITTABLE = [name for name in known_parameters(LoadParameters) if name.startswith(SECTION)]
+"""Parameters that may be free: the constants of a person"""
+LEAST_GAIN = 1e-3
+"""The least reduction of the error [body weights] that counts"""
 BODY = ("person.mass", "person.height")
 """Parameters on which the net moments depend"""
 LEAST_DEVIATION, LARGEST_DEVIATION = 0.01, 10.0
@@ -51,12 +55,12 @@ class Referenced(Data):
 
     samples: tuple[Sensed, ...]
     """All n samples"""
-    left_out: dict[str, int]
+    left_out: Mapping[str, int]
     """Number of samples that are left out, by the reason"""
     doubts: tuple[str, ...]
-    """What makes no sense in the bag, a sentence each"""
-    bags: tuple[tuple[str, int], ...] = ()
-    """Name of each bag, and the number of its samples, where there are several"""
+    """What makes no sense in the bags, a sentence each"""
+    bags: tuple[tuple[str, int], ...]
+    """Name of each bag, and the number of its samples"""
 
     def without(self, place: int) -> Referenced:
         """Give the same samples without a reference for those of one of the bags."""
@@ -66,68 +70,55 @@ class Referenced(Data):
         return replace(self, answers={AXIAL_FORCE: column})
 
 
-def referenced_in(
+def referenced(
     bags: Sequence[Path], parameters: LoadParameters, names: Names, advance: Callable[[int, int], None]
 ) -> Referenced:
-    """Read one or several bags of a person, one after the other; see `referenced`.
-
-    Raises:
-        UsageError: as `referenced`, or two bags are the same.
-    """
-    parts = [referenced(bag, parameters, names, advance) for bag in bags]
-    if len(parts) == 1:
-        return parts[0]
-    for one, other in combinations(parts, 2):
-        if one.digest == other.digest:
-            fault = (
-                f"bags {one.source} and {other.source} are the same: each is left out in turn, and must be a new one"
-            )
-            raise UsageError(fault)
-    left_out = Counter[str]()
-    for part in parts:
-        left_out.update(part.left_out)
-    column = np.concatenate([part.answers[AXIAL_FORCE] for part in parts])
-    return Referenced(
-        ", ".join(part.source for part in parts), ", ".join(part.digest for part in parts), {AXIAL_FORCE: column},
-        tuple(sample for part in parts for sample in part.samples), dict(left_out),
-        tuple(doubt for part in parts for doubt in part.doubts),
-        tuple((bag.name, len(part.samples)) for bag, part in zip(bags, parts, strict=True)),
-    )  # fmt: skip
-
-
-def referenced(
-    bag: Path, parameters: LoadParameters, names: Names, advance: Callable[[int, int], None]
-) -> Referenced:  # fmt: skip
-    """Read a bag; samples that are flagged, or have no reference at their stamps, are left out.
+    """Read bags of a person; samples that are flagged, or have no reference at their stamps, are left out.
 
     The reference at a stamp is interpolated between its neighbours, if they are not further than `pairing.max_gap`
     apart.
 
     Args:
-        bag: Path of the bag.
+        bags: Paths of the bags.
         parameters: Parameters of the load node.
-        names: Names of the bag's three topics.
-        advance: Called with the amount that is read, and that of all.
+        names: Names of the bags' three topics.
+        advance: Called with the amount that is read of a bag, and that of all.
 
     Raises:
-        UsageError: the bag cannot be used, a topic is missing, or no sample is left.
+        UsageError: a bag cannot be used, a topic is missing, no sample of it is left, or two bags are the same.
     """
-    sensed, topic = sensed_in(bag, parameters, names, advance), names.get(OWN_NAME, OWN_NAME)
-    stamps, axial, refused = _reference(bag, topic)
-    if not sensed.samples:
-        raise UsageError(f"bag {bag}: no ground force has joint angles at its time ({_counted(sensed.refused)})")
-    at = np.array([sample.stamp for sample in sensed.samples], dtype=np.int64)
-    column = _interpolated(stamps, axial, at, round(parameters.pairing.max_gap * NANOSECONDS))
-    flagged = np.array([bool(sample.status & UNUSABLE) for sample in sensed.samples])
-    left_out = {"flagged": int(flagged.sum()), "without a reference": int((np.isnan(column) & ~flagged).sum())}
-    left_out |= {f"refused as {reason}": count for reason, count in (sensed.refused + refused).items()}
-    column[flagged] = np.nan
-    if np.isnan(column).all():
-        raise UsageError(f"bag {bag}: no sample can be fitted to the reference ({_counted(left_out)})")
-    doubts = [*_own_estimate(bag, topic), *others_beside(bag)]
-    if sensed.damage:
-        doubts.append(f"bag {bag} is damaged, and read as far as it can be: {in_a_line(sensed.damage)}")
-    return Referenced(str(bag), bag_digest(bag), {AXIAL_FORCE: column}, tuple(sensed.samples), left_out, tuple(doubts))
+    digests = [bag_digest(bag) for bag in bags]
+    for one, other in combinations(range(len(bags)), 2):
+        if digests[one] == digests[other]:
+            fault = f"bags {bags[one]} and {bags[other]} are the same"
+            raise UsageError(f"{fault}: each is left out in turn, and must be a new one")
+    topic, left_out = names.get(OWN_NAME, OWN_NAME), Counter[str]()
+    samples: list[Sensed] = []
+    columns, counts, doubts = list[Floats](), list[tuple[str, int]](), list[str]()
+    for bag in bags:
+        sensed = sensed_in(bag, parameters, names, advance)
+        stamps, axial, refused = _reference(bag, topic)
+        if not sensed.samples:
+            raise UsageError(f"bag {bag}: no ground force has joint angles at its time ({_counted(sensed.refused)})")
+        at = np.array([sample.stamp for sample in sensed.samples], dtype=np.int64)
+        column = _interpolated(stamps, axial, at, round(parameters.pairing.max_gap * NANOSECONDS))
+        flagged = np.array([bool(sample.status & UNUSABLE) for sample in sensed.samples])
+        reasons = {"flagged": int(flagged.sum()), "without a reference": int((np.isnan(column) & ~flagged).sum())}
+        reasons |= {f"refused as {reason}": count for reason, count in (sensed.refused + refused).items()}
+        column[flagged] = np.nan
+        if np.isnan(column).all():
+            raise UsageError(f"bag {bag}: no sample can be fitted to the reference ({_counted(reasons)})")
+        left_out.update(reasons)
+        doubts += [*_own_estimate(bag, topic), *others_beside(bag)]
+        if sensed.damage:
+            doubts.append(f"bag {bag} is damaged, and read as far as it can be: {in_a_line(sensed.damage)}")
+        samples += sensed.samples
+        columns.append(column)
+        counts.append((bag.name, len(column)))
+    return Referenced(
+        ", ".join(map(str, bags)), ", ".join(digests), {AXIAL_FORCE: np.concatenate(columns)},
+        tuple(samples), left_out, tuple(doubts), tuple(counts),
+    )  # fmt: skip
 
 
 def _interpolated(stamps: Stamps, values: Floats, at: Stamps, max_gap: int) -> Floats:
@@ -144,15 +135,10 @@ def _interpolated(stamps: Stamps, values: Floats, at: Stamps, max_gap: int) -> F
         sample's stamp is not later than all before: of two runs over the same stamps, the first one counts.
     """
     later = at > np.maximum.accumulate(np.concatenate(([-1], at[:-1])))
-    after = np.searchsorted(stamps, at, side="left")
-    inside = np.minimum(after, len(stamps) - 1)
-    before = np.maximum(inside - 1, 0)
-    exact = stamps[inside] == at
-    gap = stamps[inside] - stamps[before]
-    between = (after > 0) & (after < len(stamps)) & (gap <= max_gap)
-    part = (at - stamps[before]) / np.maximum(gap, 1)
-    at_stamps = np.where(exact, values[inside], values[before] + part * (values[inside] - values[before]))
-    return np.where(later & (exact | between), at_stamps, np.nan)
+    gaps = np.concatenate(([0], np.diff(stamps), [0]))[np.searchsorted(stamps, at)]
+    first = stamps[0]
+    found = np.interp(at - first, stamps - first, values, left=np.nan, right=np.nan)
+    return np.where(later & ((gaps <= max_gap) | np.isin(at, stamps)), found, np.nan)
 
 
 def _reference(bag: Path, topic: str) -> tuple[Stamps, Floats, Counter[str]]:
@@ -196,19 +182,6 @@ def _counted(reasons: Mapping[str, int]) -> str:
     return ", ".join(f"{count} {reason}" for reason, count in reasons.items() if count) or "nothing is refused"
 
 
-def fittable_in(parameters: LoadParameters) -> Fittable:
-    """Give the parameters that can be fitted: the constants of the person."""
-    known = known_parameters(LoadParameters)
-    names = [name for name in known if name.startswith(SECTION)]
-
-    def why_not(name: str) -> str:
-        if name not in known and name in known_parameters():
-            return f"it is one of the contact, which is fitted to a table; to a bag {', '.join(names)} are"
-        return f"it is none of a person; allowed are {', '.join(names)}" if name in known else ""
-
-    return Fittable(names, known, all_values(parameters), "person.moment_arm_scale", why_not)
-
-
 @dataclass(frozen=True)
 class LoadProblem(Problem):
     """The problem of fitting the constants of a person."""
@@ -223,7 +196,7 @@ class LoadProblem(Problem):
     def answers(self, place: Floats) -> dict[str, Floats]:
         """Compute the estimate `axial_force` [N] at every sample, shape (n,), with the bits of the estimator."""
         person = self.person(place)
-        estimator = Estimator(self.parameters.chosen_level, person, self.parameters.trust)
+        estimator = Estimator(self.parameters.chosen_level, person)
         both = zip(self.measured.samples, self.nets or _net_moments(self.level, person, self.measured), strict=True)
         axial = [estimator.react(each.stamp, each.joints, each.ground, net, each.status)[0].axial for each, net in both]
         return {AXIAL_FORCE: np.array(axial)}
@@ -236,51 +209,53 @@ class LoadProblem(Problem):
         """Report what makes no sense in the bag."""
         return list(self.measured.doubts)
 
-    def remarks(self, place: Floats) -> list[str]:
-        """Give the RMS residual in body weights, the correlation with the reference, and counts of samples."""
-        reference, answer = self.measured.answers[AXIAL_FORCE], self.answers(place)[AXIAL_FORCE]
-        known = np.isfinite(reference)
-        one, other = reference[known] - reference[known].mean(), answer[known] - answer[known].mean()
-        size = float(np.sqrt((one**2).sum() * (other**2).sum()))
-        alike = f", r {float((one * other).sum()) / size:.3f}" if size > 0.0 else ""
-        left_out = self.measured.left_out.items()
-        counts = [f"{count} {reason}" for reason, count in left_out if count or "refused" not in reason]
-        return [
-            f"that is {self.relative_rms(place):.3f} body weights{alike}, level {self.parameters.chosen_level}",
-            f"samples: {self.measured.number} fitted; left out: {', '.join(counts)}",
-            *([] if self.measured.bags else [OTHER_TRIALS]),
-        ]
+    def conclusions(self, place: Floats, fitted: Callable[[Problem], Floats]) -> Conclusions:
+        """Say how far off the estimate is, and what the person gains; several bags are left out in turn.
 
-    def also(self, place: Floats) -> dict[str, Any]:
-        """Give `calibrated`, and `standard_deviation` in body weights: the RMS residual, within its range."""
-        size = min(max(self.relative_rms(place), LEAST_DEVIATION), LARGEST_DEVIATION)
-        return {"calibrated": True, "standard_deviation": size}
-
-    def relative_rms(self, place: Floats) -> float:
-        """Compute the RMS of the residuals in body weights."""
-        misfit = self.misfits(place)[AXIAL_FORCE]
-        return float(np.sqrt(np.mean(misfit**2)) / self.person(place).weight)
-
-    def left_out(self, fitted: Callable[[LoadProblem], Floats]) -> list[tuple[str, float, float]]:
-        """Fit to all bags but one, for each of several.
-
-        Args:
-            fitted: Fits a problem, and gives the place.
-
-        Returns:
-            Name of the bag, RMS of its residuals [body weights] by constants of the others, and by those of the start.
+        The file is `calibrated`, with the error as `standard_deviation`, if that is less than with the constants of
+        the start.
         """
-        found = []
+        data, several = self.measured, len(self.measured.bags) > 1
+        reference, answer = data.answers[AXIAL_FORCE], self.answers(place)[AXIAL_FORCE]
+        known = np.isfinite(reference)
+        with np.errstate(invalid="ignore"):
+            r = float(np.corrcoef(reference[known], answer[known])[0, 1])
+        counts = [f"{count} {reason}" for reason, count in data.left_out.items() if count or "refused" not in reason]
+        remarks = [
+            f"that is {self.error(place):.3f} body weights{f', r {r:.3f}' if math.isfinite(r) else ''}, "
+            f"level {self.parameters.chosen_level}",
+            f"samples: {data.number} fitted; left out: {', '.join(counts)}",
+        ]
+        own, start = self.error(place), self.error(self.start)
+        if several:
+            own, start, lines = self._left_out(fitted)
+            remarks += lines
+        if not start - own >= LEAST_GAIN:
+            unseen = " in a bag that it has not seen" if several else ""
+            doubt = f"calibrating gains nothing: the error is {own:.3f} body weights{unseen}, and {start:.3f} with the"
+            return Conclusions(remarks, {}, [f"{doubt} constants of the start; so the file does not say calibrated"])
+        deviation = min(max(own, LEAST_DEVIATION), LARGEST_DEVIATION)
+        remarks += [] if several else [OTHER_TRIALS]
+        return Conclusions(remarks, {"calibrated": True, "standard_deviation": deviation}, [])
+
+    def error(self, place: Floats, within: NDArray[np.bool_] | None = None) -> float:
+        """RMS [body weights] of the estimate's error, where there is a reference, or within some samples alone."""
+        error = self.answers(place)[AXIAL_FORCE] - self.measured.answers[AXIAL_FORCE]
+        return float(np.sqrt(np.nanmean(error[within] ** 2))) / self.person(place).weight
+
+    def _left_out(self, fitted: Callable[[Problem], Floats]) -> tuple[float, float, list[str]]:
+        """Give the RMS errors in bags that were left out, by constants of the others and of the start; and lines."""
+        errors, lines = [], []
         for place, (bag, _) in enumerate(self.measured.bags):
             others = replace(self, measured=self.measured.without(place))
-            own = np.isfinite(self.measured.answers[AXIAL_FORCE]) & np.isnan(others.measured.answers[AXIAL_FORCE])
-            errors = [
-                (self.answers(constants)[AXIAL_FORCE] - self.measured.answers[AXIAL_FORCE])[own]
-                for constants in (fitted(others), self.start)
-            ]
-            one, other = (float(np.sqrt(np.mean(error**2))) / self.person(self.start).weight for error in errors)
-            found.append((bag, one, other))
-        return found
+            within = np.isnan(others.measured.answers[AXIAL_FORCE])
+            own, start = self.error(fitted(others), within), self.error(self.start, within)
+            errors.append((own, start))
+            lines.append(f"bag {bag}: {own:.3f} body weights with constants of the other bags, {start:.3f} with those "
+                         "of the start")  # fmt: skip
+        own, start = np.sqrt(np.mean(np.square(errors), axis=0)).tolist()
+        gain = f"calibrating takes the error from {start:.3f} to {own:.3f} body weights in a bag that it has not seen"
+        return own, start, [*lines, gain]
 
     def person(self, place: Floats) -> Person:
         """Give the constants of the person at a place."""

@@ -13,7 +13,8 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 
 from knee_contact_ros.model.types import Floats
-from knee_contact_ros.parameters.schema import Declaration
+from knee_contact_ros.parameters.files import all_values, known_parameters
+from knee_contact_ros.parameters.schema import Declaration, NodeSection
 from knee_contact_ros.results import Results
 from knee_contact_ros.system.errors import UsageError
 
@@ -58,23 +59,14 @@ class Unknown(NamedTuple):
         return min(max(value, self.least), self.most)
 
 
-class Fittable(NamedTuple):
-    """The parameters that may be free in a problem."""
-
-    names: Sequence[str]
-    """Names of these parameters"""
-    known: Mapping[str, Declaration]
-    """Declarations of all parameters, by name"""
-    values: Mapping[str, Any]
-    """Values of all parameters, by name, from which a fit starts"""
-    example: str
-    """One of the names"""
-    why_not: Callable[[str], str]
-    """Gives the reason why another name cannot be free; empty if there is no such parameter"""
-
-
-def unknowns_of(free: Free, fittable: Fittable) -> tuple[Unknown, ...]:
+def unknowns_of(free: Free, names: Sequence[str], parameters: NodeSection, source: str) -> tuple[Unknown, ...]:
     """Give the free parameters in the order of their names, with the ranges that are given, or else with their own.
+
+    Args:
+        free: What the user wants to fit.
+        names: Names of the parameters that may be free.
+        parameters: All parameters, from which the fit starts.
+        source: Name of the data, for messages.
 
     Raises:
         UsageError: no name is given, one is given twice or cannot be free, a range is no range or is not within the
@@ -86,14 +78,19 @@ def unknowns_of(free: Free, fittable: Fittable) -> tuple[Unknown, ...]:
     else:
         words = [str(each).partition("=") for each in ([free] if isinstance(free, str) else free)]
         pairs = [(name, ends.split(":") if equals else None) for name, equals, ends in words]
-    ranges: dict[str, Ends | None] = {}
+    known, values = known_parameters(type(parameters)), all_values(parameters)
+    found: dict[str, Unknown] = {}
     for name, ends in pairs:
-        if name in ranges:
+        if name in found:
             raise UsageError(f"--free {name}: it is given twice")
-        ranges[str(name)] = None if ends is None else _ends(name, ends)
-    if not ranges:
-        raise UsageError(f"calibrate: no parameter is free; as --free {fittable.example}")
-    return tuple(_unknown(name, ends, fittable) for name, ends in ranges.items())
+        if name not in names:
+            near = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
+            hint = f"did you mean {near[0]}?" if near else f"allowed are {', '.join(names)}"
+            raise UsageError(f"--free {name or repr(name)}: it is no parameter that can be fitted to {source}; {hint}")
+        found[name] = _unknown(name, None if ends is None else _ends(name, ends), known[name], float(values[name]))
+    if not found:
+        raise UsageError(f"calibrate: no parameter is free; as --free {names[0]}")
+    return tuple(found.values())
 
 
 def _ends(name: str, given: Sequence[float | str]) -> Ends:
@@ -107,13 +104,7 @@ def _ends(name: str, given: Sequence[float | str]) -> Ends:
     return low, high
 
 
-def _unknown(name: str, ends: Ends | None, fittable: Fittable) -> Unknown:
-    if name not in fittable.names:
-        near = difflib.get_close_matches(name, fittable.names, n=1, cutoff=0.6)
-        hint = f"did you mean {near[0]}?" if near else f"allowed are {', '.join(fittable.names)}"
-        reason = fittable.why_not(name) or f"it is no parameter that can be fitted; {hint}"
-        raise UsageError(f"--free {name or repr(name)}: {reason}")
-    declared, start = fittable.known[name], float(fittable.values[name])
+def _unknown(name: str, ends: Ends | None, declared: Declaration, start: float) -> Unknown:
     least, most, words = declared.limits
     low, high = ends or (least, most)
     if not least <= low < high <= most:
@@ -149,6 +140,17 @@ class Data:
         return sum(int(np.isfinite(column).sum()) for column in self.answers.values())
 
 
+class Conclusions(NamedTuple):
+    """What follows from a fit."""
+
+    remarks: list[str]
+    """Remarks, a line each"""
+    also: dict[str, Any]
+    """Parameters that follow from the fitted ones, by name"""
+    warnings: list[str]
+    """Doubts about them, a sentence each"""
+
+
 @dataclass(frozen=True)
 class Problem(ABC):
     """A model with free parameters, and measurements to which it is fitted.
@@ -182,13 +184,9 @@ class Problem(ABC):
     def doubts(self, place: Floats) -> list[str]:
         """Report what is doubtful in the answers at a place, a sentence each."""
 
-    def remarks(self, place: Floats) -> list[str]:  # noqa: ARG002
-        """Give further remarks on a fit, a line each."""
-        return []
-
-    def also(self, place: Floats) -> dict[str, Any]:  # noqa: ARG002
-        """Give parameters that follow from a fit, beside the fitted ones."""
-        return {}
+    def conclusions(self, place: Floats, fitted: Callable[[Problem], Floats]) -> Conclusions:  # noqa: ARG002
+        """Conclude from a fit; `fitted` fits other problems of the kind, and gives their places."""
+        return Conclusions([], {}, [])
 
     @property
     def start(self) -> Floats:

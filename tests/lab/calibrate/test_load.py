@@ -51,6 +51,9 @@ def test_what_is_fitted_is_the_estimators_own_answer(tmp_path: Path, level: str)
     bag = trial(tmp_path, 0, *how, size=0.0)
     found = fitted(bag, FREE, *how, with_intervals=False)
     assert found.values == pytest.approx(TRUE, rel=1e-6)  # a search ends at 1e-10 of its coordinates
+    again = calibrate(bag, [*how, BODY, found.values], FREE, starts=1, with_intervals=False)
+    assert again.also == {}  # of constants that are right already nothing is gained
+    assert "calibrating gains nothing: the error is 0.000 body weights" in again.warnings[-1]
     estimated = estimate_load(bag, [*how, BODY, found.to_parameters()])
     np.testing.assert_array_equal(found.predicted[AXIAL], estimated[AXIAL])
     assert estimated["calibrated"].all()
@@ -78,9 +81,7 @@ def test_of_several_bags_each_is_left_out_and_the_gain_is_told(
         assert line.startswith(f"bag {bag.name}: {error:.3f} body weights")
     left_out = [float(line.split(": ")[1].split(" ")[0]) for line in told]
     assert found.also["standard_deviation"] == pytest.approx(np.sqrt(np.mean(np.square(left_out))), abs=1e-3)
-    assert re.search(
-        r"takes the error from 0\.\d+ to 0\.0\d+ body weights in a bag that it has not seen", found.remarks[-1]
-    )
+    assert re.search(r"takes the error from 0\.\d+ to 0\.0\d+ body weights in a bag that it has not", found.remarks[-1])
     table = tmp_path / "table.csv"
     table.write_text("time,flexion_angle\n0,0\n", encoding="utf-8")
     words = ["--free", "person.tone", "--output", tmp_path / "me.yaml"]
@@ -105,24 +106,12 @@ def test_standing_tells_one_number_and_that_is_told_by_name(tmp_path: Path) -> N
     bag = trial(tmp_path, 2, standing=True)
     all_three, pair = fitted(bag), fitted(bag, [FREE[0], TONE], {"person.co_contraction": 0.35})
     for found, words in (
-        (pair, "person.moment_arm_scale and person.tone trade off (correlation 1.0000)"),
-        (all_three, "person.moment_arm_scale, person.co_contraction and person.tone trade off: changed together"),
+        (pair, "person.moment_arm_scale and person.tone trade off: person.moment_arm_scale 10 % up with person.tone"),
+        (all_three, "person.moment_arm_scale and person.co_contraction and person.tone trade off"),
     ):
-        (trade,) = (each for each in found.warnings if "trade off" in each)
-        assert trade.startswith(words)
-        assert "cannot tell them apart" in trade
+        assert any(each.startswith(words) and "cannot tell them apart" in each for each in found.warnings)
     bag.unlink()
     assert fitted(trial(tmp_path, 2)).warnings == ()
-
-
-def test_a_reference_without_any_noise_or_motion_is_fitted_all_the_same(tmp_path: Path) -> None:
-    """The spread of equal values is that of roundings, beside which every misfit is beyond all models."""
-    axial = np.full(200, 1051.6123456789)
-    assert 0.0 < np.std(axial) < 1e-12
-    reference = {EPOCH + STEP * place: float(axial[0]) for place in range(200)}
-    bag = write_sensors(tmp_path / "b.mcap", 200, reference, standing=True)
-    found = estimate_load(bag, {**BODY, TONE: fitted(bag, [TONE]).values[TONE]})
-    assert found[AXIAL] == pytest.approx(axial, rel=1e-6)
 
 
 def test_samples_without_a_reference_and_flagged_ones_are_left_out_and_counted(tmp_path: Path) -> None:
@@ -138,10 +127,6 @@ def test_samples_without_a_reference_and_flagged_ones_are_left_out_and_counted(t
     assert "samples: 349 fitted; left out: 25 flagged, 26 without a reference" in found.remarks
     assert found.residuals[AXIAL].shape == (400,)
     assert found.values[TONE] == pytest.approx(0.25, rel=0.1)  # interpolated over 30 ms, it is a bit off
-    how = ["load/inverse_dynamics", TRUE]  # at every sample, flagged ones and those behind them, too
-    predicted = fitted(bag, [TONE], *how, with_intervals=False)
-    estimated = estimate_load(bag, [*how, BODY, predicted.to_parameters()])
-    np.testing.assert_array_equal(predicted.predicted[AXIAL], estimated[AXIAL])
 
 
 def test_the_command_writes_parameters_that_the_load_node_takes(
@@ -202,15 +187,12 @@ CASES = [
      "no message on /joint_reaction_force can be a reference (2 not_finite)"),
     ({EPOCH + STEP: 500.0}, FREE, [],
      "1 samples can be fitted, for 3 parameters; more are needed than parameters are free"),
-    (WHOLE, ["person.ton"], [], "--free person.ton: it is no parameter that can be fitted; did you mean person.tone?"),
-    (WHOLE, ["contact.stiffness"], [], "it is one of the contact, which is fitted to a table; to a bag person.mas"),
-    (WHOLE, ["motion_window"], [], "--free motion_window: it is none of a person; allowed are person.mass, "),
+    (WHOLE, ["person.ton"], [], "trial.mcap; did you mean person.tone?"),
+    (WHOLE, ["contact.stiffness"], [], "--free contact.stiffness: it is no parameter that can be fitted to bag"),
     (WHOLE, [], [], "Missing option '--free'"),
-    (WHOLE, ["person.tone=3:4"], [], "range 3:4 is not allowed; it must lie in 0 to 2"),
     (WHOLE, [TONE], ["--params", "healthy"], "no parameters for node knee_load; found /**/knee_contact"),
     (WHOLE, [TONE], ["-p", "person.ton:=1"], "unknown parameter person.ton; did you mean person.tone?"),
     (WHOLE, [TONE], ["-p", "knee.joint_name:=kne"], "joint_states has no joint 'kne'; it has hip, knee, an"),
-    (WHOLE, [TONE], ["--sigma", "gap=1"], "--sigma gap: it was not measured; measured are axial_force"),
     (WHOLE, [TONE], ["--remap", "force:=/x"], "FROM must be joint_states or ground_reaction_force or joint"),
 ]  # fmt: skip
 
@@ -238,8 +220,7 @@ def test_an_interruption_leaves_nothing(
     def interrupted(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
 
-    for function in ("parameter_file", "intervals"):
-        monkeypatch.setattr(f"knee_contact_ros.lab.calibrate.{function}", interrupted)
-        assert run(bag, "--free", TONE, "--starts", 1, "--output", tmp_path / "me.yaml") == 130
-        assert list(tmp_path.iterdir()) == [bag]
-    assert capsys.readouterr().err.count("interrupted") == 2
+    monkeypatch.setattr("knee_contact_ros.lab.calibrate.intervals", interrupted)
+    assert run(bag, "--free", TONE, "--starts", 1, "--output", tmp_path / "me.yaml") == 130
+    assert list(tmp_path.iterdir()) == [bag]
+    assert "interrupted" in capsys.readouterr().err
