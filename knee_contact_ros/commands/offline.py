@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import json
+from collections.abc import Sequence
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import click
 
@@ -19,9 +22,39 @@ from knee_contact_ros.commands.options import (
 )
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 
+LONGEST_NAME = 80
+"""Most letters in the name of several bags together"""
+
+
+def as_one(bags: Sequence[Path]) -> Path:
+    """Return a bag, or a folder with links to the files of several, which are read together by time.
+
+    Raises:
+        UsageError: a bag is given twice or does not exist, or it is not clear which files belong to it.
+    """
+    from knee_contact_ros.bags.reader import files_of
+    from knee_contact_ros.bags.recorder import METADATA
+    from knee_contact_ros.system.files import refuse_twice
+
+    if len(bags) == 1:
+        return bags[0]
+    refuse_twice(bags)
+    if missing := [bag for bag in bags if not bag.exists()]:
+        raise UsageError(f"no bag at {missing[0]}: give an .mcap file or a rosbag2 folder")
+    work = click.get_current_context().with_resource(TemporaryDirectory(prefix="knee_contact_bags_"))
+    folder = Path(work, "+".join(bag.name for bag in bags)[:LONGEST_NAME])
+    folder.mkdir()
+    files = [file.resolve() for bag in bags for file in files_of(bag)]
+    links = [f"{file.stem}.{number}{file.suffix}" for number, file in enumerate(files)]
+    for link, file in zip(links, files, strict=True):
+        (folder / link).symlink_to(file)
+    content = {"relative_file_paths": links, "topics_with_message_count": []}
+    (folder / METADATA).write_text(json.dumps({"rosbag2_bagfile_information": content}))  # JSON is YAML
+    return folder
+
 
 @click.command()
-@click.argument("bag", type=FILE, required=False)
+@click.argument("bags", type=FILE, nargs=-1, metavar="[BAG]...")
 @parameter_files
 @parameter_values
 @click.option(
@@ -34,7 +67,7 @@ from knee_contact_ros.system.errors import IncompleteError, UsageError
 @click.option("--overwrite", is_flag=True, help="Replace OUT.mcap if it exists.")
 @names_in_bag_options()
 def solve(
-    bag: Path | None,
+    bags: tuple[Path, ...],
     parameter_files: tuple[Path, ...],
     parameter_values: tuple[str, ...],
     subject: Path | None,
@@ -48,7 +81,7 @@ def solve(
     It needs no ROS, runs as fast as the machine allows, and gives the same numbers as the node. BAG is an .mcap file, a
     .db3 file or a rosbag2 folder with the topics /joint_states and /joint_reaction_force. If BAG is a recording of this
     package, its own parameters are used unless you give --params. If a bag is damaged, the command computes what it can
-    read, says what is missing, and ends with code 1.
+    read, says what is missing, and ends with code 1. Several bags, as of a recorder on each machine, are read as one.
     """
     from knee_contact_ros.bags.provenance import Provenance, weight_of
     from knee_contact_ros.bags.reader import names_in_bag, others_beside
@@ -60,9 +93,10 @@ def solve(
     from knee_contact_ros.system.terminal import progress, warn
 
     person = Subject(subject) if subject else None
-    bag = bag or (person.bag if person else None)
-    if bag is None:
+    bags = bags or ((person.bag,) if person and person.bag else ())
+    if not bags:
         raise UsageError("no BAG: give a BAG, or a --subject file that names one")
+    bag = as_one(bags)
     basis = basis_of(bag, parameter_files or None, parameters_of(parameter_values), person, namespace)
     names = names_in_bag(remaps, namespace)
     with progress("Solving") as advance:
@@ -75,7 +109,7 @@ def solve(
     if weight_of(bag) == parameters.body_weight:
         rows["body weight"] = f"{parameters.body_weight:.7g} N, as {bag.name} was imported with"
     show_summary(summary, rows, {"Recording": str(output)})
-    warn(others_beside(bag))
+    warn(sentence for one in bags for sentence in others_beside(one))
     warn(weight_doubt(bag, parameters))
     warn(summary.warnings)
     damage = f" is damaged, and solved as far as it can be read: {in_a_line(summary.damage)}" if summary.damage else ""

@@ -35,7 +35,17 @@ def test_solve_takes_inputs_and_parameters_from_elsewhere(
     assert main(["solve", str(left), *remaps, "--output", str(tmp_path / "c.mcap")]) == 0
     assert recorded(tmp_path / "a.mcap") == recorded(tmp_path / "b.mcap")
     assert recorded(tmp_path / "a.mcap") != recorded(tmp_path / "c.mcap")  # the damping
+    each = [
+        write_rosbag2(tmp_path / topic[1:], [m for m in gait if m.topic == topic]) for topic in {m.topic for m in gait}
+    ]
+    each += [write_rosbag2(tmp_path / "late", gait[50:]), write_rosbag2(tmp_path / "early", gait[:50])]
+    for number in (0, 2):  # a recorder a topic, and bags that follow each other, in either order
+        bags = [*map(str, each[number : number + 2])]
+        assert main(["solve", *bags, *damping, "--output", str(tmp_path / f"{number}.mcap")]) == 0
+        assert recorded(tmp_path / f"{number}.mcap") == recorded(tmp_path / "a.mcap")
     assert capsys.readouterr().err == ""  # no progress bar in a pipe
+    assert main(["solve", str(plain), str(plain), "--output", str(tmp_path / "d.mcap")]) == 2
+    assert capsys.readouterr().err == f"knee-contact: {plain} is given twice\n"
 
 
 @pytest.mark.parametrize(
