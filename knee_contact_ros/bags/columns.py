@@ -1,18 +1,19 @@
-"""Messages of bags in columns, without an object for each: joined, cut, found in chunks, and written in blocks."""
+"""Messages of bags in columns, without an object for each: joined, in the order of arrival, and written in blocks."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import pairwise, zip_longest
 from typing import Any, NamedTuple
 
 import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.recorder import CHUNK_SIZE, ENTRY, HEAD, INDEX, MESSAGE, MESSAGE_HEAD, BagWriter
+from knee_contact_ros.bags.recorder import CHUNK_SIZE, ENTRY, MESSAGE, MESSAGE_HEAD, BagWriter
 from knee_contact_ros.streams.columns import Column
+from knee_contact_ros.system.errors import UsageError
 
 Places = NDArray[np.int64]
 """Indices of records, or offsets of bytes; shape (n,)"""
@@ -20,8 +21,18 @@ MESSAGE_HEADS = np.dtype(
     [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")]
 )
 """Layout `MESSAGE_HEAD` as a NumPy type"""
-DECLARATIONS = (Opcode.SCHEMA, Opcode.CHANNEL)
-"""Opcodes of the records that declare types and topics"""
+MOST_AT_ONCE = 2**28
+"""Largest size [B] of the chunks that lie in memory at one time"""
+FAR, JITTER = 3.0, 0.05
+"""Multiples of a topic's usual step: beyond the one messages do not belong together, by the other log times may go
+back without any meaning"""
+FEW, ENOUGH = 4, 3
+"""Messages behind a step back fill a hole if there is at most one of the earlier ones among `FEW`, and, where all
+earlier ones are later, if they are less than `ENOUGH`"""
+UNSORTED, MOST_STEPS, WINDOW = 3, 10_000, 100_000
+"""A topic is just sorted if one of `UNSORTED` steps goes back, or more than `MOST_STEPS`; so many messages before and
+behind a step are compared"""
+LATEST = np.iinfo(np.int64).max
 
 
 @dataclass(frozen=True)
@@ -54,15 +65,6 @@ class Batch:
         """Selection of messages, by a slice, their indices or a mask."""
         return Batch(self.numbers[chosen], self.times[chosen], self.messages.part(chosen))
 
-    def between(self, start: int | None, stop: int | None) -> Batch:
-        """Messages whose log time [ns] is at least `start` and less than `stop`; None means no limit."""
-        chosen = np.ones(len(self), dtype=bool)
-        if start is not None:
-            chosen &= self.times >= start
-        if stop is not None:
-            chosen &= self.times < stop
-        return self if chosen.all() else self.part(np.flatnonzero(chosen))
-
     def by_time(self) -> Batch:
         """Messages sorted by log time; those with equal times keep their order."""
         if (self.times[1:] >= self.times[:-1]).all():
@@ -73,15 +75,11 @@ class Batch:
         """Bytes of the messages of the topic with this number."""
         return self.messages.part(np.flatnonzero(self.numbers == number))
 
-    def changed(self, change: Callable[[bytes], bytes], chosen: NDArray[np.bool_]) -> Batch:
-        """Copy in which `change` has been applied to the bytes of the messages that the mask `chosen` selects."""
-        pairs = zip(self.messages, chosen.tolist(), strict=True)
-        return Batch(self.numbers, self.times, Column.of([change(data) if mask else data for data, mask in pairs]))
-
     def converted(self, convert: Sequence[Callable[[bytes, int], bytes] | None]) -> Batch:
         """Copy in which the messages of each number are changed by its function, from bytes and log time [ns]."""
         changes = [each or (lambda data, _: data) for each in convert]
-        return replace(self, messages=Column.of([changes[number](data, time) for number, time, data in self]))
+        messages = Column.of([changes[number](data, time) for number, time, data in self])
+        return Batch(self.numbers, self.times, messages)
 
 
 def blocks(batches: Iterable[Batch], most: int) -> Iterator[Batch]:
@@ -99,81 +97,131 @@ def blocks(batches: Iterable[Batch], most: int) -> Iterator[Batch]:
         yield Batch.together(waiting)
 
 
-class Contents(NamedTuple):
-    """Messages of a chunk, or outside chunks, and its other records; arrays have shape (n,) for n messages."""
+class Part(NamedTuple):
+    """Messages of a segment between two cuts."""
 
-    heads: NDArray[Any]
-    """Heads of the messages, as `MESSAGE_HEADS`"""
-    messages: Column
-    """Encoded messages"""
-    declarations: list[tuple[int, bytes]]
-    """Opcodes and contents of schema and channel records"""
-    number: int
-    """Number of all records"""
-    end: int
-    """Offset [B] of the end of the last record"""
+    times: tuple[int, int]
+    """Smallest and largest log time [ns]"""
+    file: int
+    """Index of the file"""
+    segment: int
+    """Index of the segment in the file"""
+    begin: int = 0
+    """Index of the first one, among those of the topics that are read"""
+    end: int | None = None
+    """Index behind the last one; None: all are read"""
+    ascends: bool = False
+    """Whether the log times of each topic are known to ascend in it"""
 
 
-def contents_of(data: bytes, indices: Sequence[bytes], most: int) -> Contents:
-    """Records in `data` up to the first that is not whole, but at most `most` + 1.
+def by_arrival(files: Sequence[Any], numbers: Sequence[Mapping[int, int]]) -> Iterator[Batch]:
+    """Messages of files, which come in the order of recording: by log time, but not over a clock that was set back.
 
-    The contents of the message indices that follow a chunk tell at once where all messages begin, which is only known
-    from the record before otherwise. They are believed if the chunk then consists of nothing but messages.
+    Clocks can be set back, and our own recordings have stamps as log times, which go back when those of an input do.
+    So a bag is cut there, and only what lies between two cuts is sorted: the pipeline gets the messages as the node
+    got them.
+
+    Args:
+        files: Files (`McapFile` or `SqliteFile`).
+        numbers: For each file the number of each topic that is read, by its number in the file.
 
     Raises:
-        ValueError: A message is too short.
+        UsageError: Too much would lie in memory at once.
     """
-    begins = _indexed(data, indices)
-    if begins is not None:
-        return _contents(data, begins, [], len(begins), len(data))
-    places, declarations, number, end = list[int](), list[tuple[int, bytes]](), 0, 0
-    for opcode, begin, end in records_in(data, most):
-        number += 1
-        if opcode == Opcode.MESSAGE:
-            if end - begin < MESSAGE.size:
-                raise ValueError("has a message that is too short")
-            places.append(begin - HEAD.size)
-        elif opcode in DECLARATIONS:
-            declarations.append((opcode, data[begin:end]))
-    return _contents(data, np.array(places, np.int64), declarations, number, end)
+
+    def read(part: Part) -> Batch:
+        batch: Batch = files[part.file].read(part.segment, numbers[part.file])
+        return batch.part(slice(part.begin, part.end))
+
+    parts = [
+        Part(segment.times, index, number)
+        for index, file in enumerate(files)
+        for number, segment in enumerate(file.segments)
+        if not numbers[index].keys().isdisjoint(segment.counts)
+    ]
+    spans, lives = [file.times for file in files if file.times], [parts]
+    if any(file.goes_back for file in files) or any(before[1] > after[0] for before, after in pairwise(spans)):
+        lives = _lives([(part, batch.numbers, batch.times) for part in parts for batch in [read(part)]])
+    for life in lives:
+        if len(lives) > 1 and all(part.ascends for part in life):  # then the file is in the order of arrival
+            yield from map(read, life)
+        else:
+            yield from _by_time(sorted(life), read)
 
 
-def records_in(data: bytes, most: int) -> Iterator[tuple[int, int, int]]:
-    """Opcode, and offsets [B] of content and end, of at most `most` + 1 whole records at the beginning of `data`."""
-    position, end, head, size, count = 0, len(data), HEAD.unpack_from, HEAD.size, 0
-    while position + size <= end and count <= most:
-        opcode, length = head(data, position)
-        begin, position = position + size, position + size + length
-        if position > end or not opcode:
-            return
-        count += 1
-        yield opcode, begin, position
+def _lives(pieces: Sequence[tuple[Part, NDArray[np.intp], NDArray[Any]]]) -> list[list[Part]]:
+    """Parts between two cuts, of pieces that arrived in this order, with the topics and log times of their messages."""
+    topics = np.concatenate([np.empty(0, np.intp), *(topics for _, topics, _ in pieces)])
+    stamps = [np.minimum(times, LATEST).astype(np.int64) for *_, times in pieces]
+    times = np.concatenate([np.empty(0, np.int64), *stamps])
+    every, lives, start = np.unique(topics).tolist(), list[list[Part]]([[]]), 0
+    cuts = _cuts([np.flatnonzero(topics == number) for number in every], times)
+    for part, own, _ in pieces:
+        inner = [cut - start for cut in cuts if start <= cut < start + len(own)]
+        for begin, end in pairwise([0, *inner, len(own)]):
+            if begin in inner:
+                lives.append([])
+            if begin < end:
+                some = times[start + begin : start + end]
+                ascends = all((np.diff(some[own[begin:end] == topic]) >= 0).all() for topic in every)
+                lives[-1].append(Part((int(some.min()), int(some.max())), *part[1:3], begin, end, ascends))
+        start += len(own)
+    return lives
 
 
-def _indexed(data: bytes, indices: Sequence[bytes]) -> Places | None:
-    """Offsets [B] of the messages of a chunk according to the `indices`; None unless these are certainly right."""
-    if not indices or any(len(index) % ENTRY.size != INDEX.size for index in indices):
-        return None
-    places = np.concatenate([np.frombuffer(index, "<u8", offset=INDEX.size)[1::2] for index in indices])
-    if not len(places) or int(places.max()) > len(data) - MESSAGE_HEAD.size:
-        return None
-    begins = np.sort(places.astype(np.int64), kind="stable")  # fast, because it consists of sorted runs
-    heads, lengths = _heads(data, begins), np.diff(begins, append=len(data)) - HEAD.size
-    right = begins[0] == 0 and int(lengths.min()) >= MESSAGE.size and (heads["length"] == lengths).all()
-    return begins if right and (heads["opcode"] == Opcode.MESSAGE).all() else None
+def _cuts(topics: Sequence[NDArray[np.intp]], times: NDArray[np.int64]) -> list[int]:
+    """Indices of messages, in the order of arrival, before which the clock was set back.
+
+    Args:
+        topics: Indices of the messages of each topic.
+        times: Log times [ns] of all messages.
+    """
+    steps: list[tuple[int, int, float]] = []
+    for number, places in enumerate(topics):
+        differences = np.diff(times[places])
+        back, forward = np.flatnonzero(differences < 0) + 1, differences[differences > 0]
+        if len(forward) and len(back) <= min(MOST_STEPS, len(differences) / UNSORTED):
+            steps += [(place, number, float(np.median(forward))) for place in places[back].tolist()]
+    cuts = [0]
+    for place, number, usual in sorted(steps):
+        places = topics[number]
+        index, begin = np.searchsorted(places, [place, cuts[-1]]).tolist()
+        before, after = times[places[max(begin, index - WINDOW) : index]], times[places[index : index + WINDOW]]
+        if len(before) and before.max() - after[0] > JITTER * usual and not _fills_a_hole(before, after, usual):
+            cuts.append(place)
+    return cuts[1:]
 
 
-def _contents(data: bytes, begins: Places, declarations: list[tuple[int, bytes]], number: int, end: int) -> Contents:
-    heads = _heads(data, begins)
-    ends = begins + HEAD.size + heads["length"].astype(np.int64)
-    return Contents(heads, Column(data, begins + MESSAGE_HEAD.size, ends), declarations, number, end)
+def _fills_a_hole(before: NDArray[np.int64], after: NDArray[np.int64], usual: float) -> bool:
+    """Whether the messages at the beginning of `after` were written late, as there are none at their times `before`."""
+    differences = np.diff(after)
+    ends = (differences < 0) | (differences > FAR * usual) | (after[1:] > before.max())
+    group = after[: int(np.argmax(ends)) + 1 if ends.any() else len(after)]
+    among = np.count_nonzero((before > group[0] - 0.5 * usual) & (before < group[-1] + 0.5 * usual))
+    return FEW * int(among) <= len(group) and (bool(group[0] > before.min()) or len(group) < ENOUGH)
 
 
-def _heads(data: bytes, begins: Places) -> NDArray[Any]:
-    """Heads of the message records at the given offsets, as `MESSAGE_HEADS`."""
-    heads = np.dtype(f"V{MESSAGE_HEAD.size}")  # one item each, which is copied at once
-    windows = np.ndarray(max(len(data) - heads.itemsize + 1, 0), heads, data, strides=(1,))
-    return windows[begins].view(MESSAGE_HEADS)
+def _by_time(parts: Sequence[Part], read: Callable[[Part], Batch]) -> Iterator[Batch]:
+    """Messages of ascending parts in the order of log time, at equal times in that of the files."""
+    waiting = list[tuple[Part, Batch]]()  # rests of parts, in the order of the files
+    for part, following in zip_longest(parts, parts[1:]):
+        waiting = sorted([*waiting, (part, read(part).by_time())], key=lambda each: each[0][1:])
+        counts = [
+            int(np.searchsorted(batch.times, batch.times.dtype.type(following.times[0]))) if following else len(batch)
+            for _, batch in waiting
+        ]
+        if ready := [batch.part(slice(n)) for n, (_, batch) in zip(counts, waiting, strict=True) if n]:
+            yield Batch.together(ready).by_time() if len(ready) > 1 else ready[0]
+        waiting = [(part, batch.part(slice(n, None))) for n, (part, batch) in zip(counts, waiting, strict=True)]
+        waiting = [(part, batch) for part, batch in waiting if len(batch)]
+        if (
+            sum(len(batch.messages.data) for _, batch in waiting if isinstance(batch.messages.data, bytes))
+            > MOST_AT_ONCE
+        ):
+            raise UsageError(
+                f"its chunks lie over each other in time, so that more than {MOST_AT_ONCE} bytes would lie in memory: "
+                "have another tool sort it, as `mcap sort`"
+            )
 
 
 class Messages(NamedTuple):

@@ -12,7 +12,7 @@ import sqlite3
 import tempfile
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, closing
+from contextlib import ExitStack, suppress
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from functools import lru_cache
@@ -26,12 +26,11 @@ from urllib.parse import quote
 
 import numpy as np
 import zstandard
-from mcap.opcode import Opcode
 from mcap.records import Metadata
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
-from knee_contact_ros.bags.columns import Batch, blocks
+from knee_contact_ros.bags.columns import Batch, blocks, by_arrival
 from knee_contact_ros.bags.mcap_file import (
     ALLOWED_SIZE,
     BLOCK,
@@ -43,7 +42,6 @@ from knee_contact_ros.bags.mcap_file import (
     Segment,
     definition_of,
 )  # fmt: skip
-from knee_contact_ros.bags.order import by_arrival
 from knee_contact_ros.bags.recorder import CONTINUED, MAGIC, METADATA
 from knee_contact_ros.model.types import Rows
 from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATE, DYNAMIC_JOINT_STATES
@@ -76,13 +74,15 @@ OTHER_FORCE = {
     GROUND_REACTION_FORCE: (JOINT_REACTION_FORCE, "knee-contact solve takes, and replay without --sensors, its"),
 }
 """Other input of the same type, by the name of a force that it must not be taken for, and the advice for it"""
-BAG_FILES = (".mcap", ".db3")
-"""Suffixes of the files of a bag"""
+MCAP, SQLITE, ZSTD = ".mcap", ".db3", b"\x28\xb5\x2f\xfd"
+"""Suffixes of the files of a bag; first bytes of what is compressed by zstd, as no CDR message has them"""
+MAGICS = {MCAP: MAGIC, SQLITE: b"SQLite format 3\x00"}
+"""First bytes of the files of a bag"""
 FIXED_TYPES = ("sensor_msgs/msg/JointState", "geometry_msgs/msg/WrenchStamped")
 """Types whose messages are read by their definition in ROS 2, and by no other"""
 FOREIGN = {
     b"#ROSBAG V": "is a bag of ROS 1: convert it, as with `rosbags-convert --src FILE --dst FOLDER`",
-    b"\x28\xb5\x2f\xfd": "is compressed (zstd): give the folder of the bag, or decompress it first, as with `unzstd`",
+    ZSTD: "is compressed (zstd): give the folder of the bag, or decompress it first, as with `unzstd`",
     b"\x1f\x8b": "is compressed (gzip): decompress it first, as with `gunzip`",
     b"BZh": "is compressed (bzip2): decompress it first, as with `bunzip2`",
     b"\xfd7zXZ": "is compressed (xz): decompress it first, as with `unxz`",
@@ -91,28 +91,25 @@ FOREIGN = {
     b"version https://git-lfs": "is a pointer of Git LFS and not the file itself: fetch it with `git lfs pull`",
 }
 """What files are that are no bags, by their first bytes"""
-LONGEST_MAGIC = max(map(len, FOREIGN))
 NUMBERED = re.compile(r"(.+)_(\d+)(\.mcap|\.db3)")
 """Name of a numbered file in a rosbag2 folder: stem, number and suffix"""
-SQLITE_MAGIC, ZSTD = b"SQLite format 3\x00", b"\x28\xb5\x2f\xfd"
-"""First bytes of a sqlite3 file, and of what is compressed; no CDR message begins like the latter"""
-MOST_AT_ONCE, LARGEST_MESSAGE, LARGEST_RECORD = 2**28, 2**24, 2**24
-"""Largest sizes [B]: of the chunks that are unpacked at one time, of a message that was compressed by itself, of a
-metadata record that is read by itself (those of this package hold some curves)"""
+LARGEST_MESSAGE = 2**24
+"""Largest size [B] of a message that was compressed by itself"""
 MOST_NAMED = 8
 """Largest number of file names in a message"""
 FIRST_RECORDS = 4
 """Number of records at the beginning of a file among which the record `continued` is searched for"""
 DECODED = 8192
 """Largest number of answers that are decoded at once"""
-TABLES = ("topics", "messages", "message_definitions")
-"""Names of the tables of a sqlite3 file that are read"""
 ROWS = "FROM messages WHERE typeof(topic_id) = 'integer' AND typeof(timestamp) = 'integer' AND typeof(data) = 'blob'"
-"""Rows that are messages"""
+"""Rows of a sqlite3 file that are messages"""
 DEFINITIONS = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
 STEP_BACK = f"SELECT min(step) FROM (SELECT timestamp - lag(timestamp) OVER (ORDER BY id) AS step {ROWS})"  # noqa: S608
-ROWS_AT_ONCE = 1024
-"""Number of rows that are read at once"""
+SEGMENTS = (
+    f"SELECT id / 1024, topic_id, min(id), max(id), min(timestamp), max(timestamp), count(*) {ROWS} "
+    "GROUP BY id / 1024, topic_id ORDER BY id / 1024"
+)
+"""For each topic in a block of rows, the spans of their numbers and log times [ns], and how many there are"""
 SQLITE_FIELDS = ((16, 2), (24, 4), (28, 4), (92, 4))
 """Offset and length [B] in the header of page size, change counter, number of pages, and the counter valid for that"""
 
@@ -161,18 +158,12 @@ class BagReader:
                 self._files, self.damage, self._packed, stated = _opened_files(path, opened)
             except OSError as error:
                 raise UsageError(f"cannot read bag {path}: {error.strerror}") from None
-            for file in self._files:
-                if isinstance(file, McapFile) and file.at_once > MOST_AT_ONCE:
-                    raise UsageError(
-                        f"bag {file.path}: its chunks lie over each other in time, so that {file.at_once} bytes would "
-                        f"be unpacked at once; at most {MOST_AT_ONCE} are"
-                    )
             self._in_file = [file.connections for file in self._files]
-            merged: dict[tuple[object, ...], Connection] = {}
+            merged: dict[Connection, int] = {}
             for connection in (each for topics in self._in_file for each in topics.values()):
-                before = merged.setdefault(connection[:4], connection._replace(messages=0))
-                merged[connection[:4]] = before._replace(messages=before.messages + connection.messages)
-            self.connections = list(merged.values())
+                key = connection._replace(messages=0)
+                merged[key] = merged.get(key, 0) + connection.messages
+            self.connections = [key._replace(messages=count) for key, count in merged.items()]
             """Connections of all files, with one for each topic, type, encoding and definition"""
             self.damage += _contradictions(self.connections, stated)
             """Faults of the bag, as sentences; the readable part is read nevertheless"""
@@ -186,7 +177,6 @@ class BagReader:
             except UsageError as error:
                 damage = f"; the bag is damaged: {in_a_line(self.damage)}" if self.damage else ""
                 raise UsageError(f"{error}{damage}") from None
-            self._topics = {absolute(one.topic): topic for topic, found in self._requested.items() for one in found}
             first = next(self.raw_messages(), None) if path.is_file() else None
             if first and first.data.startswith(ZSTD):  # only `metadata.yaml` in its folder says so
                 raise UsageError(f"bag {path} has compressed messages: give its folder, whose metadata.yaml says so")
@@ -195,7 +185,7 @@ class BagReader:
     @property
     def count(self) -> int:
         """Number of messages on the requested topics."""
-        return sum(connection.messages for topic in self._requested.values() for connection in topic)
+        return sum(map(self.count_of, self._requested))
 
     def count_of(self, topic: str) -> int:
         """Number of messages on a requested topic."""
@@ -215,7 +205,7 @@ class BagReader:
     def raw_messages(
         self, topics: Collection[str] = (), start: int | None = None, stop: int | None = None
     ) -> Iterator[RawMessage]:
-        """Messages in the order of arrival (`order.py`), not decoded.
+        """Messages in the order of arrival (`by_arrival`), not decoded.
 
         Args:
             topics: Topics to read, out of the requested ones; all of them if empty.
@@ -225,19 +215,11 @@ class BagReader:
         Raises:
             UsageError: The bag is damaged.
         """
-        for message, _ in self.described_messages(topics, start, stop):
-            yield message
-
-    def described_messages(
-        self, topics: Collection[str] = (), start: int | None = None, stop: int | None = None
-    ) -> Iterator[tuple[RawMessage, MessageDefinition]]:
-        """Messages as `raw_messages` gives them, each with the definition of its type in the bag."""
-        connections, batches = self._by_arrival(topics)
-        described = [(self._topic_of(connection), connection.definition) for connection in connections]
+        names, (publishers, batches) = list(self._requested), self.by_publisher(topics)
         for batch in batches:
-            for number, log_time, data in batch.between(start, stop):
-                topic, definition = described[number]
-                yield RawMessage(topic, log_time, data), definition
+            for number, log_time, data in batch:
+                if (start is None or log_time >= start) and (stop is None or log_time < stop):
+                    yield RawMessage(names[publishers[number][0]], log_time, data)
 
     def blocks(self, topics: Collection[str] = (), *, most: int) -> Iterator[Batch]:
         """Messages in the order of arrival, in blocks of at most `most` messages.
@@ -251,58 +233,49 @@ class BagReader:
         Raises:
             UsageError: The bag is damaged.
         """
-        indices = {topic: index for index, topic in enumerate(self._requested)}
-        connections, batches = self._by_arrival(topics)
-        index_of = np.array([indices[self._topic_of(connection)] for connection in connections], np.intp)
-        yield from blocks((replace(batch, numbers=index_of[batch.numbers]) for batch in batches), most)
-
-    def messages(self) -> Iterator[BagMessage]:
-        """Messages in the order of arrival, decoded by the definitions in this package.
-
-        Raises:
-            UsageError: The bag is damaged, or a message cannot be decoded.
-        """
-        for topic, log_time, data in self.raw_messages():
-            try:
-                message = deserialize(data, topic.removeprefix("/"))
-            except Exception as error:  # whatever broken bytes provoke in the decoder
-                raise self._damaged(error) from None
-            yield BagMessage(topic, log_time, message)
+        publishers, batches = self.by_publisher(topics)
+        index_of = np.array([index for index, _ in publishers], np.intp)
+        return blocks((replace(batch, numbers=index_of[batch.numbers]) for batch in batches), most)
 
     def definition(self, topic: str) -> MessageDefinition:
         """Definition of the type of a requested topic in the bag."""
         return self._requested[topic][0].definition
 
-    def _by_arrival(self, topics: Collection[str]) -> tuple[list[Connection], Iterator[Batch]]:
-        """Requested connections, and the messages, whose numbers are indices of these."""
-        wanted = {connection[:3] for topic in topics or self._requested for connection in self._requested[topic]}
-        connections = list[Connection]()
-        numbers: list[dict[int, int]] = []
-        known: dict[tuple[object, ...], int] = {}  # a publisher has the same number in all files
+    def by_publisher(self, topics: Collection[str] = ()) -> tuple[list[tuple[int, MessageDefinition]], Iterator[Batch]]:
+        """Messages in the order of arrival, with the numbers of their publishers.
+
+        Args:
+            topics: Topics to read, out of the requested ones; all of them if empty.
+
+        Returns:
+            For each publisher the index of its topic among all requested ones, and its definition of the type; and
+            the messages, whose iterator raises UsageError if the bag is damaged.
+        """
+        publishers, numbers = list[tuple[int, MessageDefinition]](), list[dict[int, int]]()
+        known: dict[tuple[Connection, int], int] = {}  # a publisher has the same number in all files
+        wanted = {
+            each._replace(messages=0): index
+            for index, (topic, found) in enumerate(self._requested.items())
+            for each in found
+            if topic in topics or not topics
+        }
         for declared in self._in_file:
-            before, own = Counter[tuple[str, ...]](), dict[int, int]()
+            before, own = Counter[Connection](), dict[int, int]()
             for channel, connection in declared.items():
-                key = connection[:3]
+                key = connection._replace(messages=0)
                 if key in wanted:
-                    own[channel] = known.setdefault((*key, before[key], connection.definition), len(connections))
+                    own[channel] = known.setdefault((key, before[key]), len(known))
+                    publishers += [(wanted[key], key.definition)] * (len(known) - len(publishers))
                     before[key] += 1
-                    connections += [connection] if own[channel] == len(connections) else []
             numbers.append(own)
-        return connections, self._batches(numbers)
+        return publishers, self._batches(numbers)
 
     def _batches(self, numbers: Sequence[Mapping[int, int]]) -> Iterator[Batch]:
         try:
             for batch in by_arrival(self._files, numbers):
-                yield batch.changed(_unpacked, np.ones(len(batch), dtype=bool)) if self._packed else batch
+                yield replace(batch, messages=Column.of([*map(_unpacked, batch.messages)])) if self._packed else batch
         except Exception as error:  # whatever a broken file provokes in the reader
-            raise self._damaged(error) from None
-
-    def _topic_of(self, connection: Connection) -> str:
-        """Absolute name in the node of the topic of a connection."""
-        return self._topics[absolute(connection.topic)]
-
-    def _damaged(self, error: Exception) -> UsageError:
-        return UsageError(f"bag {self.path} is damaged: {' '.join(str(error).split())}")
+            raise UsageError(f"bag {self.path} is damaged: {' '.join(str(error).split())}") from None
 
     def __enter__(self) -> BagReader:
         return self
@@ -312,9 +285,16 @@ class BagReader:
 
 
 def read_bag(path: Path, types: Mapping[str, str]) -> list[BagMessage]:
-    """All messages of the topics with these types, as a list; for short bags."""
+    """All messages of the topics with these types, decoded by the definitions in this package; for short bags.
+
+    Raises:
+        UsageError: The bag cannot be read, or a message cannot be decoded.
+    """
     with BagReader(path, types) as bag:
-        return list(bag.messages())
+        try:
+            return [BagMessage(topic, time, deserialize(data, topic[1:])) for topic, time, data in bag.raw_messages()]
+        except Exception as error:  # whatever broken bytes provoke in the decoder
+            raise UsageError(f"bag {path} is damaged: {' '.join(str(error).split())}") from None
 
 
 def answer_topics(path: Path) -> list[str]:
@@ -346,15 +326,15 @@ def answer_blocks(
     with BagReader(path, {topic: MESSAGE_TYPES[KNEE_CONTACT]}) as reader:
         if reader.damage:
             raise UsageError(f"{path} is damaged ({in_a_line(reader.damage)}): make it whole with knee-contact recover")
-        done = 0
-        for definition, group in groupby(reader.described_messages(), key=itemgetter(1)):
-            while block := [message.data for message, _ in islice(group, DECODED)]:
+        (publishers, batches), done = reader.by_publisher(), 0
+        for block in blocks(batches, DECODED):
+            for number, messages in groupby(block, key=itemgetter(0)):
                 try:
-                    answers = decode_answers(block, definition)
+                    answers = decode_answers([data for *_, data in messages], publishers[number][1])
                 except Exception as error:  # whatever broken bytes and definitions provoke
                     raise UsageError(f"{path}: an answer cannot be decoded: {' '.join(str(error).split())}") from None
                 yield answers
-                done += len(block)
+                done += len(answers)
                 if advance:
                     advance(done, reader.count)
 
@@ -364,41 +344,24 @@ def read_answers(path: Path, topic: str = f"/{KNEE_CONTACT}") -> Rows:
     return np.concatenate(list(answer_blocks(path, topic)))
 
 
-def metadata_records(path: Path) -> list[Metadata]:
-    """Metadata records of a file in their order: the readable ones of a damaged file, none of a file that is no MCAP.
+def metadata_records(path: Path, most: int | None = None) -> list[Metadata]:
+    """Readable metadata records among the first `most` records of a file, or all, in their order.
 
     Raises:
         OSError: The file cannot be read.
     """
     with open_regular(path) as file:
-        records = Records(file, path.stat().st_size)
-        heads = list(records.heads())
-        found = [_metadata_at(records, begin, end) for opcode, begin, end in heads if opcode == Opcode.METADATA]
-        whole = not records.magic_at(0) or (heads and heads[-1][0] == Opcode.FOOTER)
-    if whole and None not in found:
-        return [record for record in found if record]
-    with closing(McapFile(path)) as damaged:
-        return damaged.metadata()
+        pieces = islice(Records(file, path.stat().st_size).pieces(), most)
+        return [piece.content for piece in pieces if isinstance(piece.content, Metadata)]
 
 
 def goes_on_with(path: Path) -> str:
     """Name of the first file of the recording that a file continues; empty if the file does not name one."""
-    try:
-        with open_regular(path) as file:
-            records = Records(file, path.stat().st_size)
-            for opcode, begin, end in islice(records.heads(), FIRST_RECORDS):
-                record = _metadata_at(records, begin, end) if opcode == Opcode.METADATA else None
-                if record and record.name == CONTINUED:
-                    return record.metadata.get("first", "")
-    except OSError:
-        pass
+    with suppress(OSError):
+        for record in metadata_records(path, FIRST_RECORDS):
+            if record.name == CONTINUED:
+                return record.metadata.get("first", "")
     return ""
-
-
-def _metadata_at(records: Records, begin: int, end: int) -> Metadata | None:
-    """Metadata record between two offsets; None if it is damaged or too large."""
-    record = records.record_at(begin) if end - begin <= LARGEST_RECORD else None
-    return record.parsed if record else None
 
 
 def absolute(name: str, namespace: str = "") -> str:
@@ -577,9 +540,10 @@ def read_metadata(folder: Path) -> tuple[FolderMetadata, list[str]]:
         content = read_yaml(folder / METADATA, LARGEST_METADATA)["rosbag2_bagfile_information"]
         topics = content["topics_with_message_count"]
         counts = {str(entry["topic_metadata"]["name"]): int(entry["message_count"]) for entry in topics}
-        mode = str(content.get("compression_mode") or "").lower()
-        files = list(dict.fromkeys(Path(name).name for name in content["relative_file_paths"]))
-        return FolderMetadata(files, "" if mode == "none" else mode, counts), []
+        mode = str(content.get("compression_mode") or "").lower().replace("none", "")
+        return FolderMetadata(
+            list(dict.fromkeys(Path(n).name for n in content["relative_file_paths"])), mode, counts
+        ), []
     except FileNotFoundError:
         return FolderMetadata(), [f"{METADATA} is missing"]
     except (OSError, BadYamlError, LookupError, TypeError, ValueError, AttributeError, OverflowError):
@@ -604,14 +568,12 @@ def _opened_files(path: Path, opened: ExitStack) -> tuple[list[File], list[str],
     if 2 * sum(1 for _ in path.iterdir()) > soft // 2 and soft != hard:
         setrlimit(RLIMIT_NOFILE, (hard, hard))
     (listed_names, compressed, counts), faults = read_metadata(path)
-    folder = path
+    names, more = _names(path, listed_names) if compressed != "file" else (listed_names, [])
+    faults += more
+    folder, files = path, list[File]()
     if compressed == "file":
         folder = Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="knee_contact_bag_")))
-        names = _decompressed([path / name for name in listed_names], folder)
-    else:
-        names, more = _names(path, listed_names)
-        faults += more
-    files: list[File] = []
+        names = _decompressed(path, names, folder)
     for name in names:
         if not is_there(folder / name):
             faults.append(f"{name} is {'no file of a bag' if os.path.lexists(folder / name) else 'missing'}")
@@ -622,9 +584,8 @@ def _opened_files(path: Path, opened: ExitStack) -> tuple[list[File], list[str],
             faults.append(f"{name}: {error}")
             continue
         faults += [f"{name}: {fault}" for fault in files[-1].faults]
-    numbers = [NUMBERED.fullmatch(file.path.name) for file in files]
-    if all(numbers):  # in the order of recording, whatever the clock was
-        files.sort(key=lambda file: int(file.path.stem.rpartition("_")[2]))
+    if all(NUMBERED.fullmatch(file.path.name) for file in files):  # in the order of recording, whatever the clock was
+        files.sort(key=lambda file: _number(file.path.name))
     else:
         files.sort(key=lambda file: file.times or (0, 0))
     return files, faults, compressed == "message", counts
@@ -637,43 +598,55 @@ def _opened_file(path: Path, opened: ExitStack) -> File:
         UsageError: It is neither an MCAP nor a sqlite3 file, or a damaged sqlite3 file.
         OSError: It cannot be read.
     """
-    with open_regular(path) as file:
-        begin = file.read(LONGEST_MAGIC)
-    for foreign, words in FOREIGN.items():
-        if begin.startswith(foreign):
-            raise UsageError(f"cannot read bag {path}: it {words}")
-    magic = begin[: len(SQLITE_MAGIC)]
-    is_mcap = magic.startswith(MAGIC) or (magic != SQLITE_MAGIC and ".db3" not in path.suffixes)
-    if is_mcap and not magic.startswith(MAGIC) and ".mcap" not in path.suffixes:
-        raise UsageError(f"cannot read bag {path}: it is neither an MCAP nor a sqlite3 file")
+    is_mcap = kind_of(path) == MCAP
     bag_file: File = McapFile(path) if is_mcap else SqliteFile(path)
     opened.callback(bag_file.close)
     return bag_file
 
 
-def _decompressed(paths: Sequence[Path], folder: Path) -> list[str]:
-    """Unpack files that rosbag2 has compressed as a whole into `folder`, and return their names.
+def kind_of(path: Path) -> str:
+    """Kind of a file of a bag, `MCAP` or `SQLITE`, by its first bytes or else its name.
 
-    The names of unpacked files come first, those of missing ones last.
+    Raises:
+        UsageError: It is none of the two.
+        OSError: It cannot be read.
+    """
+    with open_regular(path) as file:
+        begin = file.read(max(map(len, FOREIGN)))
+    for foreign, words in FOREIGN.items():
+        if begin.startswith(foreign):
+            raise UsageError(f"cannot read bag {path}: it {words}")
+    for kind, magic in MAGICS.items():
+        if begin.startswith(magic):
+            return kind
+    kinds = [suffix for suffix in path.suffixes if suffix in MAGICS]
+    if not kinds:
+        raise UsageError(f"cannot read bag {path}: it is neither an MCAP nor a sqlite3 file")
+    return kinds[-1]
+
+
+def _decompressed(bag: Path, names: Sequence[str], folder: Path) -> list[str]:
+    """Unpack files that rosbag2 has compressed as a whole into `folder`; names of unpacked files, and missing ones.
 
     Raises:
         UsageError: A file grows too much, or cannot be unpacked.
     """
-    present = [path for path in paths if is_there(path)]
-    left = max(MOST_GROWTH * sum(path.stat().st_size for path in present), ALLOWED_SIZE)  # [B]
-    for path in present:
+    there = [name for name in names if is_there(bag / name)]
+    left = max(MOST_GROWTH * sum((bag / name).stat().st_size for name in there), ALLOWED_SIZE)  # [B]
+    for name in there:
         try:
-            with open_regular(path) as file, (folder / path.name.removesuffix(".zstd")).open("wb") as unpacked:
+            with open_regular(bag / name) as file, (folder / name.removesuffix(".zstd")).open("wb") as unpacked:
                 reader = zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True)
                 while left >= 0 and (data := reader.read(BLOCK)):
                     left -= len(data)
                     unpacked.write(data)
         except (OSError, zstandard.ZstdError) as error:
-            raise UsageError(f"cannot read bag file {path}: {error}") from None
+            raise UsageError(f"cannot read bag file {bag / name}: {error}") from None
         if left < 0:
-            raise UsageError(f"{path} holds more than {MOST_GROWTH} times its size: no recording is compressed so well")
-    missing = [path.name for path in paths if path not in present]
-    return [*(path.name.removesuffix(".zstd") for path in present), *missing]
+            raise UsageError(
+                f"{bag / name} holds more than {MOST_GROWTH} times its size: no recording is compressed so well"
+            )
+    return [name.removesuffix(".zstd") if name in there else name for name in names]
 
 
 def files_of(bag: Path) -> list[Path]:
@@ -694,39 +667,37 @@ def _names(folder: Path, listed_names: Sequence[str]) -> tuple[list[str], list[s
         UsageError: It is not clear which files belong to the bag, or there are none.
     """
     if any(is_there(folder / name) for name in listed_names):
-        unlisted = _later_files(folder, listed_names[0], listed_names)
+        unlisted = [name for name in _later_files(folder, listed_names[0]) if name not in listed_names]
         words = f"{METADATA} does not name all files that go on with {listed_names[0]}: {len(unlisted)} more are read"
         return [*listed_names, *unlisted], [words] if unlisted else []
-    faults = [f"{name} is missing" for name in listed_names]
-    names = sorted(path.name for path in folder.iterdir() if path.suffix in BAG_FILES)
+    names = sorted(path.name for path in folder.iterdir() if path.suffix in MAGICS)
     if not names:
         raise UsageError(f"{folder} is no rosbag2 folder: it has no {METADATA} of use, and no files")
-    numbered = [match for match in map(NUMBERED.fullmatch, names) if match]
-    if len(names) == 1:
-        return names, faults
-    if len(numbered) == len(names) and len({(match[1], match[3]) for match in numbered}) == 1:
-        return _in_order(names), faults
+    numbered = {match.group(1, 3) if (match := NUMBERED.fullmatch(name)) else () for name in names}
     first = [name for name in names if not goes_on_with(folder / name)]
-    recording = [*first, *_later_files(folder, first[0])] if len(first) == 1 else []
-    if set(recording) == set(names):
-        return recording, faults
-    raise UsageError(
-        f"{folder} has more than one recording, and no {METADATA} of use that names one; "
-        f"give one of these files: {_first_of(names)}"
-    )
+    if len(numbered) == 1 and () not in numbered:
+        names.sort(key=_number)
+    elif len(first) == 1 and len(names) == 1 + len(later := _later_files(folder, first[0])):
+        names = [*first, *later]
+    elif len(names) > 1:
+        raise UsageError(
+            f"{folder} has more than one recording, and no {METADATA} of use that names one; "
+            f"give one of these files: {_first_of(names)}"
+        )
+    return names, [f"{name} is missing" for name in listed_names]
 
 
-def _later_files(folder: Path, first: str, known: Collection[str] = ()) -> list[str]:
-    """Names of the files in a folder that continue the recording of `first`, in their order, without those `known`."""
-    stem, suffix = Path(first).stem.removesuffix(FIRST), Path(first).suffix
+def _later_files(folder: Path, first: str) -> list[str]:
+    """Names of the files in a folder that continue the recording of `first`, in their order."""
+    wanted = (Path(first).stem.removesuffix(FIRST), Path(first).suffix)
     matches = [match for path in folder.iterdir() if (match := NUMBERED.fullmatch(path.name))]
-    names = _in_order(match[0] for match in matches if match.group(1, 3) == (stem, suffix))
-    return [name for name in names if name not in known and goes_on_with(folder / name) == first]
+    names = sorted((match[0] for match in matches if match.group(1, 3) == wanted), key=_number)
+    return [name for name in names if goes_on_with(folder / name) == first]
 
 
-def _in_order(names: Iterable[str]) -> list[str]:
-    """Numbered names in the order of their numbers."""
-    return sorted(names, key=lambda name: int(Path(name).stem.rpartition("_")[2]))
+def _number(name: str) -> int:
+    """Number at the end of a numbered name."""
+    return int(Path(name).stem.rpartition("_")[2])
 
 
 def others_beside(bag: Path) -> list[str]:
@@ -734,7 +705,7 @@ def others_beside(bag: Path) -> list[str]:
     if not bag.is_dir():
         return []
     read = {path.name.removesuffix(".zstd") for path in files_of(bag)}
-    others = sorted(path.name for path in bag.iterdir() if path.suffix in BAG_FILES and path.name not in read)
+    others = sorted(path.name for path in bag.iterdir() if path.suffix in MAGICS and path.name not in read)
     if not others:
         return []
     return [f"of {bag}, {_first_of(sorted(read))} is read; what else is there, give as a file: {_first_of(others)}"]
@@ -779,10 +750,6 @@ class SqliteFile:
         """Topics by their numbers"""
         self.segments: list[Segment] = []
         """Blocks of rows, in the order of the file"""
-        self.spans: dict[int, tuple[int, int]] = {}
-        """Smallest and largest log time [ns] of each topic"""
-        self.goes_back = False
-        """Whether the log times go back in the order of the file"""
         log = path.with_name(f"{path.name}-wal")
         if log.exists() and log.stat().st_size:
             self.faults.append(f"{log.name} holds messages that were never merged: open the bag once with sqlite3")
@@ -801,15 +768,14 @@ class SqliteFile:
     @property
     def times(self) -> tuple[int, int] | None:
         """Smallest and largest log time [ns]; None without messages."""
-        spans = self.spans.values()
-        return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else None
+        times = [time for segment in self.segments for time in segment.times]
+        return (min(times), max(times)) if times else None
 
     def read(self, segment: int, numbers: Mapping[int, int]) -> Batch:
         """Messages of a segment in its order; see `McapFile.read`."""
         rows = self.segments[segment]
-        cursor = self._database.execute(
-            f"SELECT topic_id, timestamp, data {ROWS} AND id BETWEEN ? AND ? ORDER BY id", (rows.begin, rows.end)
-        )
+        query = f"SELECT topic_id, timestamp, data {ROWS} AND id BETWEEN ? AND ? ORDER BY id"
+        cursor = self._database.execute(query, (rows.begin, rows.end))
         selected = [(numbers[topic], time, data) for topic, time, data in cursor if topic in numbers]
         topics, times, messages = zip(*selected, strict=True) if selected else ((), (), ())
         log_times = np.array(times, np.int64 if min(times, default=0) < 0 else np.uint64)
@@ -817,8 +783,8 @@ class SqliteFile:
 
     def _read(self, path: Path) -> None:
         """Check the file, and read its topics, definitions and numbers of messages."""
-        database = self._database
-        integrity = database.execute("PRAGMA integrity_check(1)").fetchone()[0]
+        query = self._database.execute
+        integrity = query("PRAGMA integrity_check(1)").fetchone()[0]
         with path.open("rb") as file:
             head = file.read(100)
         page, changes, pages, valid_for = (int.from_bytes(head[at : at + n], "big") for at, n in SQLITE_FIELDS)
@@ -826,38 +792,28 @@ class SqliteFile:
             raise ValueError("it is cut off")  # sqlite takes missing pages for zeros
         if integrity != "ok":
             raise ValueError(integrity)
-        kinds = dict(database.execute("SELECT name, type FROM sqlite_master").fetchall())
-        if any(kinds.get(name, "table") != "table" for name in TABLES):  # a view may take forever to read
-            raise ValueError("its messages or topics are no table")
-        definitions: dict[str, MessageDefinition] = {}
-        if "message_definitions" in kinds:
-            for type_name, encoding, text in database.execute(DEFINITIONS):
-                definitions[str(type_name)] = definition_of(str(encoding), str(text))
-        counts = dict(database.execute(f"SELECT topic_id, count(*) {ROWS} GROUP BY topic_id").fetchall())
-        for number, *texts in database.execute("SELECT id, name, type, serialization_format FROM topics"):
-            topic, type_name, encoding = map(str, texts)
-            definition = definitions.get(type_name, NO_DEFINITION)
-            self.connections[int(number)] = Connection(topic, type_name, encoding, definition, counts.pop(number, 0))
-        self._look_at_times()
-        every = database.execute("SELECT count(*) FROM messages").fetchone()[0]
-        if others := every - database.execute(f"SELECT count(*) {ROWS}").fetchone()[0]:
-            self.faults.append(f"{others} rows are no messages")
-        for number, count in counts.items():
-            self.faults.append(f"{count} messages are of topic {number}, which nothing declares")
-
-    def _look_at_times(self) -> None:
-        """Divide the rows into segments, and note the spans of the topics and whether log times go back."""
-        for topic, first, last in self._database.execute(
-            f"SELECT topic_id, min(timestamp), max(timestamp) {ROWS} GROUP BY topic_id"
-        ):
-            self.spans[topic] = first, last
-        blocks = (
-            f"SELECT min(id), max(id), min(timestamp), max(timestamp) {ROWS} GROUP BY id / {ROWS_AT_ONCE} ORDER BY id"
-        )
-        topics = Counter(dict.fromkeys(self.spans, 1))
-        for begin, end, first, last in self._database.execute(blocks):
-            self.segments.append(Segment(begin, begin, end, 0, first=first, last=last, counts=topics))
-        self.goes_back = (self._database.execute(STEP_BACK).fetchone()[0] or 0) < 0
+        kinds = dict(query("SELECT name, type FROM sqlite_master").fetchall())
+        if any(kinds.get(name, "table") != "table" for name in ("topics", "messages", "message_definitions")):
+            raise ValueError("its messages or topics are no table")  # a view may take forever to read
+        found = query(DEFINITIONS) if "message_definitions" in kinds else ()
+        definitions = {str(name): definition_of(str(encoding), str(text).encode()) for name, encoding, text in found}
+        counts = Counter[int]()
+        for _, rows in groupby(query(SEGMENTS), key=itemgetter(0)):
+            _, topics, begins, ends, firsts, lasts, numbers = zip(*rows, strict=True)
+            own = dict(zip(topics, numbers, strict=True))
+            times, begin, end = (min(firsts), max(lasts)), min(begins), max(ends)
+            self.segments.append(Segment(begin, end, begin, 0, times=times, counts=own))
+            counts.update(own)
+        every, usable = query("SELECT count(*) FROM messages").fetchone()[0], counts.total()
+        for number, *texts in query("SELECT id, name, type, serialization_format FROM topics"):
+            topic, kind, encoding = map(str, texts)
+            definition = definitions.get(kind, NO_DEFINITION)
+            self.connections[int(number)] = Connection(topic, kind, encoding, definition, counts.pop(number, 0))
+        self.goes_back = (query(STEP_BACK).fetchone()[0] or 0) < 0
+        """Whether the log times go back in the order of the file"""
+        self.faults += [f"{every - usable} rows are no messages"] * (every > usable)
+        if counts:
+            self.faults.append(f"{counts.total()} messages are of topics that nothing declares")
 
 
 File = McapFile | SqliteFile

@@ -13,10 +13,10 @@ from mcap.records import Attachment, Metadata
 from mcap.writer import CompressionType, Writer
 
 from knee_contact_ros.bags.mcap_file import Advance, McapFile
+from knee_contact_ros.bags.reader import MCAP, kind_of
 from knee_contact_ros.bags.recorder import (
     CHUNK_SIZE,
     LIBRARY,
-    MAGIC,
     METADATA,
     ROSBAG2,
     FileFacts,
@@ -26,19 +26,17 @@ from knee_contact_ros.bags.recorder import (
     topic_metadata,
 )  # fmt: skip
 from knee_contact_ros.system.errors import UsageError, in_a_line
-from knee_contact_ros.system.files import BadYamlError, open_regular, parse_yaml
+from knee_contact_ros.system.files import BadYamlError, parse_yaml
 from knee_contact_ros.system.output_files import is_being_written, rename_new
 
 RECOVERED = "recovered"
 """Name of the metadata record that describes the file from which another one was recovered"""
 SUFFIX = ".recovering"
 """Suffix of the output until it is complete; `.partial` may be that of the input"""
-COMPRESSIONS = {None: CompressionType.ZSTD, "": CompressionType.NONE, "lz4": CompressionType.LZ4}
-"""Compression of the output by the name of that in the input; None if the input has no chunks"""
+COMPRESSIONS = {"": CompressionType.NONE, "lz4": CompressionType.LZ4}
+"""Compression of the output by the name of that in the input; zstd for others, and without chunks"""
 MOST_FAULTS, MOST_TOPICS = 1000, 2000
 """Largest numbers of faults in the metadata record, and of topics in a `metadata.yaml` that other readers accept"""
-SQLITE_MAGIC = b"SQLite format 3\x00"
-"""Bytes at the beginning of a sqlite3 file"""
 
 
 class TopicCount(NamedTuple):
@@ -87,29 +85,37 @@ def recover(
         UsageError: The output cannot be written, or no message can be read; an existing output is unchanged.
         OSError: Reading or writing has failed; an existing output is unchanged.
     """
-    _check(source, output, overwrite)
-    with closing(_opened(source, lambda done, total: advance(done, 2 * total))) as file:
+    with closing(_opened(source, output, overwrite, lambda done, total: advance(done, 2 * total))) as file:
         if not file.counts.total():
             kind = "no MCAP file" if not file.streams else "an MCAP file of which no message can be read"
             raise UsageError(f"{source} is {kind}: {in_a_line(file.faults) or 'it has none'}")
         topics, described = _topics(file), _described(file, output.name)
+        partial = output.with_name(output.name + SUFFIX)
+        try:
+            output.parent.mkdir(parents=True, exist_ok=True)
+            partial.open("xb").close()
+        except FileExistsError:
+            raise UsageError(
+                f"{partial} exists: another recovery is running, or was cut off; move it away first"
+            ) from None
+        except OSError as error:
+            raise UsageError(f"cannot write {output}: {error.strerror}") from None
         put_metadata: Callable[[], object] = list
-        partial = _claim(output)
         try:
             _write(partial, file, described, lambda done: advance(file.size + done, 2 * file.size))
             if described and all(p.name == METADATA or p.name.startswith(output.name) for p in output.parent.iterdir()):
-                put_metadata = prepare_metadata(
-                    output.parent, described
-                )  # the folder is a bag's, and no working folder
-            _put(partial, output, overwrite)
+                put_metadata = prepare_metadata(output.parent, described)  # it is a bag's, and no working folder
+            (partial.replace if overwrite else lambda target: rename_new(partial, target))(output)
+        except FileExistsError:
+            raise UsageError(f"{output} has appeared meanwhile, and is left as it is; choose another name") from None
         finally:
             partial.unlink(missing_ok=True)
         put_metadata()
     return Recovery(topics, file.times, file.size, file.unread, file.faults)
 
 
-def _check(source: Path, output: Path, overwrite: bool) -> None:
-    """Refuse a source that cannot be recovered, and an output that must not be written."""
+def _opened(source: Path, output: Path, overwrite: bool, advance: Advance) -> McapFile:
+    """Open the file, unless it cannot be recovered or the output must not be written."""
     if not source.is_file():
         reason = "is a folder: give the .mcap file in it" if source.is_dir() else "is not there: give an MCAP file"
         raise UsageError(f"{source} {reason}")
@@ -119,17 +125,9 @@ def _check(source: Path, output: Path, overwrite: bool) -> None:
         raise UsageError(f"{output} is the input: it is never touched; choose another name")
     if output.is_dir() or (os.path.lexists(output) and not overwrite):
         raise UsageError(f"{output} exists already; choose another name, or --overwrite")
-
-
-def _opened(source: Path, advance: Advance) -> McapFile:
-    """Open the file, if its first bytes, or else its name, say that it is an MCAP file."""
     try:
-        with open_regular(source) as file:
-            magic = file.read(len(SQLITE_MAGIC))
-        if magic == SQLITE_MAGIC:
+        if kind_of(source) != MCAP:
             raise UsageError(f"{source} is a sqlite3 file; recover makes MCAP files whole")
-        if not magic.startswith(MAGIC) and ".mcap" not in source.suffixes:
-            raise UsageError(f"cannot read bag {source}: it is neither an MCAP nor a sqlite3 file")
         return McapFile(source, advance)
     except OSError as error:
         raise UsageError(f"cannot read {source}: {error.strerror}") from None
@@ -137,9 +135,9 @@ def _opened(source: Path, advance: Advance) -> McapFile:
 
 def _topics(file: McapFile) -> list[TopicCount]:
     """Numbers of messages by topic, in the order of the channels."""
-    promised, counts, types = Counter[str](), Counter[str](), {}
+    promised, counts, types, own = Counter[str](), Counter[str](), {}, file.counts
     for number, (channel, schema) in sorted(file.streams.items()):
-        counts[channel.topic] += file.counts[number]
+        counts[channel.topic] += own[number]
         promised[channel.topic] += (file.promised or {}).get(number, 0)
         types[channel.topic] = schema.name if schema else ""
     return [
@@ -148,23 +146,11 @@ def _topics(file: McapFile) -> list[TopicCount]:
     ]
 
 
-def _claim(output: Path) -> Path:
-    """Create the file under the name that it has until it is complete."""
-    partial = output.with_name(output.name + SUFFIX)
-    try:
-        output.parent.mkdir(parents=True, exist_ok=True)
-        partial.open("xb").close()
-    except FileExistsError:
-        raise UsageError(f"{partial} exists: another recovery is running, or was cut off; move it away first") from None
-    except OSError as error:
-        raise UsageError(f"cannot write {output}: {error.strerror}") from None
-    return partial
-
-
 def _write(partial: Path, file: McapFile, described: dict[str, Any] | None, advance: Callable[[int], None]) -> None:
     """Write the readable content of a file to `partial`."""
-    compression = COMPRESSIONS.get(file.compression, CompressionType.ZSTD)
+    first = next((segment.compression for segment in file.segments if segment.compression is not None), "zstd")
     with partial.open("wb") as output:
+        compression = COMPRESSIONS.get(first, CompressionType.ZSTD)
         writer = Writer(output, chunk_size=CHUNK_SIZE, compression=compression, enable_data_crcs=True)
         writer.start(profile=file.profile, library=LIBRARY)
         schemas, channels = {0: 0}, {}
@@ -175,15 +161,13 @@ def _write(partial: Path, file: McapFile, described: dict[str, Any] | None, adva
                 channel.topic, channel.message_encoding, schemas[channel.schema_id], channel.metadata
             )
         for offset, entry in file.in_file_order():
-            if isinstance(entry, Metadata):
-                if entry.name != ROSBAG2:  # a new one will have the right numbers of messages
-                    writer.add_metadata(entry.name, entry.metadata)
-            elif isinstance(entry, Attachment):
+            if isinstance(entry, Attachment):
                 writer.add_attachment(entry.create_time, entry.log_time, entry.name, entry.media_type, entry.data)
-            else:
-                writer.add_message(
-                    channels[entry.channel_id], entry.log_time, entry.data, entry.publish_time, entry.sequence
-                )
+            elif not isinstance(entry, Metadata):
+                channel_id = channels[entry.channel_id]
+                writer.add_message(channel_id, entry.log_time, entry.data, entry.publish_time, entry.sequence)
+            elif entry.name != ROSBAG2:  # a new one will have the right numbers of messages
+                writer.add_metadata(entry.name, entry.metadata)
             advance(offset)
         origin = {
             "source": file.path.name, "source_bytes": str(file.size), "unread_bytes": str(file.unread),
@@ -197,27 +181,12 @@ def _write(partial: Path, file: McapFile, described: dict[str, Any] | None, adva
         os.fsync(output.fileno())
 
 
-def _put(partial: Path, output: Path, overwrite: bool) -> None:
-    """Give the complete file its final name."""
-    if overwrite:
-        partial.replace(output)
-        return
-    try:
-        rename_new(partial, output)
-    except FileExistsError:
-        raise UsageError(f"{output} has appeared meanwhile, and is left as it is; choose another name") from None
-
-
 def _described(file: McapFile, name: str) -> dict[str, Any] | None:
-    """Content of `metadata.yaml` for a file, from its channels alone; None for a file that is none of ROS 2.
-
-    Other readers accept `MOST_TOPICS` topics.
-    """
+    """Content of `metadata.yaml` for a file, from its channels alone; None for one not of ROS 2, or of many topics."""
     if file.profile != "ros2" or len(file.streams) > MOST_TOPICS:
         return None
-    topics, counts = dict[str, dict[str, Any]](), Counter[str]()
-    for number, (channel, schema) in sorted(file.streams.items()):
-        counts[channel.topic] += file.counts[number]
+    topics = dict[str, dict[str, Any]]()
+    for _, (channel, schema) in sorted(file.streams.items()):
         try:
             qos = parse_yaml(channel.metadata.get("offered_qos_profiles", "")) or []
         except BadYamlError:
@@ -225,4 +194,5 @@ def _described(file: McapFile, name: str) -> dict[str, Any] | None:
         type_name, type_hash = schema.name if schema else "", channel.metadata.get("topic_type_hash", "")
         entry = topic_metadata(channel.topic, type_name, channel.message_encoding, qos, type_hash)
         topics.setdefault(channel.topic, entry)
+    counts = Counter({topic.topic: topic.messages for topic in _topics(file)})
     return information([FileFacts(name, *(file.times or (0, 0)), counts)], list(topics.values()))

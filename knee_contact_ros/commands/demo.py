@@ -22,7 +22,7 @@ import click
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.reader import OWN_NAMES, BagReader, RawMessage, answer_blocks
+from knee_contact_ros.bags.reader import OWN_NAMES, BagReader, RawMessage, answer_blocks, read_bag
 from knee_contact_ros.commands import stage
 from knee_contact_ros.commands.tables import counts, show_summary
 from knee_contact_ros.model.types import Rows
@@ -345,8 +345,7 @@ def with_assistance(data: bytes, knee: ActuatedJoint, torque: float) -> bytes:
 
 def largest(bag: Path, topic: str) -> Peak:
     """Return the largest joint reaction of a bag, on the topic `joint_reaction_force` or `load_estimate`."""
-    with BagReader(bag, {f"/{topic}": MESSAGE_TYPES[topic]}) as reader:
-        messages = [message.message for message in reader.messages()]
+    messages = [message.message for message in read_bag(bag, {f"/{topic}": MESSAGE_TYPES[topic]})]
     if topic == LOAD_ESTIMATE:
         return max(Peak(message.axial_force, message.standard_deviation) for message in messages)
     return max(Peak(-message.wrench.force.y, 0.0) for message in messages)

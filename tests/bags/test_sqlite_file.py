@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from knee_contact_ros.bags.order import by_arrival
+from knee_contact_ros.bags.columns import by_arrival
 from knee_contact_ros.bags.reader import SqliteFile
 from knee_contact_ros.system.errors import UsageError
 from studies.fuzz_bags.bags import Message, messages, sqlite
@@ -98,7 +98,7 @@ def test_messages_of_unknown_topics_are_counted(database: Path) -> None:
         connection.execute("UPDATE messages SET topic_id = 7 WHERE id = 5")
     found, faults = read(database)
     assert len(found) == len(WRITTEN) - 1
-    assert faults == ["1 messages are of topic 7, which nothing declares"]
+    assert faults == ["1 messages are of topics that nothing declares"]
 
 
 def test_texts_that_are_none_are_a_fault(database: Path) -> None:

@@ -224,7 +224,7 @@ def answers(path: Path, namespace: str = "") -> list[int]:
     """The stamps [ns] of the answers in a recording."""
     topic = f"/{KNEE_CONTACT}"
     with BagReader(path, {topic: MESSAGE_TYPES[KNEE_CONTACT]}, {topic: absolute(KNEE_CONTACT, namespace)}) as bag:
-        return [message.log_time for message in bag.messages()]
+        return [message.log_time for message in bag.raw_messages()]
 
 
 def is_installed(package: str) -> bool:

@@ -16,7 +16,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from knee_contact_ros import __version__
-from knee_contact_ros.bags.reader import BAG_FILES, names_in_bag
+from knee_contact_ros.bags.reader import MAGICS, names_in_bag
 from knee_contact_ros.lab.calibrate import contact, load
 from knee_contact_ros.lab.calibrate.fit import (
     LINEAR,
@@ -160,7 +160,7 @@ def bags_in(data: Any) -> list[Path]:
     """
     several = list(data) if isinstance(data, list | tuple) else [data]
     names = [Path(expanded(str(each))) for each in several if isinstance(each, str | PathLike)]
-    bags = [name for name in names if name.is_dir() or any(end in BAG_FILES for end in name.suffixes)]
+    bags = [name for name in names if name.is_dir() or any(end in MAGICS for end in name.suffixes)]
     if len(names) > 1 and len(bags) < len(names):
         other = next(name for name in names if name not in bags)
         raise UsageError(f"{other}: it is not a bag; several bags can be given, but only one table")
