@@ -143,7 +143,9 @@ class Inputs:
             often = f"{self.outside} of {self.ticks} ticks are beyond, IMPLAUSIBLE"
             if self.most - self.least > WIDEST:
                 return f"{span}, {knee} ({often}): are {raw} degrees instead of radians?"
-            cause = "has it an offset (knee.flexion_offset, in rad), or is it in degrees instead of radians"
+            turned = self.least < EXTENDS and -self.most >= EXTENDS and -self.least <= FLEXES
+            cause = "is its sign the other one (knee.flexion_sign -1), " * turned
+            cause += "has it an offset (knee.flexion_offset, in rad), or is it in degrees instead of radians"
             return f"{span} ({raw} rad), {knee} ({often}): {cause}?"
         return ""
 

@@ -1,6 +1,6 @@
 """Mistakes of newcomers, through every command that takes their numbers: refused, or told with the likely cause.
 
-What is right is not warned about. The live node has the checks of `solve` (`tests/ros`).
+What is right is not warned about. tests/ros/test_mistakes.py walks through the live node.
 """
 
 from __future__ import annotations
@@ -9,6 +9,7 @@ import re
 import warnings
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -17,6 +18,7 @@ import knee_contact_ros
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.gait_bag import Gait, Signal, write_bag
 from tests.lab.opensim.storages import write_model, write_storage
+from tests.lab.profiles.meshes import TWO_RADII, femoral_curve, saved, swept, tibial_curve
 from tests.lab.trials import write_csv
 from tests.model.test_inputs import Columns, gait
 
@@ -154,6 +156,33 @@ def test_what_is_right_is_not_warned_about(
 
 
 RUN = {name: each for name, each in (ANGLES | TIMES | LOADS).items() if name != "columns swapped"}
+
+
+SURFACES: dict[str, tuple[Callable[..., Any], str, str]] = {
+    "mm for m": (lambda p: 1e3 * p, "", "likely it is in mm"),
+    "cm for mm": (lambda p: 1e2 * p, "--unit=mm", "measures"),
+    "a scanner's axes": (lambda p: p[:, [2, 0, 1]], "", "see --axes"),
+    "LPS for RAS": (lambda p: p[:, [2, 0, 1]] * [-1.0, -1.0, 1.0], "--axes=y,z,x", "z = 8.0 to 28.0 mm; or see --axes"),
+    "upside down": (lambda p: p * [1.0, -1.0, 1.0], "", "looks up, not down"),
+    "back before front": (lambda p: p * [-1.0, 1.0, 1.0], "", "--axes=-x,y,-z turns it"),
+    "the hip's origin": (lambda p: p - [0.0, 0.4, 0.0], "", "--origin=0.0,-400.0|--origin="),
+    "the other bone": (lambda p: p, "--side=tibia", "--side femur"),
+    "a tibia upside down": (lambda _p: swept(tibial_curve())[0] * [1.0, -1.0, 1.0], "--side=tibia", "upside down"),
+}
+
+
+@pytest.mark.parametrize("name", SURFACES)
+def test_a_surface_that_is_no_knees_is_refused(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    pytest.importorskip("trimesh", reason="needs the extra mesh")
+    monkeypatch.chdir(tmp_path)
+    change, option, words = SURFACES[name]
+    tibia = "tibia" in name
+    points, triangles = swept(tibial_curve()) if tibia else swept(femoral_curve(TWO_RADII))
+    saved(Path("a.stl"), (change(points), triangles))
+    assert main(["fit-profile", "a.stl", "--slice=-18", "--output=a.csv", *filter(None, [option])]) == 2
+    assert re.search(words, capsys.readouterr().err)
 
 
 @pytest.mark.parametrize("name", RUN)

@@ -179,6 +179,11 @@ def fit(
     if femur:
         _check_reach(surface, z, shape)
         _check_radii(surface, z, circles)
+    if not femur and z < 0.0 and not concave(shape):
+        raise UsageError(
+            f"{surface.path}: the plateau at z = {1e3 * z:g} mm is convex throughout, and a medial one (z < 0) is "
+            f"hollow: is it upside down, or the lateral one? {surface.axes_cure}"
+        )
     cartilage = _thickness(shape, chart, bone, z) if bone is not None else None
     remarks = (*surface.remarks, *slab_points.remarks)
     if abs(off) >= NOTABLE:

@@ -450,7 +450,9 @@ def slices(surface: Surface, z: float, slab: float, femur: bool) -> Slices:
     middle = cut(surface, z)
     if len(middle.begins) < LEAST_POINTS:
         what = "misses" if not len(middle.begins) else "hardly touches"
-        raise UsageError(f"--slice {1e3 * z:g} {what} {surface.path}, which reaches from {surface.lateral_range}")
+        raise UsageError(
+            f"--slice {1e3 * z:g} {what} {surface.path}, which reaches from {surface.lateral_range}; or see --axes"
+        )
     points, remarks = _articular(middle, Chart.around(np.concatenate([middle.begins, middle.ends]), femur))
     chart = Chart.around(points, femur)
     places = chart.place(points)
