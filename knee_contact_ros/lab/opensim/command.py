@@ -18,7 +18,7 @@ from knee_contact_ros.lab import checks, gait_bag
 from knee_contact_ros.lab.gait_bag import Gait, digest
 from knee_contact_ros.lab.opensim import leg as legs
 from knee_contact_ros.lab.opensim import pipeline, results, setup_files
-from knee_contact_ros.lab.opensim.pipeline import Check, Run
+from knee_contact_ros.lab.opensim.pipeline import Check
 from knee_contact_ros.lab.opensim.results import LEFT, RIGHT, Pose, Reaction, Settings, coordinate_of
 from knee_contact_ros.lab.tables import Series, read_storage
 from knee_contact_ros.lab.tables import Table as StorageTable
@@ -99,7 +99,10 @@ def import_run(
     with work_folder(next(iter(bags.values())).parent) as work:
         with progress("OpenSim") as bar:
             run = pipeline.run_pipeline(folder, planned, (keep or work / "opensim").resolve(), bar)
-        found, fault = judge(run)
+        try:
+            found, fault = pipeline.assess(run), ""
+        except UsageError as error:  # hours of computing are not given up for that
+            found, fault = [], f"Residuals and reserves could not be judged: {error}"
         files = Files(run.kinematics, run.reactions, run.speeds, run.model)
         if ground is not None:
             loads = Path(ground) if ground else run.folder / run.muscles.text(LOADS)
@@ -113,14 +116,6 @@ def import_run(
     took = ", ".join(f"{setup_files.WORDS[step].lower()} {seconds:.1f} s" for step, seconds in run.seconds.items())
     Console(width=WIDTH, emoji=False).print(f"OpenSim: {took}", highlight=False, markup=False)
     show_checks(found, fault)
-
-
-def judge(run: Run) -> tuple[list[Check], str]:
-    """Check a run; if that fails return no checks and the reason, as hours of computing are not given up for that."""
-    try:
-        return pipeline.assess(run), ""
-    except UsageError as fault:
-        return [], f"Residuals and reserves could not be judged: {fault}"
 
 
 def outputs(side: str, output: Path, settings: Settings, overwrite: bool) -> dict[str, Path]:
@@ -177,12 +172,13 @@ def read_knee(side: str, files: Files, settings: Settings, work: Path) -> Gait:
     if files.ground and files.ground_data and files.model:
         ground = legs.read_ground(files.ground, files.ground_data, side)
         names = legs.leg_joints(files.model, side, coordinate_of(column))
-        leg = legs.read_leg(ground, kinematics, degrees, files.model, names, side, work)
-        joints |= {"hip": leg.hip, "ankle": leg.ankle}
-        wrenches["ground_force"] = leg.ground
+        angles, wrenches["ground_force"], of_leg = legs.read_leg(
+            ground, kinematics, degrees, files.model, names, side, work
+        )
+        joints |= angles
         columns |= {"hip": "by OpenSim", "ankle": "by OpenSim"}
-        columns["ground_force"] = f"{leg.columns} of {files.ground_data.name}"
-        notes += leg.notes
+        columns["ground_force"] = f"{ground.columns} of {files.ground_data.name}"
+        notes += of_leg
     weight, start, end = facts and facts.weight, settings.start, settings.end
     window = gait_bag.common_window(angle, *wrenches.values(), start=start, end=end)
     flexion, force = (
@@ -198,10 +194,10 @@ def read_knee(side: str, files: Files, settings: Settings, work: Path) -> Gait:
     at, wrenches, sampled = gait_bag.samples(
         [angle], wrenches, rate=settings.rate, max_gap=results.MAX_GAP, start=start, end=end
     )
-    angles = {name: joint.at(at).with_rate() for name, joint in joints.items()}
+    resampled = {name: joint.at(at).with_rate() for name, joint in joints.items()}
     doubts += [*doubtful, *checks.unusual(load, weight)]
     return Gait(
-        side, angles, wrenches["load"], columns, [*notes, *sampled], wrenches.get("ground_force"), doubts, weight
+        side, resampled, wrenches["load"], columns, [*notes, *sampled], wrenches.get("ground_force"), doubts, weight
     )
 
 

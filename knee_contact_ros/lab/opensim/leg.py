@@ -72,21 +72,6 @@ class GroundFile(NamedTuple):
         return ", ".join(" ".join(f"{name}(x y z)" for name in force if name) for force in self.forces)
 
 
-class Places(NamedTuple):
-    """Positions of a leg in the ground frame (x forward, y up, z to the right), at the rows of the kinematics."""
-
-    hip: Floats
-    """Centre of the hip joint [m], shape (n, 3)"""
-    knee: Floats
-    """Centre of the knee joint [m], shape (n, 3)"""
-    ankle: Floats
-    """Centre of the ankle joint [m], shape (n, 3)"""
-    forward: Floats
-    """Direction of the pelvis's x axis, shape (n, 3)"""
-    toes_up: Floats
-    """Angle of the foot's x axis above the shank's [rad], shape (n, 1)"""
-
-
 class Frames(NamedTuple):
     """Places of k frames in the ground frame, at n rows of the kinematics."""
 
@@ -97,21 +82,6 @@ class Frames(NamedTuple):
     """[m], shape (n, k, 3)"""
     unknown: tuple[str, ...]
     """Coordinates that move the first two frames against each other, and are not in the kinematics"""
-
-
-class Leg(NamedTuple):
-    """Measurements of a leg's simulated sensors, with their origin."""
-
-    hip: Signal
-    """Angle between thigh and vertical in the sagittal plane, positive when the knee is ahead of the hip"""
-    ankle: Signal
-    """Angle of the ankle, positive in dorsiflexion, 0 at a right angle"""
-    ground: Signal
-    """What the ground exerts on the foot, about the ankle joint's centre; of a left leg mirrored"""
-    columns: str
-    """Names of the columns of the ground's forces"""
-    notes: list[str]
-    """What was converted or left out, as sentences"""
 
 
 def data_file(ground: Path, folder: Path | None = None) -> Path:
@@ -261,8 +231,11 @@ def _vector(data: Table, name: str, where: np.ndarray | None = None) -> Floats:
 
 def read_leg(
     ground: GroundFile, kinematics: Table, degrees: bool, model: Path, joints: Sequence[str], side: str, work: Path
-) -> Leg:
-    """Simulate the sensors of a leg.
+) -> tuple[dict[str, Signal], Signal, list[str]]:
+    """Simulate the sensors of a leg: angles of hip and ankle, what the ground exerts about the ankle, and notes.
+
+    The hip's is the angle between thigh and vertical in the sagittal plane, positive when the knee is ahead of the hip;
+    the ankle's is positive in dorsiflexion, 0 at a right angle. A left leg's wrench is mirrored.
 
     Args:
         ground: ground reactions on the foot.
@@ -280,9 +253,13 @@ def read_leg(
     ground = during(ground, kinematics.stamps)
     kinds = ("child", "child", "child", "parent_base", "child_base", "child_base")
     frames = list(zip(kinds, (*joints, *joints), strict=True))
-    places = places_of(frames_of(kinematics, degrees, model, frames, work))
-    checks.check_heading(places.forward, kinematics.path)
-    wrench = about_ankle(ground, Signal(kinematics.stamps, places.ankle).at(ground.data.stamps).values)
+    found = frames_of(kinematics, degrees, model, frames, work)
+    hip, knee, ankle = (found.origins[:, place] for place in range(3))
+    pelvis, shank, foot = (found.rotations[:, place] for place in (3, 4, 5))
+    checks.check_heading(pelvis[:, :, 0], kinematics.path)
+    thigh, toes = knee - hip, np.einsum("nji,nj->ni", shank, foot[:, :, 0])
+    angles = {"hip": (thigh[:, 0], -thigh[:, 1]), "ankle": (toes[:, 1], toes[:, 0])}
+    wrench = about_ankle(ground, Signal(kinematics.stamps, ankle).at(ground.data.stamps).values)
     notes = [
         f"hip and ankle: by OpenSim, of {', '.join(joints)} of {model.name}",
         "ground: moved from the centre of pressure to the ankle",
@@ -293,14 +270,8 @@ def read_leg(
     if side == LEFT:
         wrench = Signal(wrench.stamps, wrench.values * MIRROR)
         notes.append("ground: left leg mirrored to a right one (force z, torque x and y turned)")
-    hip, ankle = (Signal(kinematics.stamps, angle) for angle in (thigh_angle(places), places.toes_up))
-    return Leg(hip, ankle, wrench, ground.columns, notes)
-
-
-def thigh_angle(places: Places) -> Floats:
-    """Angle [rad] between thigh and vertical in the sagittal plane, positive when the knee is ahead; shape (n, 1)."""
-    thigh = places.knee - places.hip
-    return np.asarray(np.arctan2(thigh[:, :1], -thigh[:, 1:2]))
+    signals = {name: Signal(kinematics.stamps, np.arctan2(*each)[:, None]) for name, each in angles.items()}
+    return signals, wrench, notes
 
 
 def leg_joints(model: Path, side: str, coordinate: str | None) -> list[str]:
@@ -324,14 +295,6 @@ def leg_joints(model: Path, side: str, coordinate: str | None) -> list[str]:
             raise UsageError(f"{model} has {having} of the {what}, and one is needed")
         found += different
     return found
-
-
-def places_of(frames: Frames) -> Places:
-    """Positions of a leg, from the frames of hip, knee, ankle, pelvis, shank and foot."""
-    hip, knee, ankle, _, _, _ = (frames.origins[:, place] for place in range(6))
-    pelvis, shank, foot = (frames.rotations[:, place] for place in (3, 4, 5))
-    toes = np.einsum("nji,nj->ni", shank, foot[:, :, 0])
-    return Places(hip, knee, ankle, pelvis[:, :, 0], np.arctan2(toes[:, 1:2], toes[:, :1]))
 
 
 def frames_of(kinematics: Table, degrees: bool, model: Path, frames: Sequence[tuple[str, str]], work: Path) -> Frames:

@@ -13,9 +13,8 @@ from __future__ import annotations
 import re
 import shutil
 import stat
-import subprocess
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import NamedTuple
@@ -37,13 +36,8 @@ STATIC_RATE = 200.0
 """Rate of static optimization in our set-up files [Hz]: forces are smooth in between, and a row takes some 50 ms"""
 RESULTS = ("Kinematics_q", "Kinematics_u", "JointReaction_ReactionLoads", "BodyKinematics_pos_global")
 """Results of the joint reactions' step, in the order of the fields of `Run`"""
-PERIOD = 0.2
-"""Period of the checks on a running step [s]"""
 PATIENCE = 5.0
 """Time that a step has to end [s]"""
-TAIL = 4096
-"""Number of bytes at the end of a log in which its last time is looked for"""
-TIMES = re.compile(rb"\bt(?:ime)? = ([0-9.eE+-]+)")
 MESHES = re.compile(r"mesh|\.vtp|\.stl|\.obj", re.IGNORECASE)
 FAILED = re.compile(r"error|exception|fail|unable|not found", re.IGNORECASE)
 FORCE_SHARE, MOMENT_SHARE, RESERVE_SHARE = 0.05, 0.01, 0.05
@@ -116,7 +110,7 @@ def run_pipeline(folder: Path, setups: Sequence[Setup], work: Path, bar: Bar) ->
     def run(setup: Setup) -> None:
         bar.describe(f"{WORDS[setup.step]} ({len(seconds) + 1} of {len(setups) + 2})")
         begun = time.monotonic()
-        run_step(setup, work, bar)
+        run_step(setup, work)
         seconds[setup.step] = time.monotonic() - begun
 
     own = [setup._replace(path=work / absolute(setup.path).relative_to(folder)) for setup in setups]
@@ -167,46 +161,25 @@ def copy(folder: Path, work: Path) -> None:
         raise UsageError(f"cannot copy {folder}: {error}") from None
 
 
-def run_step(setup: Setup, work: Path, bar: Bar) -> None:
+def run_step(setup: Setup, work: Path) -> None:
     """Run the tool of a set-up file in that file's folder, with its output in `work`/logs.
 
     Raises:
         UsageError: it has failed.
     """
-    log, window = work / "logs" / f"{setup.step}.log", setup_files.times_of(setup)
-    arguments = (TOOLS[setup.step], setup.path.name)
-    code = run_python(child.__name__, arguments, setup.folder, log, lambda: bar(progress_of(log, window), 1000))
-    if code:
+    log = work / "logs" / f"{setup.step}.log"
+    if code := run_python(child.__name__, (TOOLS[setup.step], setup.path.name), setup.folder, log):
         raise UsageError(
             f"OpenSim's {setup.step} ({setup.path.name}) failed with code {code}: {last_words(log)}; "
             "--work DIR keeps its log"
         )
 
 
-def run_python(
-    module: str, arguments: Sequence[str], folder: Path, log: Path, look: Callable[[], None] = lambda: None
-) -> int:
-    """Run a module in a process of its own, in a folder, with its output in `log`; return its exit code.
-
-    While it runs, `look` is called every `PERIOD`.
-    """
+def run_python(module: str, arguments: Sequence[str], folder: Path, log: Path) -> int:
+    """Run a module in a process of its own, in a folder, with its output in `log`; return its exit code."""
     command = python_module(module, *arguments)
     with log.open("wb") as output, kept(output=output, patience=PATIENCE, cwd=folder, **command) as process:
-        while process.poll() is None:
-            look()
-            with suppress(subprocess.TimeoutExpired):
-                process.wait(PERIOD)
-    return process.returncode
-
-
-def progress_of(log: Path, window: tuple[float, float]) -> int:
-    """Progress of a step in thousandths, by the last time in its log; `window` is its first and last time [s]."""
-    with log.open("rb") as file:
-        file.seek(max(file.seek(0, 2) - TAIL, 0))
-        times = TIMES.findall(file.read())
-    with suppress(ValueError, IndexError, ZeroDivisionError):
-        return max(0, min(999, round(1000 * (float(times[-1]) - window[0]) / (window[1] - window[0]))))
-    return 0
+        return process.wait()
 
 
 def last_words(log: Path) -> str:

@@ -238,15 +238,6 @@ def absolute(path: Path) -> Path:
     return Path(os.path.abspath(path))  # noqa: PTH100  (resolve would follow links out of the folder)
 
 
-def times_of(setup: Setup) -> tuple[float, float]:
-    """First and last time of a step [s]; both 0 if its set-up file has none."""
-    texts = setup.text("time_range").split() or [setup.text("initial_time"), setup.text("final_time")]
-    try:
-        return float(texts[0]), float(texts[1])
-    except (ValueError, IndexError):
-        return 0.0, 0.0
-
-
 def static_setup(base: Setup, path: Path, interval: int) -> Setup:
     """Write a set-up file for static optimization of what a CMC set-up tracks, every `interval` rows."""
     cutoff = float(base.text("lowpass_cutoff_frequency", "-1"))
