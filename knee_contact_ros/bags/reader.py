@@ -151,11 +151,13 @@ class BagReader:
             UsageError: There is no such bag, it cannot be read, or a topic is missing, empty or of another type.
         """
         self.path = path
+        self.damage: list[str]
+        """Faults of the bag, as sentences; the readable part is read nevertheless"""
         if not path.exists():
             raise UsageError(f"no bag at {path}: give an .mcap file or a rosbag2 folder")
         with ExitStack() as opened:
             try:
-                self._files, self.damage, self._packed, stated = _opened_files(path, opened)
+                self._files, self.damage, self._packed = _opened_files(path, opened)
             except OSError as error:
                 raise UsageError(f"cannot read bag {path}: {error.strerror}") from None
             self._in_file = [file.connections for file in self._files]
@@ -165,8 +167,6 @@ class BagReader:
                 merged[key] = merged.get(key, 0) + connection.messages
             self.connections = [key._replace(messages=count) for key, count in merged.items()]
             """Connections of all files, with one for each topic, type, encoding and definition"""
-            self.damage += _contradictions(self.connections, stated)
-            """Faults of the bag, as sentences; the readable part is read nevertheless"""
             if self.damage and not any(connection.messages for connection in self.connections):
                 raise UsageError(f"cannot read bag {path}: no message can be read of it; {in_a_line(self.damage)}")
             try:
@@ -496,20 +496,6 @@ def namespaces(types: Mapping[str, str], inputs: Sequence[str]) -> list[str]:
     ]
 
 
-def _contradictions(connections: Sequence[Connection], stated: Mapping[str, int]) -> list[str]:
-    """Sentences on topics whose number of messages in `metadata.yaml` is not that of the files."""
-    present, faults = Counter[str](), []
-    for connection in connections:
-        present[connection.topic] += connection.messages
-    for topic in sorted(stated.keys() | (+present).keys()) if stated else ():
-        expected, count = stated.get(topic, 0), present[topic]
-        if count < expected:
-            faults.append(f"{expected - count} of {expected} messages are missing on {topic}")
-        elif count > expected:
-            faults.append(f"{METADATA} knows of {expected} messages on {topic} and not of {count}")
-    return faults
-
-
 def _unpacked(data: bytes) -> bytes:
     """Message that was compressed by itself, decompressed.
 
@@ -523,39 +509,23 @@ def _unpacked(data: bytes) -> bytes:
     return zstandard.ZstdDecompressor().decompress(data, max_output_size=LARGEST_MESSAGE)
 
 
-class FolderMetadata(NamedTuple):
-    """Content of a `metadata.yaml` as far as it is used."""
-
-    files: list[str] = []  # noqa: RUF012  (never changed)
-    """Names of the bag's files"""
-    compressed: str = ""
-    """Compression mode: `file`, `message` or empty"""
-    counts: Mapping[str, int] = MappingProxyType({})
-    """Number of messages of each topic"""
-
-
-def read_metadata(folder: Path) -> tuple[FolderMetadata, list[str]]:
-    """Content of `metadata.yaml`, nothing if it is missing or unusable, and its faults as sentences."""
+def read_metadata(folder: Path) -> tuple[list[str], str, list[str]]:
+    """Names of a bag's files and compression mode (`file`, `message` or empty) of `metadata.yaml`; its faults."""
     try:
         content = read_yaml(folder / METADATA, LARGEST_METADATA)["rosbag2_bagfile_information"]
-        topics = content["topics_with_message_count"]
-        counts = {str(entry["topic_metadata"]["name"]): int(entry["message_count"]) for entry in topics}
         mode = str(content.get("compression_mode") or "").lower().replace("none", "")
-        return FolderMetadata(
-            list(dict.fromkeys(Path(n).name for n in content["relative_file_paths"])), mode, counts
-        ), []
+        return list(dict.fromkeys(Path(name).name for name in content["relative_file_paths"])), mode, []
     except FileNotFoundError:
-        return FolderMetadata(), [f"{METADATA} is missing"]
-    except (OSError, BadYamlError, LookupError, TypeError, ValueError, AttributeError, OverflowError):
-        return FolderMetadata(), [f"{METADATA} cannot be read"]
+        return [], "", [f"{METADATA} is missing"]
+    except (OSError, BadYamlError, LookupError, TypeError, ValueError, AttributeError):
+        return [], "", [f"{METADATA} cannot be read"]
 
 
-def _opened_files(path: Path, opened: ExitStack) -> tuple[list[File], list[str], bool, Mapping[str, int]]:
+def _opened_files(path: Path, opened: ExitStack) -> tuple[list[File], list[str], bool]:
     """Open all files of a bag; `opened` closes them.
 
     Returns:
-        The files, the faults of the bag, whether its messages are compressed one by one, and their numbers by topic
-        according to `metadata.yaml`.
+        The files, the faults of the bag, and whether its messages are compressed one by one.
 
     Raises:
         UsageError: It is not clear which files belong to the bag, or one of them cannot be used.
@@ -563,11 +533,11 @@ def _opened_files(path: Path, opened: ExitStack) -> tuple[list[File], list[str],
     """
     if not path.is_dir():
         file = _opened_file(path, opened)
-        return [file], list(file.faults), False, {}
+        return [file], list(file.faults), False
     soft, hard = getrlimit(RLIMIT_NOFILE)  # the usual one is 1024
     if 2 * sum(1 for _ in path.iterdir()) > soft // 2 and soft != hard:
         setrlimit(RLIMIT_NOFILE, (hard, hard))
-    (listed_names, compressed, counts), faults = read_metadata(path)
+    listed_names, compressed, faults = read_metadata(path)
     names, more = _names(path, listed_names) if compressed != "file" else (listed_names, [])
     faults += more
     folder, files = path, list[File]()
@@ -588,7 +558,7 @@ def _opened_files(path: Path, opened: ExitStack) -> tuple[list[File], list[str],
         files.sort(key=lambda file: _number(file.path.name))
     else:
         files.sort(key=lambda file: file.times or (0, 0))
-    return files, faults, compressed == "message", counts
+    return files, faults, compressed == "message"
 
 
 def _opened_file(path: Path, opened: ExitStack) -> File:
@@ -655,7 +625,7 @@ def files_of(bag: Path) -> list[Path]:
     Raises:
         UsageError: It is not clear which files belong to the bag.
     """
-    return [bag / name for name in _names(bag, read_metadata(bag)[0].files)[0]] if bag.is_dir() else [bag]
+    return [bag / name for name in _names(bag, read_metadata(bag)[0])[0]] if bag.is_dir() else [bag]
 
 
 def _names(folder: Path, listed_names: Sequence[str]) -> tuple[list[str], list[str]]:

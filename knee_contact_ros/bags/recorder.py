@@ -14,10 +14,9 @@ import errno
 import io
 import math
 import os
-import time
 from array import array
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 from functools import cache
@@ -71,8 +70,8 @@ ROSBAG2, REFUSED_SAMPLES, CONTINUED, INTERRUPTED = "rosbag2", "refused_samples",
 of the recording that a file continues, the reason why the node did not complete the recording"""
 METADATA = "metadata.yaml"
 """Name of the file that makes a folder a bag"""
-MANY_FILES, LISTING_SHARE = 100, 0.02
-"""Number of files from which only that share of the time is spent on `metadata.yaml`, which grows with each file"""
+MANY_FILES = 100
+"""Number of files from which `metadata.yaml`, which grows with each, is written only at the end"""
 NODE_GONE = "the node was gone, or had given the recording up, before it was closed"
 GATHER = 0.03
 """Longest time [s] for which answers are gathered in the node: a kill of the node loses them"""
@@ -351,7 +350,6 @@ class BagWriter:
         self._complete: list[FileFacts] = []
         self._completing: list[tuple[BagFile, Future[None]]] = []
         self._thread = ThreadPoolExecutor(1, "completing")  # which begins with its first task
-        self._list_at = -math.inf  # when [s] to write `metadata.yaml` again
         self.file = BagFile(self.path, partial, compressed, overwrite, {})
         """File that is being written"""
 
@@ -407,7 +405,6 @@ class BagWriter:
     def close(self) -> None:
         """Complete the recording and its `metadata.yaml`, unless it is alone or there is one of another bag."""
         self._settle(wait=True)
-        self._list_at = -math.inf
         self._complete_file(self.file)
         self._thread.shutdown()
 
@@ -418,28 +415,16 @@ class BagWriter:
             file.discard()
 
     def _complete_file(self, file: BagFile) -> None:
-        """Complete a file, and put it and the new `metadata.yaml` in place at nearly the same moment.
-
-        So a kill leaves a bag that lists all of its whole files; from `MANY_FILES` on, the latest may be missing there.
-        """
+        """Complete a file, give it its name, and list it in `metadata.yaml`, from `MANY_FILES` on only at the end."""
         file.complete()
-        intended, begun = file.path, time.thread_time()
+        intended = file.path
+        file.take_name()
         self._complete.append(file.facts())
-        prepare = (lambda: list) if self._alone or time.monotonic() < self._list_at else self._prepare_metadata
-        try:
-            put_metadata = prepare()
-        finally:
-            file.take_name()
         if file.path != intended:
             self.remarks.append(f"something took the name {intended} meanwhile: the recording is {file.path}")
-            self.path, self._complete[-1] = file.path if self.path == intended else self.path, file.facts()
-            put_metadata = prepare()
-        put_metadata()
-        if len(self._complete) >= MANY_FILES:
-            self._list_at = max(self._list_at, time.monotonic() + (time.thread_time() - begun) / LISTING_SHARE)
-
-    def _prepare_metadata(self) -> Callable[[], object]:
-        return prepare_metadata(self.path.parent, information(self._complete, self.file.topics))
+            self.path = file.path if self.path == intended else self.path
+        if not self._alone and (file is self.file or len(self._complete) < MANY_FILES):
+            put_metadata(self.path.parent, information(self._complete, self.file.topics))
 
     def _settle(self, wait: bool) -> None:
         """Take the results of the thread for completed files; `wait` for all full files or not.
@@ -666,32 +651,18 @@ def information(files: Sequence[FileFacts], topics: Sequence[dict[str, Any]]) ->
     }
 
 
-def prepare_metadata(folder: Path, content: dict[str, Any]) -> Callable[[], object]:
-    """Write `metadata.yaml` under another name, and return the function that puts it in place.
-
-    It is whole at every moment, and that of another bag is left alone.
-
-    Args:
-        folder: Folder of the bag.
-        content: Content as `information` returns it.
+def put_metadata(folder: Path, content: dict[str, Any]) -> None:
+    """Write `metadata.yaml` with the content that `information` returns; that of another bag is left alone.
 
     Raises:
         OSError: The file cannot be written; an earlier one is unchanged.
     """
-    metadata, first = folder / METADATA, content["relative_file_paths"][0]
-    partial = partial_name(metadata.with_name(f"{METADATA}.{os.getpid()}"))  # others may write one at the same moment
-    if _is_of_another_bag(metadata, first):
-        return list
-    output_files.write_new(partial, to_yaml({"rosbag2_bagfile_information": content}).encode())
-
-    def put() -> None:
-        if _is_of_another_bag(metadata, first):
-            partial.unlink()
-        else:
-            partial.replace(metadata)
-            sync_folder(folder)
-
-    return put
+    metadata = folder / METADATA
+    if not _is_of_another_bag(metadata, content["relative_file_paths"][0]):
+        partial = partial_name(metadata.with_name(f"{METADATA}.{os.getpid()}"))  # others may write one meanwhile
+        output_files.write_new(partial, to_yaml({"rosbag2_bagfile_information": content}).encode())
+        partial.replace(metadata)
+        sync_folder(folder)
 
 
 def _is_of_another_bag(metadata: Path, first: str) -> bool:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -21,7 +21,7 @@ from knee_contact_ros.bags.recorder import (
     ROSBAG2,
     FileFacts,
     information,
-    prepare_metadata,
+    put_metadata,
     to_yaml,
     topic_metadata,
 )  # fmt: skip
@@ -100,17 +100,16 @@ def recover(
             ) from None
         except OSError as error:
             raise UsageError(f"cannot write {output}: {error.strerror}") from None
-        put_metadata: Callable[[], object] = list
         try:
             _write(partial, file, described, lambda done: advance(file.size + done, 2 * file.size))
-            if described and all(p.name == METADATA or p.name.startswith(output.name) for p in output.parent.iterdir()):
-                put_metadata = prepare_metadata(output.parent, described)  # it is a bag's, and no working folder
             (partial.replace if overwrite else lambda target: rename_new(partial, target))(output)
         except FileExistsError:
             raise UsageError(f"{output} has appeared meanwhile, and is left as it is; choose another name") from None
         finally:
             partial.unlink(missing_ok=True)
-        put_metadata()
+        if described and all(p.name == METADATA or p.name.startswith(output.name) for p in output.parent.iterdir()):
+            with suppress(OSError):  # the file is whole without it
+                put_metadata(output.parent, described)  # the folder is a bag's, and no working folder
     return Recovery(topics, file.times, file.size, file.unread, file.faults)
 
 

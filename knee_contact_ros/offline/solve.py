@@ -36,7 +36,7 @@ from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_t
 from knee_contact_ros.offline.solve_blocks import take
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.files import Source, all_values, curve_texts, dotted, first_error, load_parameters
-from knee_contact_ros.parameters.schema import LoadParameters, Parameters, Section, has_both, parameter
+from knee_contact_ros.parameters.schema import LoadParameters, Parameters, Section, has_both
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.pairing import unanswered_sentence
@@ -323,15 +323,24 @@ def weight_doubt(bag: Path, parameters: Parameters | LoadParameters) -> list[str
 class SubjectFile(Section):
     """Content of a subject file: properties of a person's knee, and the gait to compute."""
 
-    name: str = parameter("", "of the person; for the reader")
-    mass: float = Field(ge=1.0, le=500.0, description="[kg] of the body")
-    parameters: list[str] = parameter([DEFAULT_PARAMETERS], "parameter files, the later one wins", min_length=1)
-    profile: str = parameter("", "femoral profile: CSV of x, y [m]")
-    tibial_profile: str = parameter("", "CSV of x, y [m]")
-    scale: float = parameter(1.0, "size of this knee over that of the surfaces given", ge=0.2, le=5.0)
-    thickness: float | None = parameter(None, "[m] of cartilage at which bone begins", gt=0.0, le=0.1)
-    joint: str = parameter("", "in joint_states")
-    bag: str = parameter("", "gait bag")
+    name: str = ""
+    """Of the person; for the reader"""
+    mass: float = Field(ge=1.0, le=500.0)
+    """[kg] of the body"""
+    parameters: list[str] = Field([DEFAULT_PARAMETERS], min_length=1)
+    """Parameter files, the later one wins"""
+    profile: str = ""
+    """Femoral profile: CSV of x, y [m]"""
+    tibial_profile: str = ""
+    """CSV of x, y [m]"""
+    scale: float = Field(1.0, ge=0.2, le=5.0)
+    """Size of this knee over that of the surfaces given"""
+    thickness: float | None = Field(None, gt=0.0, le=0.1)
+    """[m] of cartilage at which bone begins"""
+    joint: str = ""
+    """In joint_states"""
+    bag: str = ""
+    """Gait bag"""
 
 
 class Subject:

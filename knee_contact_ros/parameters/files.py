@@ -66,7 +66,10 @@ def known_parameters(schema: type[NodeSection] = Parameters) -> Mapping[str, Dec
             if isinstance(field.default, Section):
                 yield from declared(type(field.default), f"{before}{name}.")
             else:
-                yield before + name, Declaration(field.default, field.description or "", limits_of(field))
+                yield (
+                    before + name,
+                    Declaration(field.default, " ".join((field.description or "").split()), limits_of(field)),
+                )
 
     return MappingProxyType(dict(declared(schema, "")))
 

@@ -102,7 +102,9 @@ class Declaration(NamedTuple):
 class Section(BaseModel):
     """Group of parameters; names and types are strict, numbers finite."""
 
-    model_config = ConfigDict(strict=True, extra="forbid", frozen=True, allow_inf_nan=False)
+    model_config = ConfigDict(
+        strict=True, extra="forbid", frozen=True, allow_inf_nan=False, use_attribute_docstrings=True
+    )
 
 
 class NodeSection(Section):
@@ -145,11 +147,6 @@ class NodeSection(Section):
         raise NotImplementedError
 
 
-def parameter(default: Any, meaning: str, **limits: Any) -> Any:
-    """Declare a parameter in a section; `limits` are pydantic's (`ge`, `gt`, `le`, `lt`, `min_length`)."""
-    return Field(default, description=meaning, **limits)
-
-
 def frame_name(name: str) -> str:
     """Check the name of a tf2 frame, which may be empty.
 
@@ -181,46 +178,36 @@ ANGLES = "topic of the angles, of type JointState or dynamic_joint_states; for a
 class Pairing(Section):
     """Pairing of angle and force samples by their stamps."""
 
-    wait: float = parameter(0.1, "[s] how long a force waits for an angle at or after its stamp", ge=0.0, le=10.0)
-    max_gap: float = parameter(0.1, "[s] largest gap between stamps that is not flagged stale", gt=0.0, le=3600.0)
-    angle_delay: float = parameter(
-        0.0, "[s] how much later angles arrive than forces; their stamps are moved back by this", ge=-1.0, le=1.0
-    )
-    queue: int = parameter(20_000, "largest number of samples of one stream that wait for the other", ge=100, le=10**7)
+    wait: float = Field(0.1, ge=0.0, le=10.0)
+    """[s] how long a force waits for an angle at or after its stamp"""
+    max_gap: float = Field(0.1, gt=0.0, le=3600.0)
+    """[s] largest gap between stamps that is not flagged stale"""
+    angle_delay: float = Field(0.0, ge=-1.0, le=1.0)
+    """[s] how much later angles arrive than forces; their stamps are moved back by this"""
+    queue: int = Field(20_000, ge=100, le=10**7)
+    """largest number of samples of one stream that wait for the other"""
 
 
 class Diagnostics(Section):
     """Limits of the inputs beyond which `/diagnostics` warns or reports an error."""
 
-    angle_warn_rate: float = parameter(0.0, "[Hz] warn if the angles are slower than this; 0: off", ge=0.0, le=1e5)
-    angle_error_rate: float = parameter(
-        0.0, "[Hz] report an error if the angles are slower than this; 0: off", ge=0.0, le=1e5
-    )
-    force_warn_rate: float = parameter(0.0, "[Hz] warn if the forces are slower than this; 0: off", ge=0.0, le=1e5)
-    force_error_rate: float = parameter(
-        0.0, "[Hz] report an error if the forces are slower than this; 0: off", ge=0.0, le=1e5
-    )
-    timeout: float = parameter(1.0, "[s] an input is stale after this time without a message", gt=0.0, le=3600.0)
+    angle_warn_rate: float = Field(0.0, ge=0.0, le=1e5)
+    """[Hz] warn if the angles are slower than this; 0: off"""
+    angle_error_rate: float = Field(0.0, ge=0.0, le=1e5)
+    """[Hz] report an error if the angles are slower than this; 0: off"""
+    force_warn_rate: float = Field(0.0, ge=0.0, le=1e5)
+    """[Hz] warn if the forces are slower than this; 0: off"""
+    force_error_rate: float = Field(0.0, ge=0.0, le=1e5)
+    """[Hz] report an error if the forces are slower than this; 0: off"""
+    timeout: float = Field(1.0, gt=0.0, le=3600.0)
+    """[s] an input is stale after this time without a message"""
 
 
 class ContactDiagnostics(Diagnostics):
     """The same for the contact node, which also reports the uncertainty of force and depth due to the load."""
 
-    load_deviation: float = parameter(
-        0.0, "standard deviation of a compartment's load, as a fraction of body weight; 0: not known", ge=0.0, le=10.0
-    )
-
-
-def queue(answers: int) -> Any:
-    """Field for the number of answers that may wait for an output's process; `answers` is the default."""
-    return parameter(
-        answers, "largest number of answers that wait for the process of this output", ge=100, le=10_000_000
-    )
-
-
-def queue_size(size: float) -> Any:
-    """Field for the memory that answers may take while they wait; `size` [MB] is the default."""
-    return parameter(size, "[MB] largest memory of waiting answers", ge=1.0, le=1e5)
+    load_deviation: float = Field(0.0, ge=0.0, le=10.0)
+    """standard deviation of a compartment's load, as a fraction of body weight; 0: not known"""
 
 
 # A section of an output names the module that describes it: see `streams/output.py`.
@@ -231,25 +218,24 @@ class Record(Section):
 
     output: ClassVar[str] = "knee_contact_ros.bags.recorder"
 
-    path: str = parameter("", "MCAP file to write; {stamp} in the name becomes the time; empty: do not record")
-    flush_period: float = parameter(
-        0.03, "[s] period of writing to the file; a crash loses at most this much", ge=0.001, le=60.0
-    )
-    sync_period: Annotated[float, off_or_at_least(0.05)] = parameter(
-        1.0, "[s] period of syncing the disk; a power failure loses at most this much; 0: off", le=3600.0
-    )
-    max_size: Annotated[float, off_or_at_least(0.1)] = parameter(
-        0.0, "[MB] start a new file at this size; 0: off", le=1e9
-    )
-    max_duration: Annotated[float, off_or_at_least(1.0)] = parameter(
-        0.0, "[s] start a new file after this span of stamps; 0: off", le=1e9
-    )
-    min_free: float = parameter(100.0, "[MB] end the recording if the disk has less free space", ge=0.0, le=1e9)
-    snapshot: float = parameter(
-        10.0, "[s] length of the snapshot that ~/save_snapshot writes, kept in memory; 0: off", ge=0.0, le=3600.0
-    )
-    queue: int = queue(30_000)
-    queue_size: float = queue_size(100.0)
+    path: str = ""
+    """MCAP file to write; {stamp} in the name becomes the time; empty: do not record"""
+    flush_period: float = Field(0.03, ge=0.001, le=60.0)
+    """[s] period of writing to the file; a crash loses at most this much"""
+    sync_period: Annotated[float, off_or_at_least(0.05)] = Field(1.0, le=3600.0)
+    """[s] period of syncing the disk; a power failure loses at most this much; 0: off"""
+    max_size: Annotated[float, off_or_at_least(0.1)] = Field(0.0, le=1e9)
+    """[MB] start a new file at this size; 0: off"""
+    max_duration: Annotated[float, off_or_at_least(1.0)] = Field(0.0, le=1e9)
+    """[s] start a new file after this span of stamps; 0: off"""
+    min_free: float = Field(100.0, ge=0.0, le=1e9)
+    """[MB] end the recording if the disk has less free space"""
+    snapshot: float = Field(10.0, ge=0.0, le=3600.0)
+    """[s] length of the snapshot that ~/save_snapshot writes, kept in memory; 0: off"""
+    queue: int = Field(30_000, ge=100, le=10_000_000)
+    """largest number of answers that wait for the process of this output"""
+    queue_size: float = Field(100.0, ge=1.0, le=1e5)
+    """[MB] largest memory of waiting answers"""
 
 
 def _off(value: object) -> object:
@@ -275,36 +261,33 @@ def _tell_of_first_order() -> None:
 class Knee(Section):
     """Knee joint in the joint states; the flexion angle is flexion_sign x position + flexion_offset."""
 
-    joint_name: str = parameter("knee", "joint in joint_states", min_length=1)
-    flexion_sign: Annotated[float, one_of(1.0, -1.0)] = parameter(1.0, "1 if the position grows in flexion, or -1")
-    flexion_offset: float = parameter(0.0, "[rad] added to the signed position", ge=-10.0, le=10.0)
-    height_joint_name: str = parameter(
-        "knee_height", "joint whose position is the femoral height [m], for drive displacement", min_length=1
-    )
-    source: AngleSource = parameter("joint_states", ANGLES)
+    joint_name: str = Field("knee", min_length=1)
+    """joint in joint_states"""
+    flexion_sign: Annotated[float, one_of(1.0, -1.0)] = 1.0
+    """1 if the position grows in flexion, or -1"""
+    flexion_offset: float = Field(0.0, ge=-10.0, le=10.0)
+    """[rad] added to the signed position"""
+    height_joint_name: str = Field("knee_height", min_length=1)
+    """joint whose position is the femoral height [m], for drive displacement"""
+    source: AngleSource = Field("joint_states", description=ANGLES)
 
 
 class Load(Section):
     """Part of the axial joint reaction that loads the compartment."""
 
-    source: ForceSource = parameter(
-        "joint_reaction_force",
-        "topic of the joint reaction, of type WrenchStamped; for another type, one field for the compression, three "
-        "for the force on the tibia (x, y, z), or six for the wrench",
-    )
-    compartment: Annotated[str, one_of(*RULES, BOTH)] = parameter(
-        "fixed_share", "rule for the load of the compartment; both: model the medial and the lateral one"
-    )
-    split: Annotated[str, one_of(*SPLITS)] = parameter(
-        "fixed_share", "rule for the medial load if load.compartment is both"
-    )
-    share: float = parameter(0.5, "medial share of the axial joint reaction, for fixed_share", gt=0.0, le=1.0)
-    share_file: str = parameter(
-        "share_medial.csv", "CSV file with flexion_angle [rad], axial_load [BW] and medial_share, for measured_share"
-    )
-    compartment_spacing: float = parameter(
-        0.07, "[m] distance from the medial to the lateral compartment, for moment_balance and both", ge=0.005, le=0.2
-    )
+    source: ForceSource = "joint_reaction_force"
+    """topic of the joint reaction, of type WrenchStamped; for another type, one field for the compression, three for
+    the force on the tibia (x, y, z), or six for the wrench"""
+    compartment: Annotated[str, one_of(*RULES, BOTH)] = "fixed_share"
+    """rule for the load of the compartment; both: model the medial and the lateral one"""
+    split: Annotated[str, one_of(*SPLITS)] = "fixed_share"
+    """rule for the medial load if load.compartment is both"""
+    share: float = Field(0.5, gt=0.0, le=1.0)
+    """medial share of the axial joint reaction, for fixed_share"""
+    share_file: str = "share_medial.csv"
+    """CSV file with flexion_angle [rad], axial_load [BW] and medial_share, for measured_share"""
+    compartment_spacing: float = Field(0.07, ge=0.005, le=0.2)
+    """[m] distance from the medial to the lateral compartment, for moment_balance and both"""
 
     @property
     def rule(self) -> str:
@@ -315,36 +298,47 @@ class Load(Section):
 class Frame(Section):
     """Frame of the messages."""
 
-    tibia: Annotated[str, AfterValidator(frame_name)] = parameter(
-        "", "turn forces into this tibia frame (x anterior, y superior, z right); empty: do not turn them"
-    )
+    tibia: Annotated[str, AfterValidator(frame_name)] = ""
+    """turn forces into this tibia frame (x anterior, y superior, z right); empty: do not turn them"""
 
 
 class Femur(Section):
     """Mass and contact surface of the femur."""
 
-    mass: float = parameter(9.3014, "[kg] mass that moves up and down with the femur", ge=1e-4, le=1e3)
-    geometry: Annotated[str, one_of(*GEOMETRIES)] = parameter("circle", "surface of the femur")
-    radius: float = parameter(0.034, "[m] radius of the femoral circle", gt=0.0, le=1.0)
-    profile: str = parameter("", "CSV file with x, y [m] in the femur frame, in order along the curve")
-    scale: float = parameter(1.0, "factor for the size of the profile", ge=0.1, le=10.0)
+    mass: float = Field(9.3014, ge=1e-4, le=1e3)
+    """[kg] mass that moves up and down with the femur"""
+    geometry: Annotated[str, one_of(*GEOMETRIES)] = "circle"
+    """surface of the femur"""
+    radius: float = Field(0.034, gt=0.0, le=1.0)
+    """[m] radius of the femoral circle"""
+    profile: str = ""
+    """CSV file with x, y [m] in the femur frame, in order along the curve"""
+    scale: float = Field(1.0, ge=0.1, le=10.0)
+    """factor for the size of the profile"""
 
 
 class Tibia(Section):
     """Contact surface of the tibia, the plateau."""
 
-    geometry: Annotated[str, one_of(*TIBIAL_GEOMETRIES)] = parameter("plane", "surface of the tibial plateau")
-    slope: float = parameter(0.0, "[rad] slope of the plane, positive if its anterior edge is higher", ge=-0.7, le=0.7)
-    radius: float = parameter(0.095, "[m] radius of the concave tibial circle", gt=0.0, le=10.0)
-    profile: str = parameter("", "CSV file with x, y [m] in the tibia frame, from posterior to anterior")
-    scale: float = parameter(1.0, "factor for the size of the profile", ge=0.1, le=10.0)
+    geometry: Annotated[str, one_of(*TIBIAL_GEOMETRIES)] = "plane"
+    """surface of the tibial plateau"""
+    slope: float = Field(0.0, ge=-0.7, le=0.7)
+    """[rad] slope of the plane, positive if its anterior edge is higher"""
+    radius: float = Field(0.095, gt=0.0, le=10.0)
+    """[m] radius of the concave tibial circle"""
+    profile: str = ""
+    """CSV file with x, y [m] in the tibia frame, from posterior to anterior"""
+    scale: float = Field(1.0, ge=0.1, le=10.0)
+    """factor for the size of the profile"""
 
 
 class Translation(Section):
     """Anterior-posterior translation of the femur."""
 
-    mechanism: Annotated[str, one_of(*MECHANISMS)] = parameter("hinge", "how the femur moves along the plateau")
-    table: str = parameter("", "CSV file with flexion_angle [rad] and x [m] of the femoral reference point")
+    mechanism: Annotated[str, one_of(*MECHANISMS)] = "hinge"
+    """how the femur moves along the plateau"""
+    table: str = ""
+    """CSV file with flexion_angle [rad] and x [m] of the femoral reference point"""
 
 
 class CommonContactParameters(Section):
@@ -353,38 +347,42 @@ class CommonContactParameters(Section):
     Further arguments of a law's factory are parameters, too; see `with_constants_of_laws`.
     """
 
-    law: Annotated[str, one_of(*CONTACT_LAWS)] = parameter("kelvin_voigt", "contact law")
-    stiffness: float = parameter(7.905694e7, "[N/m^exponent] stiffness of the first layer", ge=1.0, le=1e15)
-    exponent: float = parameter(1.5, "exponent of the depth; 1.5 for two curved solids", ge=1.0, le=3.0)
-    damping: float = parameter(5000.0, "[N s/m] damping: force per penetration rate", ge=0.0, le=1e9)
-    allow_tension: bool = parameter(False, "let the law pull instead of clamping it at 0")
-    layer_depth: float = parameter(5.0e-4, "[m] depth at which the second layer (bone) begins", gt=0.0, le=0.1)
-    stiffness_2: float = parameter(3.112e9, "[N/m^exponent] stiffness of the second layer", ge=1.0, le=1e15)
-    damp_first_layer: bool = parameter(False, "two_layer_viscoelastic: put the dashpot into both layers")
-    restitution: float = parameter(0.5, "coefficient of restitution, for laws with impact damping", ge=0.01, le=1.0)
-    least_impact_speed: float = parameter(
-        0.1,
-        "[m/s] lowest impact speed for impact damping; slower impacts and the static start use this value",
-        ge=1e-6,
-        le=100.0,
-    )
-    stiffness_from: Annotated[str, one_of("value", "material")] = parameter(
-        "value", "value: contact.stiffness; material: Hertz from modulus, Poisson's ratio and radii (exponent 1.5)"
-    )
-    youngs_modulus: float = parameter(24e6, "[Pa] Young's modulus of cartilage (first layer)", ge=1.0, le=1e13)
-    poissons_ratio: float = parameter(0.38, "Poisson's ratio of cartilage (first layer)", ge=0.0, lt=0.5)
-    youngs_modulus_2: float = parameter(17.2e9, "[Pa] Young's modulus of bone (second layer)", ge=1.0, le=1e13)
-    poissons_ratio_2: float = parameter(0.39, "Poisson's ratio of bone (second layer)", ge=0.0, lt=0.5)
-    femoral_radius: float = parameter(
-        0.034,
-        "[m] convex radius of the femur for stiffness_from material, elastic_foundation and the patch",
-        gt=0.0,
-        le=10.0,
-    )
-    tibial_radius: float = parameter(0.095, "[m] concave radius of the tibia, for the same three", gt=0.0, le=10.0)
-    foundation_thickness: float = parameter(
-        4.4e-3, "[m] thickness of both cartilages together, for elastic_foundation and the strain", gt=0.0, le=0.1
-    )
+    law: Annotated[str, one_of(*CONTACT_LAWS)] = "kelvin_voigt"
+    """contact law"""
+    stiffness: float = Field(7.905694e7, ge=1.0, le=1e15)
+    """[N/m^exponent] stiffness of the first layer"""
+    exponent: float = Field(1.5, ge=1.0, le=3.0)
+    """exponent of the depth; 1.5 for two curved solids"""
+    damping: float = Field(5000.0, ge=0.0, le=1e9)
+    """[N s/m] damping: force per penetration rate"""
+    allow_tension: bool = False
+    """let the law pull instead of clamping it at 0"""
+    layer_depth: float = Field(5.0e-4, gt=0.0, le=0.1)
+    """[m] depth at which the second layer (bone) begins"""
+    stiffness_2: float = Field(3.112e9, ge=1.0, le=1e15)
+    """[N/m^exponent] stiffness of the second layer"""
+    damp_first_layer: bool = False
+    """two_layer_viscoelastic: put the dashpot into both layers"""
+    restitution: float = Field(0.5, ge=0.01, le=1.0)
+    """coefficient of restitution, for laws with impact damping"""
+    least_impact_speed: float = Field(0.1, ge=1e-6, le=100.0)
+    """[m/s] lowest impact speed for impact damping; slower impacts and the static start use this value"""
+    stiffness_from: Annotated[str, one_of("value", "material")] = "value"
+    """value: contact.stiffness; material: Hertz from modulus, Poisson's ratio and radii (exponent 1.5)"""
+    youngs_modulus: float = Field(24e6, ge=1.0, le=1e13)
+    """[Pa] Young's modulus of cartilage (first layer)"""
+    poissons_ratio: float = Field(0.38, ge=0.0, lt=0.5)
+    """Poisson's ratio of cartilage (first layer)"""
+    youngs_modulus_2: float = Field(17.2e9, ge=1.0, le=1e13)
+    """[Pa] Young's modulus of bone (second layer)"""
+    poissons_ratio_2: float = Field(0.39, ge=0.0, lt=0.5)
+    """Poisson's ratio of bone (second layer)"""
+    femoral_radius: float = Field(0.034, gt=0.0, le=10.0)
+    """[m] convex radius of the femur for stiffness_from material, elastic_foundation and the patch"""
+    tibial_radius: float = Field(0.095, gt=0.0, le=10.0)
+    """[m] concave radius of the tibia, for the same three"""
+    foundation_thickness: float = Field(4.4e-3, gt=0.0, le=0.1)
+    """[m] thickness of both cartilages together, for elastic_foundation and the strain"""
 
 
 def constants_of(law: str) -> list[str]:
@@ -409,7 +407,7 @@ def with_constants_of_laws(laws: Mapping[str, Callable[..., Any]]) -> type[Commo
         for name, argument in inspect.signature(factory).parameters.items():
             if name not in CommonContactParameters.model_fields:
                 (limits,) = types[name].__metadata__
-                field = parameter(argument.default, limits.meaning, ge=limits.least, le=limits.most)
+                field = Field(argument.default, description=limits.meaning, ge=limits.least, le=limits.most)
                 more[name] = (types[name].__origin__, field)
     # The module, so that it can be pickled.
     return create_model("ContactParameters", __base__=CommonContactParameters, __module__=__name__, **more)
@@ -432,18 +430,15 @@ class Lateral(Section):
 class FidelityParameters(Section):
     """Level, accuracy and largest cost of the solution."""
 
-    level: Annotated[str, BeforeValidator(_level_of_today), one_of(*LEVELS)] = parameter(
-        "auto", "equations that a tick solves; auto: dynamic"
-    )
-    tolerance: float = parameter(1.0e-6, "[m] wanted error of the penetration depth", ge=1e-12, le=1e-3)
-    force_tolerance: Annotated[float, off_or_at_least(1e-9)] = parameter(
-        0.0, "[N] wanted error of the contact force; 0: off", le=1e6
-    )
-    budget: Annotated[int, off_or_at_least(100, "a hundred thousand", "an integer")] = parameter(
-        BUDGET,
-        "largest number of contact law evaluations in a tick; a tick that reaches it gets the static contact and a "
-        "flag, and so do later ticks until the contact has settled; 0: 100000",
-    )
+    level: Annotated[str, BeforeValidator(_level_of_today), one_of(*LEVELS)] = "auto"
+    """equations that a tick solves; auto: dynamic"""
+    tolerance: float = Field(1.0e-6, ge=1e-12, le=1e-3)
+    """[m] wanted error of the penetration depth"""
+    force_tolerance: Annotated[float, off_or_at_least(1e-9)] = Field(0.0, le=1e6)
+    """[N] wanted error of the contact force; 0: off"""
+    budget: Annotated[int, off_or_at_least(100, "a hundred thousand", "an integer")] = BUDGET
+    """largest number of contact law evaluations in a tick; a tick that reaches it gets the static contact and a
+    flag, and so do later ticks until the contact has settled; 0: 100000"""
 
 
 class Rerun(Section):
@@ -451,14 +446,18 @@ class Rerun(Section):
 
     output: ClassVar[str] = "knee_contact_ros.view.output"
 
-    mode: Annotated[str, BeforeValidator(_off), one_of("off", "file", "serve", "spawn")] = parameter(
-        "off", "off; file: write rerun.path; serve: to viewers on this machine; spawn: open a viewer"
-    )
-    path: str = parameter("", ".rrd file to write, for mode file; {stamp} in the name becomes the time")
-    port: int = parameter(9876, "port to serve on", ge=1024, le=65535)
-    knees: str = parameter("", "names of knees that share a viewer, for example left,right; empty: this knee alone")
-    queue: int = queue(20_000)
-    queue_size: float = queue_size(64.0)
+    mode: Annotated[str, BeforeValidator(_off), one_of("off", "file", "serve", "spawn")] = "off"
+    """off; file: write rerun.path; serve: to viewers on this machine; spawn: open a viewer"""
+    path: str = ""
+    """.rrd file to write, for mode file; {stamp} in the name becomes the time"""
+    port: int = Field(9876, ge=1024, le=65535)
+    """port to serve on"""
+    knees: str = ""
+    """names of knees that share a viewer, for example left,right; empty: this knee alone"""
+    queue: int = Field(20_000, ge=100, le=10_000_000)
+    """largest number of answers that wait for the process of this output"""
+    queue_size: float = Field(64.0, ge=1.0, le=1e5)
+    """[MB] largest memory of waiting answers"""
 
 
 class Parameters(NodeSection):
@@ -471,20 +470,20 @@ class Parameters(NodeSection):
     load: Load = Load()
     frame: Frame = Frame()
     pairing: Pairing = Pairing()
-    drive: Annotated[str, one_of("force", "displacement")] = parameter(
-        "force", "force: the load is prescribed (Eq. 13); displacement: the femoral height is prescribed"
-    )
+    drive: Annotated[str, one_of("force", "displacement")] = "force"
+    """force: the load is prescribed (Eq. 13); displacement: the femoral height is prescribed"""
     femur: Femur = Femur()
     tibia: Tibia = Tibia()
     translation: Translation = Translation()
     contact: ContactParameters = ContactParameters()
     lateral: Lateral = Lateral()
     fidelity: FidelityParameters = FidelityParameters()
-    body_weight: float = parameter(737.068, "[N] body weight, for forces in BW", gt=0.0, le=1e5)
-    autostart: bool = parameter(True, "true: the node configures and activates itself")
-    deadline: float = parameter(
-        0.02, "[s] longest time from a force to its answer; the node counts later answers", gt=0.0, le=3600.0
-    )
+    body_weight: float = Field(737.068, gt=0.0, le=1e5)
+    """[N] body weight, for forces in BW"""
+    autostart: bool = True
+    """true: the node configures and activates itself"""
+    deadline: float = Field(0.02, gt=0.0, le=3600.0)
+    """[s] longest time from a force to its answer; the node counts later answers"""
     diagnostics: ContactDiagnostics = ContactDiagnostics()
     record: Record = Record()
     rerun: Rerun = Rerun()
@@ -557,70 +556,69 @@ def lateral_knee(parameters: Parameters) -> Parameters:
 class MeasuredJoint(Section):
     """Joint in joint_states; its angle is sign x position + offset."""
 
-    joint_name: str = parameter("", "joint in joint_states; empty: not measured")
-    sign: Annotated[float, one_of(1.0, -1.0)] = parameter(1.0, "1 if the position grows with the angle, or -1")
-    offset: float = parameter(0.0, "[rad] added to the signed position", ge=-10.0, le=10.0)
+    joint_name: str = ""
+    """joint in joint_states; empty: not measured"""
+    sign: Annotated[float, one_of(1.0, -1.0)] = 1.0
+    """1 if the position grows with the angle, or -1"""
+    offset: float = Field(0.0, ge=-10.0, le=10.0)
+    """[rad] added to the signed position"""
 
 
 class ActuatedJoint(MeasuredJoint):
     """Joint in joint_states that an actuator may turn."""
 
-    assisted: bool = parameter(
-        False, "true: the effort [N m] in joint_states is an actuator's torque, with the sign of the position"
-    )
+    assisted: bool = False
+    """true: the effort [N m] in joint_states is an actuator's torque, with the sign of the position"""
 
 
 class FlexedKnee(ActuatedJoint):
     """Knee joint; its angle is positive in flexion."""
 
-    joint_name: str = parameter("knee", "joint in joint_states", min_length=1)
-    source: AngleSource = parameter("joint_states", ANGLES)
+    joint_name: str = Field("knee", min_length=1)
+    """joint in joint_states"""
+    source: AngleSource = Field("joint_states", description=ANGLES)
 
 
 class GroundForce(Section):
     """Meaning of `ground_reaction_force`: x forward, y up, z to the right."""
 
-    source: ForceSource = parameter(
-        "ground_reaction_force",
-        "topic of the ground force, of type WrenchStamped; for another type, one field for the upward force, three "
-        "for the force (x, y, z), or six for the wrench",
-    )
-    components: Annotated[str, one_of("vertical", "full")] = parameter(
-        "vertical", "vertical: use force.y only, as from an insole; full: use force and torque"
-    )
-    axes: Annotated[str, one_of("ground", "foot")] = parameter(
-        "ground", "ground: the axes of the wrench stay upright; foot: they turn with the foot"
-    )
-    ankle_x: float = parameter(
-        0.0, "[m] forward position of the ankle joint in the frame of the wrench", ge=-1.0, le=1.0
-    )
-    ankle_y: float = parameter(0.0, "[m] upward position of the ankle joint in that frame", ge=-1.0, le=1.0)
+    source: ForceSource = "ground_reaction_force"
+    """topic of the ground force, of type WrenchStamped; for another type, one field for the upward force, three for
+    the force (x, y, z), or six for the wrench"""
+    components: Annotated[str, one_of("vertical", "full")] = "vertical"
+    """vertical: use force.y only, as from an insole; full: use force and torque"""
+    axes: Annotated[str, one_of("ground", "foot")] = "ground"
+    """ground: the axes of the wrench stay upright; foot: they turn with the foot"""
+    ankle_x: float = Field(0.0, ge=-1.0, le=1.0)
+    """[m] forward position of the ankle joint in the frame of the wrench"""
+    ankle_y: float = Field(0.0, ge=-1.0, le=1.0)
+    """[m] upward position of the ankle joint in that frame"""
 
 
 class LoadFrames(Section):
     """Frames of the messages."""
 
-    ground: Annotated[str, AfterValidator(frame_name)] = parameter(
-        "", "turn ground forces into this frame (x forward, y up, z right); empty: do not turn them"
-    )
-    tibia: Annotated[str, AfterValidator(frame_name)] = parameter(
-        "tibia", "frame_id of the joint reaction force: x anterior, y superior, z right", min_length=1
-    )
+    ground: Annotated[str, AfterValidator(frame_name)] = ""
+    """turn ground forces into this frame (x forward, y up, z right); empty: do not turn them"""
+    tibia: Annotated[str, AfterValidator(frame_name)] = Field("tibia", min_length=1)
+    """frame_id of the joint reaction force: x anterior, y superior, z right"""
 
 
 class PersonParameters(Section):
     """The person. Muscles are not measured; `knee-contact calibrate` fits their constants to a bag."""
 
-    mass: float = parameter(75.16, "[kg] body mass", ge=10.0, le=400.0)
-    height: float = parameter(1.75, "[m] body height", ge=0.8, le=2.5)
-    moment_arm_scale: float = parameter(1.75, "factor for the published moment arms of the muscles", ge=0.3, le=3.0)
-    co_contraction: float = parameter(
-        0.39, "smallest pull of antagonists, as a fraction of the vertical ground force", ge=0.0, le=3.0
-    )
-    tone: float = parameter(0.27, "smallest pull of antagonists, as a fraction of body weight", ge=0.0, le=2.0)
-    electromechanical_delay: float = parameter(
-        0.025, "[s] time constant with which muscle forces follow the demand; 0: at once", ge=0.0, le=0.2
-    )
+    mass: float = Field(75.16, ge=10.0, le=400.0)
+    """[kg] body mass"""
+    height: float = Field(1.75, ge=0.8, le=2.5)
+    """[m] body height"""
+    moment_arm_scale: float = Field(1.75, ge=0.3, le=3.0)
+    """factor for the published moment arms of the muscles"""
+    co_contraction: float = Field(0.39, ge=0.0, le=3.0)
+    """smallest pull of antagonists, as a fraction of the vertical ground force"""
+    tone: float = Field(0.27, ge=0.0, le=2.0)
+    """smallest pull of antagonists, as a fraction of body weight"""
+    electromechanical_delay: float = Field(0.025, ge=0.0, le=0.2)
+    """[s] time constant with which muscle forces follow the demand; 0: at once"""
 
     @property
     def constants(self) -> Person:
@@ -637,8 +635,8 @@ class LoadParameters(NodeSection):
     folder = "load"
     force_source, usual_forces = "ground.source", "ground_reaction_force"
 
-    level: Annotated[str, one_of(AUTO, *LOAD_LEVELS)] = parameter(
-        AUTO, f"{', '.join(LOAD_LEVELS)}, or auto: the last of these that the inputs allow"
+    level: Annotated[str, one_of(AUTO, *LOAD_LEVELS)] = Field(
+        AUTO, description=f"{', '.join(LOAD_LEVELS)}, or auto: the last of these that the inputs allow"
     )
     knee: FlexedKnee = FlexedKnee()
     ankle: ActuatedJoint = ActuatedJoint()
@@ -646,20 +644,17 @@ class LoadParameters(NodeSection):
     ground: GroundForce = GroundForce()
     frame: LoadFrames = LoadFrames()
     person: PersonParameters = PersonParameters()
-    calibrated: bool = parameter(False, "true: the constants were fitted to a measured knee of this person")
-    standard_deviation: Annotated[float, off_or_at_least(0.01, "as measured for the level")] = parameter(
-        0.0,
-        "standard deviation of the axial force, as a fraction of body weight; 0: as measured for the level",
-        le=10.0,
-    )
-    motion_window: Annotated[float, off_or_at_least(0.01, "no inertia")] = parameter(
-        0.05, "[s] window for the accelerations of the joints, which delays them by half of it; 0: no inertia", le=1.0
-    )
+    calibrated: bool = False
+    """true: the constants were fitted to a measured knee of this person"""
+    standard_deviation: Annotated[float, off_or_at_least(0.01, "as measured for the level")] = Field(0.0, le=10.0)
+    """standard deviation of the axial force, as a fraction of body weight; 0: as measured for the level"""
+    motion_window: Annotated[float, off_or_at_least(0.01, "no inertia")] = Field(0.05, le=1.0)
+    """[s] window for the accelerations of the joints, which delays them by half of it; 0: no inertia"""
     pairing: Pairing = Pairing()
-    autostart: bool = parameter(True, "true: the node configures and activates itself")
-    deadline: float = parameter(
-        0.02, "[s] longest time from a ground force to its estimate; the node counts later estimates", gt=0.0, le=3600.0
-    )
+    autostart: bool = True
+    """true: the node configures and activates itself"""
+    deadline: float = Field(0.02, gt=0.0, le=3600.0)
+    """[s] longest time from a ground force to its estimate; the node counts later estimates"""
     diagnostics: Diagnostics = Diagnostics()
     record: Record = Record()
 

@@ -24,6 +24,7 @@ from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.topics import KNEE_CONTACT, KNEE_CONTACT_WRENCH
 from knee_contact_ros.system.errors import UsageError
 from studies.fuzz_bags.bags import MAKERS, UNPROTECTED, Message, copy, make, messages, mutate
 
@@ -145,7 +146,8 @@ def answers_to(inputs: Iterable[Message]) -> list[tuple[str, bytes]]:
         feed = pipeline.joint_state if topic == "/joint_states" else pipeline.force
         answers += list(feed(data))
     answers += list(pipeline.finish())
-    return [(f"/{topic}", data) for answer in answers for topic, _, data in answer.records[-2:]]
+    wanted = (KNEE_CONTACT, KNEE_CONTACT_WRENCH)
+    return [(f"/{topic}", data) for answer in answers for topic, _, data in answer.records if topic in wanted]
 
 
 def answers_in(recording: Path) -> list[tuple[str, bytes]]:

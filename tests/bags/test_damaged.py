@@ -58,15 +58,6 @@ def test_the_command_ends_with_code_1_and_one_line(tmp_path: Path, capsys: pytes
     assert 0 < len(read_bag(tmp_path / "out.mcap", CONTACT)) < TICKS
 
 
-def test_a_bag_of_which_nothing_is_left_is_refused(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    bag = tmp_path / "bag.mcap"
-    mcap(bag, CompressionType.ZSTD)
-    bag.write_bytes(bag.read_bytes()[:300])
-    assert main(["solve", str(bag), "--output", str(tmp_path / "out.mcap")]) == 2
-    assert capsys.readouterr().err.count("\n") == 1
-    assert not (tmp_path / "out.mcap").exists()
-
-
 def test_a_missing_file_of_a_folder_is_a_hole(tmp_path: Path) -> None:
     split(tmp_path / "bag")
     (tmp_path / "bag" / "bag_1.mcap").unlink()
@@ -90,32 +81,6 @@ def test_without_metadata_the_numbered_files_are_the_bag(tmp_path: Path) -> None
         match=r"more than one recording.* give one of these files: bag_0.mcap, bag_1.mcap, bag_2.mcap, other.mcap$",
     ):
         damage_of(tmp_path / "bag")
-
-
-def test_files_count_whose_names_metadata_does_not_know(tmp_path: Path) -> None:
-    split(tmp_path / "bag")
-    metadata = tmp_path / "bag" / "metadata.yaml"
-    metadata.write_text(metadata.read_text().replace("bag_", "gab_"))
-    assert [tuple(message) for message in raw_inputs(tmp_path / "bag")] == list(messages())
-    assert damage_of(tmp_path / "bag") == [f"gab_{number}.mcap is missing" for number in range(3)]
-
-
-@pytest.mark.parametrize(
-    ("old", "new", "said"),
-    [
-        ("message_count: 100", "message_count: 170", "70 of 170 messages are missing on /joint_"),
-        ("message_count: 100", "message_count: 30", "metadata.yaml knows of 30 messages"),
-        ("name: /joint_states", "name: /joint_slates", "100 of 100 messages are missing on /joint_slates"),
-    ],
-)
-def test_metadata_that_does_not_fit_takes_nothing_away(tmp_path: Path, old: str, new: str, said: str) -> None:
-    split(tmp_path / "bag")
-    metadata = tmp_path / "bag" / "metadata.yaml"
-    text = metadata.read_text()
-    assert old in text
-    metadata.write_text(text.replace(old, new, 1))
-    assert [tuple(message) for message in raw_inputs(tmp_path / "bag")] == list(messages())
-    assert said in " ".join(damage_of(tmp_path / "bag"))
 
 
 def test_of_several_sqlite3_files_one_may_be_broken(tmp_path: Path) -> None:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -14,11 +12,9 @@ from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
 
 from knee_contact_ros.bags.recorder import Limits
-from tests import ROOT
 from tests.bags.test_split import MS, TICK, record
 from tests.helpers.needs import needs_viewer
 
-VALIDATOR = ROOT.parent / "shared" / "tools" / "check_mcap"
 NUMBER = 500
 """Answers"""
 
@@ -34,20 +30,6 @@ def recording(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathF
 def files(recording: Path) -> list[Path]:
     """Of a recording."""
     return sorted(recording.glob("*.mcap"))
-
-
-@pytest.fixture(scope="module")
-def validator(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """An independent validator on JavaScript libraries, with those."""
-    if not (VALIDATOR.is_dir() and shutil.which("node") and shutil.which("npm")):
-        pytest.skip("node, npm or the validator is not on this machine")
-    copy = tmp_path_factory.mktemp("validator")
-    for name in ("check_mcap.mjs", "package.json"):
-        (copy / name).write_bytes((VALIDATOR / name).read_bytes())
-    command = ["npm", "install", "--no-package-lock", "--silent"]
-    if subprocess.run(command, cwd=copy, capture_output=True, check=False, timeout=120.0).returncode:
-        pytest.skip("the validator's libraries cannot be had")
-    return copy / "check_mcap.mjs"
 
 
 def test_rosbags_reads_it_as_one_bag(recording: Path) -> None:
@@ -81,14 +63,3 @@ def test_rerun_takes_every_file(recording: Path, tmp_path: Path) -> None:
         assert "ERROR" not in done.stderr
         done = subprocess.run([rerun, "rrd", "verify", target], capture_output=True, text=True, check=False)
         assert done.returncode == 0, done.stderr
-
-
-def test_an_independent_validator_finds_nothing(recording: Path, validator: Path) -> None:
-    messages = 0
-    for path in files(recording):
-        command = [shutil.which("node") or "", validator, path]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, timeout=120.0)
-        found = json.loads(done.stdout)
-        assert (done.returncode, found["ok"], found["errors"], found["warnings"]) == (0, True, [], [])
-        messages += found["messages"]
-    assert messages == NUMBER * TICK

@@ -70,24 +70,6 @@ def test_every_kind_of_bag_gives_the_same_messages(kind: Kind, gait: list[RawMes
         assert reader.end > gait[-1].log_time
 
 
-@pytest.mark.parametrize("storage", [SQLITE, MCAP])
-def test_a_bag_with_edited_qos_keeps_its_messages(
-    storage: StoragePlugin, gait: list[RawMessage], tmp_path: Path
-) -> None:
-    """As people do to make `ros2 bag play` offer another QoS."""
-    bag = write_rosbag2(tmp_path / "bag", gait, storage)
-    metadata = bag / "metadata.yaml"
-    edited = """
-      offered_qos_profiles:
-        - {history: keep_last, depth: 7, reliability: best_effort, durability: volatile, liveliness: automatic,
-           deadline: {sec: 0, nsec: 0}, lifespan: {sec: 0, nsec: 0}, liveliness_lease_duration: {sec: 0, nsec: 0},
-           avoid_ros_namespace_conventions: false}"""
-    text = metadata.read_text()
-    assert text.count("offered_qos_profiles: []") == 4
-    metadata.write_text(text.replace("      offered_qos_profiles: []", edited.lstrip("\n")))
-    assert raw_inputs(bag) == gait
-
-
 def test_a_topic_on_two_channels_is_one_stream(gait: list[RawMessage], tmp_path: Path) -> None:
     """As of two publishers, or of two files that were merged."""
     mcap = Mcap(tmp_path / "bag.mcap")
@@ -113,14 +95,6 @@ def test_messages_of_other_kinds_and_profiles_do_not_matter(
     assert raw_inputs(path) == gait
     with BagReader(path) as reader:
         assert list(reader.raw_messages(start=gait[300].log_time, stop=gait[302].log_time)) == gait[300:302]
-
-
-def test_names_without_a_slash_are_found(gait: list[RawMessage], tmp_path: Path) -> None:
-    mcap = Mcap(tmp_path / "bag.mcap")
-    channels = {topic: mcap.channel(topic[1:], kind) for topic, kind in INPUT_TYPES.items()}
-    for message in gait:
-        mcap.write(channels[message.topic], message)
-    assert raw_inputs(mcap.close()) == gait
 
 
 @pytest.mark.parametrize(

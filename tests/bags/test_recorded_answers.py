@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 from mcap.reader import make_reader
 from mcap.writer import Writer
-from rosbags import rosbag2
 
 from knee_contact_ros.bags.reader import answer_blocks, answer_topics, read_answers, read_bag
 from knee_contact_ros.bags.recorder import BagWriter
@@ -20,7 +18,7 @@ from knee_contact_ros.streams.columns import ADDED
 from knee_contact_ros.streams.messages import encode_answer
 from knee_contact_ros.streams.topics import MESSAGE_TYPES, definition, stamp_to_ns
 from knee_contact_ros.system.errors import UsageError
-from tests.helpers.answers import FIELDS, same
+from tests.helpers.answers import FIELDS
 
 CONTACT = MESSAGE_TYPES["knee_contact"]
 
@@ -62,16 +60,6 @@ def test_frames_of_different_length_and_trailing_bytes(tmp_path: Path) -> None:
     for number, name in enumerate(TOLD):
         assert answers.view(FLAT)[name].tolist() == [number] * 3, name
     assert answer_topics(tmp_path / "x.mcap") == ["/left/knee_contact"]
-
-
-def test_topics_of_a_recording_whose_stamps_go_back(tmp_path: Path) -> None:
-    stamps = [*range(10), *range(3, 10)]
-    with BagWriter(tmp_path / "x.mcap") as bag:
-        bag.add_topic("/knee_contact", CONTACT)
-        for stamp in stamps:
-            bag.write("/knee_contact", stamp, message(stamp, "tibia"))
-    assert answer_topics(tmp_path / "x.mcap") == ["/knee_contact"]
-    assert read_answers(tmp_path / "x.mcap")["stamp"].tolist() == stamps
 
 
 def test_recordings_from_before_a_field_stay_readable(
@@ -119,52 +107,3 @@ def test_unusable_recordings_are_one_line(tmp_path: Path, right_bag: Path, recor
     cut.write_bytes(recording.read_bytes()[:-5000])
     with pytest.raises(UsageError, match="knee-contact recover"):
         list(answer_blocks(cut))
-
-
-def test_progress_reaches_the_end(recording: Path) -> None:
-    told: list[tuple[int, int]] = []
-    list(answer_blocks(recording, advance=lambda done, count: told.append((done, count))))
-    assert told[-1] == (387, 387)
-
-
-def sqlite_of(source: Path, folder: Path) -> Path:
-    """The answers of a recording in a folder as rosbag2 writes it with sqlite3."""
-    path = folder / "bag"
-    with (
-        rosbag2.Reader(source) as reader,
-        rosbag2.Writer(path, version=9, storage_plugin=rosbag2.StoragePlugin.SQLITE3) as writer,
-    ):
-        (connection,) = (each for each in reader.connections if each.msgtype == CONTACT)
-        topic = writer.add_connection(
-            connection.topic, CONTACT, msgdef=connection.msgdef.data, rihs01="RIHS01_not_asked_for"
-        )
-        for _, time, data in reader.messages([connection]):
-            writer.write(topic, time, data)
-    return path
-
-
-def beside_a_foreign_schema(source: Path, folder: Path) -> Path:
-    """The same in a file with a topic that rosbags knows nothing of."""
-    path = folder / "foreign.mcap"
-    with source.open("rb") as old, path.open("wb") as new:
-        reader, writer = make_reader(old), Writer(new)
-        writer.start("")
-        foreign = writer.register_schema("a.B", "protobuf", b"")
-        writer.add_message(writer.register_channel("/foreign", "protobuf", foreign), 0, b"", 0)
-        channel = 0
-        for schema, _, entry in reader.iter_messages("/knee_contact"):
-            assert schema is not None
-            if not channel:
-                known = writer.register_schema(CONTACT, schema.encoding, schema.data)
-                channel = writer.register_channel("/knee_contact", "cdr", known)
-            writer.add_message(channel, entry.log_time, entry.data, entry.log_time)
-        writer.finish()
-    return path
-
-
-@pytest.mark.parametrize("kind", [sqlite_of, beside_a_foreign_schema])
-def test_definitions_are_found_in_other_kinds_of_bags(
-    kind: Callable[[Path, Path], Path], old_recording: Path, tmp_path: Path
-) -> None:
-    ours, theirs = read_answers(old_recording), read_answers(kind(old_recording, tmp_path))
-    assert same(ours, theirs)

@@ -169,20 +169,6 @@ def test_a_killed_recorder_that_splits_leaves_whole_files_and_one_that_breaks_of
     assert readable(partial) == list(range(400, 450))
 
 
-def test_nothing_is_lost_while_a_recorder_stands_still(started: Started, tmp_path: Path) -> None:
-    sink = started.recorder(tmp_path / "out.mcap")
-    os.kill(pid(sink), signal.SIGSTOP)
-    put(sink, range(2000))
-    backlog = settled_backlog(sink)
-    assert 0 < backlog < 2000
-    put(sink, range(2000, 12_000))
-    assert int(sink.report()[0]["backlog"]) == backlog + 10_000  # all that `put` does
-    os.kill(pid(sink), signal.SIGCONT)
-    close(sink)
-    assert (sink.failure, sink.dropped) == ("", 0)
-    assert recorded_ticks(tmp_path / "out.mcap") == list(range(12_000))
-
-
 @pytest.mark.parametrize(("queue", "fits"), list(zip(QUEUES, (1000, 1100), strict=True)))
 def test_a_recording_has_no_gaps(started: Started, tmp_path: Path, monkeypatch: Any, queue: MayWait, fits: int) -> None:
     monkeypatch.setattr("knee_contact_ros.system.processes.LAST_WORDS", 0.2)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import sqlite3
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import closing
 from pathlib import Path
 
@@ -71,23 +70,6 @@ def test_messages_that_are_no_table_are_not_computed(database: Path) -> None:
         read(database)
 
 
-def test_a_thread_may_read(database: Path) -> None:
-    """As replay does."""
-    with ThreadPoolExecutor(1) as threads, closing(SqliteFile(database)) as file:
-        assert threads.submit(lambda: len(rows(file))).result() == len(WRITTEN)
-
-
-def test_a_numbers_beyond_all_integers_is_damage(database: Path) -> None:
-    with closing(sqlite3.connect(database)) as connection:
-        connection.execute("CREATE TABLE t2 AS SELECT * FROM topics")
-        connection.execute("DROP TABLE topics")
-        connection.execute("ALTER TABLE t2 RENAME TO topics")
-        connection.execute("UPDATE topics SET id = 9e999")
-        connection.commit()
-    with pytest.raises(UsageError, match="is no sqlite3 bag"):
-        read(database)
-
-
 def test_messages_in_a_log_beside_are_not_forgotten(database: Path) -> None:
     database.with_name("bag.db3-wal").write_bytes(b"something")
     assert "bag.db3-wal holds messages that were never merged" in read(database)[1][0]
@@ -99,13 +81,6 @@ def test_messages_of_unknown_topics_are_counted(database: Path) -> None:
     found, faults = read(database)
     assert len(found) == len(WRITTEN) - 1
     assert faults == ["1 messages are of topics that nothing declares"]
-
-
-def test_texts_that_are_none_are_a_fault(database: Path) -> None:
-    with closing(sqlite3.connect(database)) as connection, connection:
-        connection.execute("UPDATE topics SET name = CAST(x'ff' AS TEXT) WHERE id = 1")
-    with pytest.raises(UsageError, match="Could not decode"):
-        read(database)
 
 
 def test_rows_that_are_no_messages_are_left_out(database: Path) -> None:

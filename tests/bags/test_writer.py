@@ -24,10 +24,7 @@ from knee_contact_ros.bags.recorder import (
     LIBRARY,
     MESSAGE_HEAD,
     BagWriter,
-    FileFacts,
-    information,
     offered_qos,
-    prepare_metadata,
 )
 from knee_contact_ros.model.types import Contact
 from knee_contact_ros.streams.messages import encode_answer, encode_answer_wrench
@@ -188,12 +185,6 @@ def test_a_recording_has_its_name_only_when_complete(tmp_path: Path) -> None:
     assert sorted(p.name for p in tmp_path.iterdir()) == ["metadata.yaml", "out.mcap"]
 
 
-def test_a_failure_leaves_nothing(tmp_path: Path) -> None:
-    with pytest.raises(RuntimeError), BagWriter(tmp_path / "out.mcap"):
-        raise RuntimeError
-    assert list(tmp_path.iterdir()) == []
-
-
 @pytest.mark.parametrize(
     ("taken", "words"),
     [
@@ -255,23 +246,3 @@ def test_a_file_in_the_place_of_ours_does_not_get_our_name(tmp_path: Path) -> No
     with pytest.raises(OSError, match="was removed while it was written"):
         bag.close()
     assert partial.read_text() == "another's"
-
-
-def test_a_folder_that_cannot_be_written_is_refused(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    with pytest.raises(UsageError, match="cannot write"):
-        BagWriter(tmp_path / "file" / "out.mcap")
-
-
-def test_two_bags_of_a_folder_may_be_completed_at_the_same_moment(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """By two processes: the first one's metadata stay, and nothing fails."""
-    puts = []
-    for process, name in ((1, "left.mcap"), (2, "right.mcap")):
-        monkeypatch.setattr("os.getpid", lambda process=process: process)
-        puts.append(prepare_metadata(tmp_path, information([FileFacts(name, 0, 1, Counter())], [])))
-    for put in puts:
-        put()
-    assert [path.name for path in tmp_path.iterdir()] == ["metadata.yaml"]
-    assert "left.mcap" in (tmp_path / "metadata.yaml").read_text(encoding="utf-8")

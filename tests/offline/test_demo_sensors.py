@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import numpy as np
 import pytest
 
-from knee_contact_ros.model.types import blank
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.parameters.schema import ActuatedJoint, LoadParameters
+from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.load_stream import joints_of, leg_sample
 from knee_contact_ros.streams.messages import JointState, decode_joint_state, encode_joint_state
 
 pytest.importorskip("rclpy", reason="the demo needs ROS")
 
-from knee_contact_ros.commands.demo import relief, with_assistance
+from knee_contact_ros.commands.demo import with_assistance
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -26,16 +24,3 @@ def test_an_extending_torque_reaches_the_estimator_as_one(sign: float, effort: t
     assert message.effort == ((*effort, 0.0)[0], -6.0 * sign)
     sample = leg_sample(message, parameters, b"", 0)
     assert joints_of(sample.angle, sample.others).knee_assistance == 6.0
-
-
-def test_a_message_without_the_knee_or_that_is_none_stays_as_it_is() -> None:
-    data = encode_joint_state(JointState(5, "", ("hip",), (0.1,), (), ()))
-    for message in (data, b"nothing"):
-        assert with_assistance(message, ActuatedJoint(joint_name="knee"), 6.0) == message
-
-
-def test_contacts_are_compared_at_the_stamps_that_both_have() -> None:
-    without, assisted = blank(3), blank(2)
-    without["stamp"], without["contact_force"] = [1, 2, 3], [10.0, 20.0, 30.0]
-    assisted["stamp"], assisted["contact_force"] = [2, 3], [15.0, 31.0]
-    assert np.array_equal(relief(without, assisted), [5.0, -1.0])

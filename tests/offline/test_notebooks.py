@@ -56,12 +56,6 @@ def test_it_gives_what_the_command_records(way: str, right_bag: Path, tmp_path: 
     )  # by the parameters in it
 
 
-def test_it_gives_what_the_model_gives(right_bag: Path) -> None:
-    solved = knee_contact_ros.solve(right_bag, "mri_femur")
-    run = knee_contact_ros.load_model("mri_femur").run(solved.time, solved.flexion_angle, solved.load)
-    assert run.tobytes() == solved.tobytes()
-
-
 def test_a_subject_brings_its_bag_and_gives_way_to_parameters(right_bag: Path, tmp_path: Path) -> None:
     subject = tmp_path / "anna.yaml"
     subject.write_text(f"mass: 61.0\nthickness: 0.0007\nparameters: [osteoarthritis]\nbag: {right_bag}")

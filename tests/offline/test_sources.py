@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from knee_contact_ros.bags.reader import BagReader, names_in_bag
+from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
@@ -206,14 +206,6 @@ def test_another_body_takes_the_place_of_one_that_is_gone(tmp_path: Path) -> Non
     assert angles[:100] == [0.1] * 100
     assert angles[-(100 - gap - 1) :] == [0.2] * (100 - gap - 1)
     assert summary.refused["another_body"] == 50 + gap
-
-
-def test_relative_topics_are_in_the_namespace(plain: list[bytes], tmp_path: Path) -> None:
-    _, forces, topics = CASES["a vector's axis"]
-    bag = bag_of(tmp_path / "bag.mcap", {f"/left{topic}": what for topic, what in topics.items()})
-    how = load_parameters({"load.source": forces.removeprefix("/")})
-    solve(bag, how, tmp_path / "out.mcap", lambda *_: None, names=names_in_bag((), "left"))
-    assert answers(tmp_path / "out.mcap") == plain
 
 
 def test_a_march_bag_gives_what_an_insole_gives(tmp_path: Path) -> None:

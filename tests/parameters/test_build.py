@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import math
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -81,34 +78,6 @@ def test_stiffness_from_the_material_is_hertz() -> None:
     assert law.static_force(1e-3) == pytest.approx(cartilage * 1e-3**1.5, rel=1e-4)
     beyond = law.static_force(0.01) + bone * 1e-3**1.5
     assert law.static_force(0.011) == pytest.approx(beyond, rel=1e-4)
-
-
-def test_the_plateau_of_the_circle_is_the_parameters(config: Path, tmp_path: Path) -> None:
-    model = knee_contact_ros.load_model([config / "healthy.yaml", config / "mri_knee.yaml"])
-    cup = {"tibia.geometry": "circle", "tibia.radius": 0.08, "femur.radius": 0.03}
-    (tmp_path / "ahead.csv").write_text("flexion_angle,x\n0,0.001\n1,0.001\n2,0.001\n")
-    table = {"translation.mechanism": "table", "translation.table": str(tmp_path / "ahead.csv")}
-    flat = knee_contact_ros.load_model(cup | table)
-    # Centres 1 mm apart: depth = 1 mm + 30 mm - 80 mm + the way of the centre, in closed form.
-    height = 0.08 - math.sqrt(0.051**2 - 0.001**2)
-    # Rounding of 80 mm
-    assert flat.closest(0.0, height).depth == pytest.approx(0.051 + 0.03 - 0.08, abs=1e-16)
-    x, y = flat.pair.outline(0.03).T
-    assert np.hypot(x, y - 0.08) == pytest.approx(0.08, abs=1e-16)  # rounding of 80 mm
-    assert (x.min(), x.max()) == (-0.03, 0.03)
-    # The measured plateau goes through its points, and the drawing holds them.
-    points = np.loadtxt(config / "tibia_medial.csv", delimiter=",", comments=["#", "x"])
-    drawn = model.pair.outline(0.01)
-    inside = points[np.abs(points[:, 0]) < 0.01]
-    assert np.interp(inside[:, 0], *drawn.T) == pytest.approx(inside[:, 1], abs=1e-17)  # rounding of 4 mm
-
-
-def test_the_mechanism_carries_the_contact_along() -> None:
-    table = knee_contact_ros.load_model(FILES | {"translation.mechanism": "table"})
-    series = table.run(TIME, ANGLE, LOAD)
-    expected = [table.pair.mechanism.translation(angle)[0] for angle in ANGLE]
-    assert series.contact_point.x == pytest.approx(expected, abs=1e-18)  # a circle touches below its centre
-    assert np.ptp(series.contact_point.x) > 1e-3
 
 
 def test_numbers_reach_the_model_when_it_is_made_and_when_they_change() -> None:

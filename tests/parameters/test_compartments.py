@@ -13,7 +13,6 @@ from mcap.reader import make_reader
 
 from knee_contact_ros.bags.reader import read_answers, read_bag
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.joint_reaction.compartments import RULES
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.parameters.build import load_rule
 from knee_contact_ros.parameters.files import curve_texts, load_parameters
@@ -58,38 +57,12 @@ def test_two_forces_on_the_plateau_are_found_again(medial: float, lateral: float
     assert found == pytest.approx(medial, abs=1e-11)  # some roundings of 3e3 N, 5e-13 each
 
 
-@given(axial=st.floats(-1e4, 1e4), moment=st.floats(-1e2, 1e2), flexion=st.floats(-0.2, 2.5))
-def test_numbers_and_arrays_get_the_same_bits(axial: float, moment: float, flexion: float) -> None:
-    for name in RULES:
-        values = {"compartment": name, "share": 0.7, "compartment_spacing": 0.045}
-        parameters = load_parameters({"load": values})
-        rule = load_rule(parameters, curve_texts(parameters, {}))
-        column = rule(np.array([axial]), np.array([moment]), np.array([flexion]))
-        assert column.tolist() == [rule(axial, moment, flexion)]
-
-
 def test_a_moment_that_is_no_number_is_refused_where_it_is_needed() -> None:
     assert part(-1000.0, float("nan")) == 500.0
     with pytest.raises(RefusedSampleError, match=r"torque\.x is nan"):
         part(-1000.0, float("nan"), compartment="moment_balance")
     with pytest.raises(RefusedSampleError, match="makes a load of"):
         part(-1000.0, 1e6, compartment="moment_balance")
-
-
-def test_shares_are_counted_while_the_leg_stands() -> None:
-    forces, loads = np.array([100.0, 1000.0, 1000.0, 1000.0]), np.array([900.0, 1100.0, 300.0, -50.0])
-    one, many = Split(WEIGHT), Split(WEIGHT)
-    many.add_all(forces, loads)
-    for force, load in zip(forces.tolist(), loads.tolist(), strict=True):
-        one.add(force, load)
-    for split in (one, many):
-        assert (split.samples, split.above, split.below) == (3, 1, 1)
-        assert split.text == "-0.05 to 1.10"
-        assert "above 1 in 33.3 % and below 0 in 33.3 %" in split.problem
-    good = Split(WEIGHT)
-    good.add_all(forces[[2]], loads[[2]])
-    assert good.problem == ""
-    assert Split(WEIGHT).text == "the leg never stood"
 
 
 def test_a_table_of_shares_tells_where_it_was_at_its_ends() -> None:

@@ -98,13 +98,6 @@ def test_parameters_of_a_recording_are_names_and_values(parameters: str, right_b
         read_provenance(tmp_path / "theirs.mcap")
 
 
-def test_a_curve_in_a_recording_has_its_limits_too(right_bag: Path, tmp_path: Path) -> None:
-    values, text = naming(PROFILE, "x.csv"), "0,0\n" * (MOST_POINTS + 1)
-    record = provenance_record(load_parameters(values), {"femur.profile": text})
-    recording_with(tmp_path / "theirs.mcap", right_bag, [("knee_contact", record)])
-    assert main(["solve", str(tmp_path / "theirs.mcap"), "--output", str(tmp_path / "out.mcap")]) == 2
-
-
 @pytest.mark.parametrize(
     ("origin", "words"),
     [

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from knee_contact_ros.joint_reaction.estimator import LEVELS
-from knee_contact_ros.parameters.files import check_file, flat_parameters, known_parameters, load_parameters
+from knee_contact_ros.parameters.files import check_file, load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters, allowed_levels
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import shipped_parameter_files
@@ -19,13 +19,6 @@ FULL, ON_FOOT = {"ground.components": "full"}, {"ground.axes": "foot"}
 
 def load(values: Any) -> LoadParameters:
     return load_parameters(values, LoadParameters)
-
-
-def test_sections_that_both_nodes_have_are_the_same() -> None:
-    ours, others = known_parameters(LoadParameters), known_parameters()
-    for name in others.keys() - {"diagnostics.load_deviation"}:
-        if name.startswith(("pairing.", "diagnostics.", "record.")):
-            assert ours[name] == others[name], name
 
 
 @pytest.mark.parametrize(
@@ -87,10 +80,3 @@ def test_a_file_for_the_contact_node_alone_is_refused_by_name(tmp_path: Path, no
         load(path)
     assert str(caught.value) == f"{path}: no parameters for node knee_load; found {node}"
     check_file(path, LoadParameters)  # ROS passes it over likewise
-
-
-def test_values_go_out_as_they_came_in() -> None:
-    values = HIP | ANKLE | FULL | {"person.tone": 0.3, "calibrated": True, "standard_deviation": 0.25}
-    parameters = load(values)
-    assert load(flat_parameters(parameters)) == parameters == load([{"person.tone": 0.1}, values])
-    assert {name: flat_parameters(parameters)[name] for name in values} == values

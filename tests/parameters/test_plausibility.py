@@ -18,7 +18,6 @@ from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.build import build_model, load_model
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.watch import Doubts, doubts_about
 from tests.helpers.scenes import RADIUS, law, model
 from tests.offline.test_solve import make_bag, silent
@@ -81,10 +80,6 @@ def test_parameters_in_another_unit_are_told_in_a_sentence(values: dict[str, Any
     assert told[0].filename == __file__  # where the user called
 
 
-def test_one_layer_does_not_look_at_the_second_ones_stiffness() -> None:
-    assert doubts(contact__stiffness_2=5.0).sentences == []
-
-
 def test_the_thickness_bounds_where_the_law_has_one() -> None:
     foundation = law("elastic_foundation")
     assert model(foundation).plausible_depth == 4.4e-3
@@ -118,14 +113,6 @@ def test_a_tick_that_is_too_deep_says_so_and_nothing_else(compiled: bool) -> Non
     assert series.status.tolist() == [0, 0, Status.IMPLAUSIBLE, Status.IMPLAUSIBLE]
     stream = knee.stream()
     assert [stream.tick(i * 1e-3, 0.0, 0.0, RADIUS - depths[i]).status for i in range(4)] == series.status.tolist()
-
-
-def test_the_limit_follows_parameters_that_change() -> None:
-    pipeline = ContactStream(load_parameters({}), compiled=False)
-    assert pipeline.doubts.about_parameters == []
-    pipeline.retune(load_parameters(TYPED))
-    assert len(pipeline.doubts.about_parameters) == 1
-    assert pipeline.doubts.limit == "beyond 6.8 mm, a fifth of the femoral radius"
 
 
 def answers(stamps: np.ndarray, loads: np.ndarray, **others: np.ndarray) -> dict[str, np.ndarray]:
@@ -191,22 +178,6 @@ def test_an_angle_and_a_contact_that_no_knee_has_say_so(compiled: bool) -> None:
     assert (watch.too_deep, watch.flown) == (0, 0)
 
 
-def test_depths_are_judged_by_the_bit_and_by_the_limit() -> None:
-    """Recordings from before the bit have the depth alone; without the profile's file the bit alone is known."""
-    stamps, loads, depths = np.arange(3), np.ones(3), np.array([1e-3, 8e-3, 9e-3])
-    by_limit = Doubts(6.8e-3, "beyond 6.8 mm, a fifth of the femoral radius")
-    by_limit.add_all(answers(stamps, loads, penetration_depth=depths))
-    assert by_limit.about_depth == f"2 of 3 ticks are up to 9 mm deep, {by_limit.limit} (IMPLAUSIBLE)"
-    by_bit = Doubts()
-    by_bit.add_all(answers(stamps, loads, penetration_depth=depths, status=np.array([0, Status.IMPLAUSIBLE, 0])))
-    assert by_bit.about_depth == "1 of 3 ticks are up to 8 mm deep (IMPLAUSIBLE)"
-
-
-def nonsense(tmp_path: Path) -> Path:
-    """A bag of 1.2 s whose loads have the other sign."""
-    return make_bag(tmp_path / "pulled.mcap", [(i * 10 * MILLISECOND, 0.1, -800.0 + 4.0 * i) for i in range(121)])
-
-
 def test_solve_says_it_on_the_terminal_and_in_its_table(
     right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -223,16 +194,6 @@ def test_solve_says_it_on_the_terminal_and_in_its_table(
     words = " ".join(printed.out.split())
     for line in lines:
         assert f"warning {line.partition(' warning: ')[2][:30]}" in words
-
-
-def test_solve_says_that_the_load_has_the_other_sign(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main(["solve", str(nonsense(tmp_path)), "--output", str(tmp_path / "out.mcap")]) == 0
-    printed = capsys.readouterr()
-    assert printed.err == (
-        "knee-contact: warning: the load was negative throughout (-400 to -160 N): compression is force.y < 0 in "
-        "joint_reaction_force; is the sign another convention's?\n"
-    )
-    assert "warning the load was negative throughout" in " ".join(printed.out.split())
 
 
 def test_a_good_run_is_not_doubted(right_bag: Path, tmp_path: Path) -> None:

@@ -41,12 +41,6 @@ def test_files_are_read_as_ros_reads_them(tmp_path: Path) -> None:
     assert parameters.rerun.mode == "off"
 
 
-def test_later_files_win(config: Path) -> None:
-    parameters = load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"])
-    assert parameters.contact.law == "two_layer_viscoelastic"
-    assert parameters.femur.geometry == "profile"
-
-
 def test_osteoarthritis_changes_the_law_alone(config: Path) -> None:
     """Of the paper's knee, and of a person's whose parameters were given before."""
     changed = {"contact.law"}  # the layer's constants are the defaults

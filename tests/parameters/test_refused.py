@@ -8,95 +8,43 @@ from typing import Any
 import pytest
 
 import knee_contact_ros
-from knee_contact_ros.parameters.files import check_file, known_parameters, load_parameters
+from knee_contact_ros.parameters.files import check_file, load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters, NodeSection, Parameters
 from knee_contact_ros.system.errors import UsageError
-
-CONTRACT: dict[type[NodeSection], dict[str, Any]] = {
-    Parameters: {
-        "knee.joint_name": "knee", "knee.flexion_sign": 1.0, "knee.flexion_offset": 0.0, "load.share": 0.5,
-        "load.compartment": "fixed_share", "load.share_file": "share_medial.csv", "load.compartment_spacing": 0.07,
-        "drive": "force", "femur.mass": 9.3014, "femur.geometry": "circle", "femur.radius": 0.034, "femur.profile": "",
-        "tibia.geometry": "plane", "tibia.slope": 0.0, "tibia.radius": 0.095, "translation.mechanism": "hinge",
-        "contact.law": "kelvin_voigt", "contact.stiffness": 7.905694e7, "contact.exponent": 1.5, "contact.damping": 5e3,
-        "contact.allow_tension": False, "contact.layer_depth": 5.0e-4, "contact.stiffness_2": 3.112e9,
-        "contact.damp_first_layer": False, "fidelity.level": "auto", "fidelity.tolerance": 1.0e-6,
-        "fidelity.force_tolerance": 0.0, "fidelity.budget": 20_000, "body_weight": 737.068, "autostart": True,
-        "record.path": "", "record.flush_period": 0.03, "record.sync_period": 1.0, "record.queue": 30000,
-        "record.queue_size": 100.0, "record.max_size": 0.0, "record.max_duration": 0.0, "record.min_free": 100.0,
-        "rerun.mode": "off", "rerun.path": "", "rerun.port": 9876, "rerun.knees": "", "rerun.queue": 20000,
-        "rerun.queue_size": 64.0,
-    },
-    LoadParameters: {
-        "level": "auto", "knee.joint_name": "knee", "knee.sign": 1.0, "knee.offset": 0.0, "knee.assisted": False,
-        "ankle.joint_name": "", "ankle.sign": 1.0, "ankle.offset": 0.0, "ankle.assisted": False, "hip.joint_name": "",
-        "hip.sign": 1.0, "hip.offset": 0.0, "ground.components": "vertical", "ground.axes": "ground",
-        "ground.ankle_x": 0.0, "ground.ankle_y": 0.0, "frame.ground": "", "frame.tibia": "tibia", "person.mass": 75.16,
-        "person.height": 1.75, "person.moment_arm_scale": 1.75, "person.co_contraction": 0.39, "person.tone": 0.27,
-        "person.electromechanical_delay": 0.025,
-        "calibrated": False, "standard_deviation": 0.0, "motion_window": 0.05, "pairing.wait": 0.1, "autostart": True,
-        "record.path": "",
-    },
-}  # fmt: skip
-
-
-@pytest.mark.parametrize("schema", CONTRACT)
-def test_names_and_defaults_hold(schema: type[NodeSection]) -> None:
-    known, expected = known_parameters(schema), CONTRACT[schema]
-    assert {name: known[name].default for name in expected} == expected
-    assert all(each.description for each in known.values())
-
 
 CIRCLE = {"tibia.geometry": "circle"}
 REFUSED: dict[type[NodeSection], list[tuple[dict[str, Any], str]]] = {
     Parameters: [
         ({"contact.damping": -1.0}, r"contact\.damping: -1\.0 is not allowed; it should be greater than or equal to 0"),
         ({"contact.damping": "5000"}, r"contact\.damping: '5000' is not allowed; it should be a valid number"),
-        ({"contact.damping": True}, "True is not allowed; it should be a valid number"),
         ({"contact.damping": float("nan")}, "nan is not allowed; it should be a finite number"),
         ({"contact.law": "hook"}, r"contact\.law: 'hook' is not allowed; allowed: .*hertz, kelvin_voigt"),
         ({"contact.allow_tension": 1}, "1 is not allowed; it should be a valid boolean"),
         ({"contact.poissons_ratio": 0.5}, "less than 0.5"),
-        ({"contact.restitution": 0.0}, "greater than or equal to 0.01"),
         ({"record.max_size": 0.01}, r"max_size: 0\.01 is not allowed; allowed: 0 \(off\) or a number >= 0\.1"),
-        ({"femur.geometry": "square"}, "allowed: circle, profile"),
         ({"fidelity.force_tolerance": 1e-10}, r"0 \(off\) or a number >= 1e-09"),
-        ({"fidelity.force_tolerance": 2e6}, "1000000"),
         ({"fidelity.budget": 5}, r"0 \(a hundred thousand\) or an integer >= 100"),
-        ({"fidelity.budget": 0.5}, "integer"),
         ({"knee.flexion_sign": 2.0}, r"2\.0 is not allowed; allowed: 1\.0, -1\.0"),
-        ({"load.share": 1.5}, "less than or equal to 1"),
-        ({"body_weight": 0.0}, "greater than 0"),
-        ({"drive": "torque"}, "allowed: force, displacement"),
         ({"contact.dampin": 1.0}, r"unknown parameter contact\.dampin; did you mean contact\.damping\?"),
         ({"zzz": 1.0}, r"unknown parameter zzz; known are knee\.joint_name.*, lateral\.\* \("),
         ({"femur.geometry": "profile"}, r"femur\.profile is empty"),
-        ({"tibia.geometry": "profile"}, r"tibia\.profile is empty"),
         ({"translation.mechanism": "table"}, r"translation\.table is empty"),
         (CIRCLE | {"tibia.slope": 0.1}, r"tibia\.slope: 0\.1 is not allowed; only .* plane"),
         (CIRCLE | {"tibia.radius": 0.034}, r"tibia\.radius: 0\.034 .* exceed femur\.radius, 0\.034"),
         ({"contact.stiffness_from": "material", "contact.exponent": 1.0}, r"contact\.exponent: 1 .* needs 1\.5"),
         ({"contact.law": "elastic_foundation", "contact.tibial_radius": 0.03}, r"tibial_radius: 0\.03 .* 0\.034"),
         ({"femur.scale": 1.1}, r"femur\.scale: 1\.1 is not allowed; only femur\.geometry profile"),
-        ({"tibia.scale": 1.1}, r"tibia\.scale: 1\.1 is not allowed; only tibia\.geometry profile"),
     ],
     LoadParameters: [
         ({"level": "muscles"}, r"level: 'muscles' is not allowed; .*auto, ground_force, knee_moment, ankle_moment"),
         ({"knee.joint_name": ""}, r"knee\.joint_name: '' is not allowed"),
         ({"hip.joint_name": "knee"}, r"parameter knee\.joint_name: knee, knee are not different joints"),
-        ({"hip.joint_name": "hip", "ankle.joint_name": "hip"}, r"knee, hip, hip are not different joints"),
         ({"ankle.assisted": True}, r"ankle\.assisted: True is not allowed; ankle\.joint_name is empty"),
         ({"hip.assisted": True}, r"unknown parameter hip\.assisted"),
-        ({"ground.components": "half"}, r"ground\.components: 'half' is not allowed; .*vertical, full"),
-        ({"ground.axes": "sky"}, r"ground\.axes: 'sky' is not allowed; .*ground, foot"),
-        ({"ground.ankle_x": 80.0}, r"ground\.ankle_x: 80\.0 is not allowed"),
         ({"frame.tibia": ""}, r"frame\.tibia: '' is not allowed"),
         ({"frame.ground": "/plate"}, r"frame\.ground: '/plate' is not allowed; .*without a slash before it"),
         ({"person.height": 175.0}, r"person\.height: 175\.0 is not allowed; .*2\.5"),
         ({"standard_deviation": 0.001}, r"standard_deviation: 0\.001 .* 0 \(as measured for the level\) or a num"),
-        ({"motion_window": 0.001}, r"motion_window: 0\.001 .* 0 \(no inertia\) or a number >= 0\.01"),
-        ({"person.mas": 70.0}, r"unknown parameter person\.mas; did you mean person\.mass\?"),
-        ({"contact.law": "hertz"}, r"unknown parameter contact\.law; "),
     ],
 }
 OURS, LOAD = r"\(healthy, .*osteoarthritis.*\)", r"\(load/gait2354, load/insole, load/inverse_dynamics\)"

@@ -79,7 +79,7 @@ def test_metadata_are_read_to_a_longer_one(right_bag: Path, tmp_path: Path) -> N
     text = (right_bag / "metadata.yaml").read_text(encoding="utf-8")
     for size, faults in ((LARGEST_METADATA, []), (LARGEST_METADATA + 1, ["metadata.yaml cannot be read"])):
         (tmp_path / "metadata.yaml").write_text(text.ljust(size, "#"), encoding="utf-8")
-        assert read_metadata(tmp_path)[1] == faults
+        assert read_metadata(tmp_path)[2] == faults
 
 
 def test_aliases_are_read() -> None:

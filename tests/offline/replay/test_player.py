@@ -72,11 +72,6 @@ def test_keys_pause_step_and_go_on() -> None:
     assert states == [(1.0, False, 3)]
 
 
-def test_a_step_does_nothing_while_it_plays() -> None:
-    late = [lateness for _, lateness in Player(lambda _: None, Keys([Command.STEP] * 3)).play(bag(3))]
-    assert None not in late
-
-
 def test_a_pause_lasts_until_the_next_key_and_what_follows_is_not_late() -> None:
     class PauseAtOnce(Keys):
         def __call__(self, seconds: float) -> Sequence[Command]:
