@@ -20,7 +20,7 @@ from knee_contact_ros.model.types import EXTENDS, FLEXES
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 
-LARGEST_RADIANS = SMALLEST_DEGREES = 3.5
+LARGEST_RADIANS = 3.5
 """Number that no knee reaches in rad, and below which a range in deg may also be one in rad"""
 BENT, FOLDED = math.radians(90.0), math.radians(160.0)
 """Flexion [rad] that a knee falls below in every step, and one that no knee exceeds under load"""
@@ -65,15 +65,13 @@ def unit_of(table: Table, column: str, requested: str) -> str:
         return requested
     values = table.column(column)
     reach, span = float(np.abs(values).max()), f"{column} goes from {values.min():.3g} to {values.max():.3g}"
-    if table.degrees is None:
-        if reach > LARGEST_RADIANS:
-            return "deg"
+    likely = "deg" if reach > LARGEST_RADIANS else "rad"
+    if table.degrees is None and likely == "rad":
         raise UsageError(f"{table.path} does not say inDegrees, and {span}; give --angle-unit deg or rad")
-    if table.degrees and reach < SMALLEST_DEGREES:
-        raise UsageError(f"{table.path} says inDegrees=yes, but {span}, like rad; give --angle-unit deg or rad")
-    if not table.degrees and reach > LARGEST_RADIANS:
-        raise UsageError(f"{table.path} says inDegrees=no, but {span}, like degrees; give --angle-unit deg or rad")
-    return "deg" if table.degrees else "rad"
+    if table.degrees not in (None, likely == "deg"):
+        says, like = ("yes", "rad") if table.degrees else ("no", "degrees")
+        raise UsageError(f"{table.path} says inDegrees={says}, but {span}, like {like}; give --angle-unit deg or rad")
+    return likely
 
 
 def sign_of(angle: Floats, where: str, requested: int | None, bounds: tuple[float, float] | None) -> int:

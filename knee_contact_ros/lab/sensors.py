@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -58,18 +57,13 @@ class Channel(Section):
     @property
     def turned(self) -> float:
         """Sign that makes the quantity positive as ours is, 1 or -1."""
-        return 1.0
+        return -1.0 if getattr(self, "direction", "") == "tension" else float(getattr(self, "sign", 1.0))
 
 
 class SignedChannel(Channel):
     """Angle of a joint, torque of its actuator, or a component of the ground's wrench."""
 
     sign: Annotated[float, one_of(1.0, -1.0)] = Field(1.0, description="1 if it is positive as ours is, or -1")
-
-    @property
-    def turned(self) -> float:
-        """Sign that makes it positive as ours is, 1 or -1."""
-        return self.sign
 
 
 class AngleChannel(SignedChannel):
@@ -84,11 +78,6 @@ class LoadChannel(Channel):
     direction: Annotated[str, one_of("compression", "tension")] = Field(
         "compression", description="what a positive sum is; tension: as force.y of OpenSim's reaction on the tibia"
     )
-
-    @property
-    def turned(self) -> float:
-        """Sign that makes compression positive, 1 or -1."""
-        return -1.0 if self.direction == "tension" else 1.0
 
 
 class SensorMap(Section):
@@ -196,17 +185,11 @@ def read_map(paths: Sequence[Path]) -> SensorMap:
 
 
 def _meant(error: ValidationError) -> str:
-    """Hint at the name that is close to an unknown one, or all the names; empty for other errors."""
-    first = error.errors()[0]
+    """Hint at the name that is close to an unknown one; empty for other errors."""
+    first, sections = error.errors()[0], (SensorMap, tables.TableFormat, tables.TimeColumn, AngleChannel, LoadChannel)
     if first["type"] != "extra_forbidden":
         return ""
-    model: Any = SensorMap
-    for part in first["loc"][:-1]:
-        field = model.model_fields[part]
-        kinds = getattr(field.annotation, "__args__", (field.annotation,))
-        model = next(kind for kind in kinds if isinstance(kind, type) and issubclass(kind, Section))
-    near = difflib.get_close_matches(str(first["loc"][-1]), model.model_fields, n=1, cutoff=0.5)
-    return f"; did you mean {near[0]}?" if near else f"; known are {', '.join(model.model_fields)}"
+    return f"; {tables.meant(str(first['loc'][-1]), [name for section in sections for name in section.model_fields])}"
 
 
 def read_channels(files: Sequence[Path], sensors: SensorMap, wanted: Sequence[str]) -> dict[str, Series]:

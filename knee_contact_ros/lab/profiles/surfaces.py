@@ -30,7 +30,6 @@ from knee_contact_ros.system.errors import UsageError
 
 Integers = NDArray[np.int64]
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
-OTHER_UNITS = {"µm": 1e-6, "km or was divided by 1000 twice": 1e3}
 SMALLEST, LARGEST = 0.008, 0.7
 """Range of the longest edge of the box around a cartilage or bone of the knee [m], generously"""
 USUAL = 0.07
@@ -201,12 +200,9 @@ def _checked_unit(path: Path, points: Floats, unit: str) -> str:
     size = largest * UNITS[unit]
     if SMALLEST <= size <= LARGEST:
         return unit
-    hint = ""
-    factors = UNITS | OTHER_UNITS
-    if fitting := [name for name, factor in factors.items() if SMALLEST <= largest * factor <= LARGEST]:
-        name = min(fitting, key=lambda each: abs(math.log(largest * factors[each] / USUAL)))
-        cure = f", --unit {name}" if name in UNITS else "; scale it to m or mm first"
-        hint = f": likely it is in {name}{cure}"
+    likely = min(UNITS, key=lambda each: abs(math.log(largest * UNITS[each] / USUAL)) if largest else 0.0)
+    fits = SMALLEST <= largest * UNITS[likely] <= LARGEST
+    hint = f": likely it is in {likely}, --unit {likely}" if fits else "; scale it to m or mm first"
     wanted = f"cartilages and bones of a knee measure {SMALLEST:g} to {LARGEST:g} m"
     raise UsageError(f"{path} measures {size:.3g} m with --unit {unit}; {wanted}{hint}")
 
@@ -220,12 +216,15 @@ def _read_mesh(path: Path, kind: str) -> tuple[Floats, Integers, str]:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             points, triangles, space = MESHES[kind](path)
+        with path.open("rb") as file:
+            said = SPACE.search(file.read(HEADER).decode("latin-1"))
     except Exception as error:  # the libraries raise what they like
         raise UsageError(f"{path} cannot be read as a {kind} file: {' '.join(str(error).split())[:200]}") from None
     if not len(points):
         raise UsageError(f"{path} cannot be read as a {kind} file, or has no faces")
     if not len(triangles):
         raise UsageError(f"{path} has {len(points)} points but no faces; a cloud of points must be a text file x y z")
+    space = space or (said[1] if said else "")
     return np.asarray(points, np.float64), np.asarray(triangles, np.int64), space
 
 
@@ -235,14 +234,11 @@ def _by_trimesh(path: Path) -> tuple[Any, Any, str]:
 
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # its lines on a damaged file are many
     read: Any = trimesh.load(path, process=False, skip_materials=True)
-    with path.open("rb") as file:
-        said = SPACE.search(file.read(HEADER).decode("latin-1"))
-    space = said[1] if said else ""
     if isinstance(read, trimesh.PointCloud):
-        return read.vertices, (), space
+        return read.vertices, (), ""
     mesh = read.to_mesh() if isinstance(read, trimesh.Scene) else read
     mesh.merge_vertices(merge_tex=True, merge_norm=True)
-    return mesh.vertices, mesh.faces, space
+    return mesh.vertices, mesh.faces, ""
 
 
 def _by_vtk(path: Path) -> tuple[Any, Any, str]:
@@ -254,10 +250,7 @@ def _by_vtk(path: Path) -> tuple[Any, Any, str]:
     read = read if isinstance(read, pyvista.PolyData) else read.extract_surface()
     mesh = read.triangulate().clean()
     has_faces = bool(mesh.n_cells and mesh.faces.size)
-    with path.open("rb") as file:
-        said = SPACE.search(file.read(HEADER).decode("latin-1"))  # the second line of a .vtk file
-    if "SPACE" in read.field_data:
-        said = SPACE.match(f"SPACE={''.join(map(str, read.field_data['SPACE']))}")
+    said = SPACE.match(f"SPACE={''.join(map(str, read.field_data['SPACE']))}") if "SPACE" in read.field_data else None
     space = said[1] if said else ""
     return (mesh.points, mesh.regular_faces, space) if has_faces else (read.points, (), space)
 
@@ -272,25 +265,14 @@ def _read_cloud(path: Path) -> Floats:
     The first line may name the columns; what follows # is a comment.
     """
     try:
-        lines = [line.split("#")[0].replace(",", " ").split() for line in path.read_text("utf-8-sig").splitlines()]
-    except UnicodeDecodeError:
-        raise UsageError(f"{path} cannot be read: it is not a text file in UTF-8") from None
-    rows = [line for line in lines if line]
-    if rows and not _is_numbers(rows[0]):
-        del rows[0]
-    wrong = next((row for row in rows if not _is_numbers(row)), None)
-    widths = {len(row) for row in rows}
-    if wrong or widths not in ({2}, {3}):
-        problem = f"it has a line {' '.join(wrong)[:60]!r}" if wrong else f"it has {sorted(widths)} columns"
-        raise UsageError(f"{path} must hold numbers in two columns x, y or three x, y, z; {problem}")
-    return np.pad(np.array(rows, dtype=np.float64), ((0, 0), (0, 3 - len(rows[0]))))
-
-
-def _is_numbers(row: list[str]) -> bool:
-    try:
-        return bool([float(word) for word in row])
-    except ValueError:
-        return False
+        lines = [line.split("#")[0].replace(",", " ") for line in path.read_text("utf-8-sig").splitlines()]
+        lines = [line for line in lines if line.strip()]
+        named = bool(lines) and lines[0].strip()[0].isalpha()
+        points = np.loadtxt(lines[named:], ndmin=2)
+        return np.pad(points, ((0, 0), (0, {2: 1, 3: 0}[points.shape[1]])))
+    except (ValueError, KeyError) as error:  # of Unicode, too
+        fault = f"{path} must hold numbers in two columns x, y or three x, y, z"
+        raise UsageError(f"{fault}: {' '.join(str(error).split())[:200]}") from None
 
 
 def _read_label_map(path: Path, label: int | None, axes: str | None) -> tuple[Floats, Integers]:

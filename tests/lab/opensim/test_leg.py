@@ -151,23 +151,6 @@ def test_plates_below_one_foot_are_added(tmp_path: Path) -> None:
     assert both == pytest.approx(2.0 * expected() - free, abs=1e-8)
 
 
-def test_samples_between_rows_lie_between_their_moments(tmp_path: Path) -> None:
-    """Not between centres of pressure: at the end of stance there is one on one side only."""
-    told, last = leg.about_ankle(ground(tmp_path), ANKLE), int(np.flatnonzero(STANDS)[-1])
-    between = told.stamps[last : last + 2].sum(keepdims=True) // 2
-    assert told.at(between).values[0] == pytest.approx(0.5 * expected()[last], rel=1e-9)
-
-
-def test_only_the_time_of_the_kinematics_counts(tmp_path: Path) -> None:
-    file = ground(tmp_path)
-    stamps = file.data.stamps
-    between = np.array([stamps[10] + 1, stamps[20] - 1])
-    assert leg.during(file, between).data.stamps.tolist() == stamps[10:21].tolist()
-    assert leg.during(file, stamps).data.stamps.tolist() == stamps.tolist()
-    with pytest.raises(UsageError, match=r"grf\.mot spans 0 to 1\.2 s, and the kinematics 7 to 8 s"):
-        leg.during(file, np.array([7, 8]) * 10**9)
-
-
 @pytest.mark.parametrize(
     ("axis", "values", "says"),
     [

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.lab.opensim import pipeline, setup_files
+from knee_contact_ros.lab.opensim import pipeline
 from knee_contact_ros.lab.opensim.command import show_checks
 from knee_contact_ros.lab.opensim.pipeline import Run, assess
 from knee_contact_ros.lab.opensim.setup_files import Setup, find_setups, plan, read_setup
@@ -124,29 +124,6 @@ def test_set_up_files_in_several_folders(folder: Path) -> None:
     ik.write_text(ik.read_text().replace("ik.mot", "other.mot"))
     with pytest.raises(UsageError, match=r"cmc\.xml \(cmc\) needs \.\./ik/ik\.mot, which is not in"):
         plan([folder / "scale.xml", ik, cmc], [])
-
-
-def test_our_own_set_ups_have_what_the_muscles_step_had(folder: Path, tmp_path: Path) -> None:
-    cmc = find_setups([folder])["cmc"]
-    static = setup_files.static_setup(cmc, tmp_path / "s.xml", 5)
-    assert read_setup(static.path) is not None  # it is a set-up file of ours to read, too
-    assert (static.text("coordinates_file"), static.text("step_interval")) == ("RRA/walk_RRA_Kinematics_q.sto", "5")
-    assert static.text("lowpass_cutoff_frequency_for_coordinates") == "6.0"
-    for base, states in ((cmc, "CMC/walk_states_repaired.sto"), (static, None)):
-        setup = setup_files.reactions_setup(base, tmp_path / "r.xml", states, "forces.sto")
-        tool = setup_files.read_xml(setup.path).find("AnalyzeTool")
-        assert tool is not None
-        found = [tool.findtext(f".//{tag}") for tag in (
-            "model_file", "force_set_files", "external_loads_file", "initial_time", "final_time", "forces_file",
-            "apply_on_bodies", "express_in_frame", "states_file", "coordinates_file")]  # fmt: skip
-        assert found == [
-            "adjusted.osim", "act.xml", "grf.xml", "0.8", "1.2", "forces.sto", "child", "child", states,
-            None if states else "RRA/walk_RRA_Kinematics_q.sto",
-        ]  # fmt: skip
-    dynamics = setup_files.dynamics_setup(cmc, tmp_path / "d.xml", "q.sto", (0.83, 1.19))
-    assert (dynamics.text("time_range"), dynamics.text("coordinates_file")) == ("0.83 1.19", "q.sto")
-    with pytest.raises(UsageError, match=r"cmc has not written CMC/walk_Actuation_force\.sto"):
-        pipeline.results_of(cmc)
 
 
 def test_without_opensim_the_command_says_what_to_install(
