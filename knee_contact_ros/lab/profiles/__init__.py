@@ -28,10 +28,8 @@ CIRCLES = (("#D55E00", 4.6), ("#009E73", 3.5), ("#CC79A7", 2.4), ("#E69F00", 1.4
 MOST_AHEAD, LEAST_BELOW, MOST_BELOW, FARTHEST = 0.030, 0.005, 0.070, 0.070
 """Where a femur touches a level plateau in gait, ahead of its origin or behind, at most, and below it, at least and at
 most [m]; and the largest distance of a tibia from its origin"""
-LINE = 0.24
-"""Height of a line of the legend with its share of the margins [in]"""
-FEMUR, TIBIA, DPI = (10.5, 6.4), (7.6, 8.6), 110
-"""Size of a picture [in] and its resolution: a femur's slice is beside the plots along it, a tibia's above them"""
+SIZE, DPI = (8.0, 9.0), 110
+"""Size of a picture [in] and its resolution"""
 STYLE: Any = {"font.size": 9.5, "axes.titlesize": 10, "axes.spines.top": False, "axes.spines.right": False,
               "axes.grid": True, "grid.color": "0.92", "axes.axisbelow": True, "legend.frameon": False,
               "legend.fontsize": 8.5}  # fmt: skip
@@ -240,103 +238,47 @@ def _parameter_file(found: Fit, profile: Path) -> str:
 
 
 def picture(found: Fit, name: str) -> bytes:
-    """Draw slice and profile, circles, curvature, deviations and thickness, as PNG; `name` is the mesh's."""
+    """Draw slice and profile, and below them curvature, deviations and thickness, as PNG; `name` is the mesh's."""
     import matplotlib as mpl
     from matplotlib.figure import Figure
+    from scipy.spatial import cKDTree
 
-    panels = [draw_curvature, draw_circles, _draw_deviations, *([_draw_cartilage] if found.thickness else [])]
+    smoothed, shape, thickness = found.smoothed, found.shape, found.thickness
+    along = np.degrees(shape.normal) if found.femur else MM * shape.points[:, 0]
     with mpl.rc_context(STYLE):
-        canvas = Figure(figsize=FEMUR if found.femur else TIBIA, layout="constrained")
-        if found.femur:
-            grid = canvas.add_gridspec(len(panels), 2, width_ratios=(1.1, 1.0))
-            whole, rows = canvas.add_subplot(grid[:, 0]), [grid[row, 1] for row in range(len(panels))]
-        else:
-            grid = canvas.add_gridspec(1 + len(panels), 1, height_ratios=(1.5, *[1.0] * len(panels)))
-            whole, rows = canvas.add_subplot(grid[0]), [grid[row] for row in range(1, 1 + len(panels))]
-        _draw_slice(whole, found)
-        title = f"{_side(found).capitalize()} of {name}, z = {MM * found.z:g} mm"
+        canvas = Figure(figsize=SIZE, layout="constrained")
+        whole, *rows = canvas.subplots(
+            3 + bool(thickness), 1, height_ratios=[2.5, 1.0, 1.0, 1.0][: 3 + bool(thickness)]
+        )
+        for number, piece in enumerate(MM * thickness.bone if thickness else ()):
+            whole.plot(*piece.T, color=BONE, linewidth=1.2, label=None if number else "bone")
+        whole.plot(*(MM * smoothed.raw).T, "o", color=RAW, markersize=3.0, label="slice of the mesh")
+        whole.plot(*(MM * shape.points).T, color=PROFILE, linewidth=1.6, label="profile")
+        for each, (colour, width) in zip(found.circles, CIRCLES, strict=False):
+            rows[0].plot(each.window, (1.0 / (MM * each.radius),) * 2, color=colour, linewidth=width)
+            whole.plot(*(MM * each.part).T, color=colour, label=f"circle of radius {MM * each.radius:.1f} mm")
+        rows[0].plot(along, shape.curvature / MM, color=PROFILE, linewidth=1.5)
+        rows[0].set(
+            ylabel="[1/mm]",
+            title=f"curvature of the profile and of the circles{'' if found.femur else ', concave positive'}",
+        )
+        nearest = along[cKDTree(shape.points).query(smoothed.raw)[1]]
+        rows[1].plot(nearest, MM * smoothed.deviations, ".", color="0.3", markersize=3.5)
+        most = f"{MM * smoothed.rms:.3f} mm RMS, {MM * smoothed.largest:.2f} mm at most"
+        rows[1].set(ylabel="[mm]", title=f"slice outside of the profile: {most}")
+        if thickness:
+            rows[2].plot(along, MM * thickness.along, color=BONE, linewidth=1.5)
+            rows[2].set(ylabel="[mm]", title=f"cartilage: {MM * thickness.mean:.2f} mm on average where gait touches")
+            rows[2].set_ylim(bottom=0.0)
+        for row in rows:
+            row.sharex(rows[0])
+            row.axhline(0.0, color="0.5", linewidth=0.8)
+        rows[-1].set_xlabel("outward normal: 0 down, posterior positive [°]" if found.femur else "x, anterior [mm]")
+        whole.set_aspect("equal", adjustable="datalim")
+        title = f"{_side(found).capitalize()} of {name}, z = {MM * found.z:g} mm: x anterior, y superior [mm]"
         whole.set_title(title.replace("$", r"\$"))
-        first = None
-        for draw, row in zip(panels, rows, strict=True):
-            axis = canvas.add_subplot(row, sharex=first)
-            first = first or axis
-            draw(axis, found)
-            axis.tick_params(labelbottom=row is rows[-1])
-        axis.set_xlabel("outward normal: 0 down, posterior positive [°]" if found.femur else "x, anterior [mm]")
-        if not found.femur:
-            axis.set_xlim(whole.get_xlim())
         canvas.align_ylabels()
-        columns, entries = 3 if found.femur else 2, 2 + len(found.circles) + (found.thickness is not None)
-        below = LINE * -(-entries // columns) / canvas.get_size_inches()[1]
-        canvas.legend(loc="lower center", ncols=columns)
-        canvas.set_layout_engine("constrained", rect=(0.0, below, 1.0, 1.0 - below))
+        canvas.legend(loc="outside lower center", ncols=3)
         file = io.BytesIO()
         canvas.savefig(file, format="png", dpi=DPI, metadata={"Software": None})
     return file.getvalue()
-
-
-def _draw_slice(axis: Any, found: Fit) -> None:
-    """Draw the slice, the profile and the bone, and for a femur the sectors to which its circles are fitted."""
-    for number, piece in enumerate(MM * found.thickness.bone if found.thickness else ()):
-        axis.plot(*piece.T, color=BONE, linewidth=1.2, label=None if number else "bone")
-    axis.plot(*(MM * found.smoothed.raw).T, "o", color=RAW, markersize=3.0, label="slice of the mesh")
-    axis.plot(*(MM * found.shape.points).T, color=PROFILE, linewidth=1.6, label="profile")
-    for each, (colour, _) in zip(found.circles if found.femur else (), CIRCLES, strict=False):
-        offset = each.part - each.centre
-        base = np.arctan2(*offset.mean(axis=0)[::-1])
-        angles = (np.arctan2(offset[:, 1], offset[:, 0]) - base + np.pi) % (2.0 * np.pi) - np.pi
-        angle = base + np.linspace(angles.min(), angles.max(), 200)
-        arc = each.centre + abs(each.radius) * np.column_stack([np.cos(angle), np.sin(angle)])
-        axis.plot(*(MM * np.vstack([each.centre, arc, each.centre])).T, color=colour, linewidth=1.0)
-        axis.plot(*(MM * each.centre), "o", color=colour, markersize=4.0)
-    axis.set_aspect("equal", adjustable="datalim" if found.femur else "box")
-    axis.margins(0.06)
-    axis.set(xlabel="x, anterior [mm]" if found.femur else "", ylabel="y, superior [mm]")
-
-
-def _along(found: Fit, points: Floats | None = None) -> Floats:
-    """Horizontal coordinates of the plots along the profile: of its places, or of the places nearest to points."""
-    from scipy.spatial import cKDTree
-
-    every = np.degrees(found.shape.normal) if found.femur else MM * found.shape.points[:, 0]
-    return np.asarray(every if points is None else every[cKDTree(found.shape.points).query(points)[1]])
-
-
-def draw_curvature(axis: Any, found: Fit) -> None:
-    """Draw the curvature along the profile, and that of the circles."""
-    axis.plot(_along(found), found.shape.curvature / MM, color=PROFILE, linewidth=1.5)
-    for each, (colour, width) in zip(found.circles, CIRCLES, strict=False):
-        axis.plot(each.window, (1.0 / (MM * each.radius),) * 2, color=colour, linewidth=width)
-    axis.axhline(0.0, color="0.5", linewidth=0.8)
-    title = "curvature of the profile and of the circles"
-    axis.set(ylabel="[1/mm]", title=title if found.femur else f"{title}, concave positive")
-
-
-def draw_circles(axis: Any, found: Fit) -> None:
-    """Draw the distance of the profile from each circle within its window; as arcs they would hide each other."""
-    for each, (colour, _) in zip(found.circles, CIRCLES, strict=False):
-        low, high = each.window
-        window = f"{low:.0f}° to {high:.0f}°" if found.femur else f"x {low:.0f} to {high:.0f} mm"
-        outwards = 1.0 if found.femur or each.radius < 0.0 else -1.0  # out of a concave tibia is towards the centre
-        off = outwards * (np.hypot(*(each.part - each.centre).T) - abs(each.radius))
-        axis.plot(_along(found, each.part), MM * off, color=colour, linewidth=1.5,
-                  label=f"circle over {window}: radius {MM * each.radius:.1f} mm")  # fmt: skip
-    axis.axhline(0.0, color="0.5", linewidth=0.8)
-    axis.set(ylabel="[mm]", title="profile outside of each circle")
-
-
-def _draw_deviations(axis: Any, found: Fit) -> None:
-    """Draw the distance of the slice from the profile."""
-    smoothed = found.smoothed
-    axis.plot(_along(found, smoothed.raw), MM * smoothed.deviations, ".", color="0.3", markersize=3.5)
-    axis.axhline(0.0, color=PROFILE, linewidth=1.2)
-    most = f"{MM * smoothed.rms:.3f} mm RMS, {MM * smoothed.largest:.2f} mm at most"
-    axis.set(ylabel="[mm]", title=f"slice outside of the profile: {most}")
-
-
-def _draw_cartilage(axis: Any, found: Fit) -> None:
-    """Draw the thickness of the cartilage."""
-    if found.thickness:
-        axis.plot(_along(found), MM * found.thickness.along, color=BONE, linewidth=1.5)
-        axis.set(ylabel="[mm]", title=f"cartilage: {MM * found.thickness.mean:.2f} mm on average where gait touches")
-        axis.set_ylim(bottom=0.0)

@@ -13,7 +13,7 @@ import pytest
 from knee_contact_ros import load_model
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.lab.profiles import draw_circles, draw_curvature, picture
+from knee_contact_ros.lab.profiles import picture
 from knee_contact_ros.lab.profiles.fit import TOLERANCE, Fit, concave, dented, fit
 from knee_contact_ros.lab.profiles.surfaces import Surface, contact_centre, read_surface
 from knee_contact_ros.model.surfaces import Profile
@@ -298,26 +298,11 @@ def test_a_model_takes_a_tibia(config: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("kind", ["femur", "tibia"])
-def test_the_picture_shows_every_circle_by_how_far_the_profile_is_off_and_cuts_nothing(kind: str) -> None:
-    from matplotlib.figure import Figure
+def test_the_picture_cuts_nothing(kind: str) -> None:
     from PIL import Image
 
     made = femur if kind == "femur" else tibia
-    how = {"arcs": TWO_RADII} if kind == "femur" else {}
-    found = fit(made(**how), MIDDLE, femur=kind == "femur", bone=made(inwards=2.0 * MM, **how))
-    axis, curvature = Figure().subplots(2, 1)
-    draw_circles(axis, found)
-    draw_curvature(curvature, found)
-    curves, lines = axis.lines[: len(found.circles)], curvature.lines[1 : 1 + len(found.circles)]
-    for each, curve, line in zip(found.circles, curves, lines, strict=True):
-        assert curve.get_label().endswith(f"radius {1e3 * each.radius:.1f} mm")
-        distance = 1e3 * np.hypot(*(each.part - each.centre).T)
-        assert np.abs(curve.get_ydata()) == pytest.approx(np.abs(distance - 1e3 * abs(each.radius)))
-        low, high = each.window
-        assert low - 1.0 <= min(curve.get_xdata()) < max(curve.get_xdata()) <= high + 1.0
-        assert line.get_ydata()[0] == pytest.approx(1e-3 / each.radius)
-    widths = [line.get_linewidth() for line in lines]  # where they lie on each other the later ones are thinner
-    assert widths == sorted(set(widths), reverse=True)
+    found = fit(made(), MIDDLE, femur=kind == "femur", bone=made(inwards=2.0 * MM))
     with Image.open(io.BytesIO(picture(found, "a_long_name_of_a_mesh_$_of_somebody.stl"))) as image:
         pixels = np.asarray(image.convert("L"))
     assert (pixels < 200).any()
