@@ -157,7 +157,7 @@ class Results(Records):
         return _as_text(self) if self._is_whole else super().__str__()
 
     def _repr_html_(self) -> str | None:
-        return _as_html(self) if self._is_whole else None
+        return f"<pre>{escape(str(self))}</pre>" if self._is_whole else None
 
     @property
     def _is_whole(self) -> bool:
@@ -280,14 +280,6 @@ def _as_text(rows: Rows) -> str:
     Console(file=text, width=WIDTH).print(table)
     lines = [_in_a_line(rows), _origin(rows), *(line.rstrip() for line in text.getvalue().splitlines())]
     return "\n".join(filter(None, lines))
-
-
-def _as_html(rows: Rows) -> str:
-    """Write the table as HTML for a notebook."""
-    head = "".join(f"<th>{escape(heading)}</th>" for heading in HEADINGS)
-    body = "".join(f"<tr>{''.join(f'<td>{escape(cell)}</td>' for cell in cells)}</tr>" for cells in _cells(rows))
-    whole = f'<table style="text-align: right"><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>'
-    return f"<p>{escape(f'{_in_a_line(rows)} {_origin(rows)}'.strip())}</p>{whole}"
 
 
 def _origin(rows: Rows) -> str:

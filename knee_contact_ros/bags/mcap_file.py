@@ -157,8 +157,9 @@ class Records:
         self._index: dict[int, ChunkIndex] = {}  # by the offsets of the chunks
         self._starts = [size]
         footer = self.record_at(max(size - len(MAGIC) - FOOTER_SIZE, 0))
-        if footer and isinstance(footer.content, Footer) and footer.content.summary_crc and self.fits_summary(footer):
-            data = self.read(footer.content.summary_start, footer.offset)
+        begin = footer.content.summary_start if footer and isinstance(footer.content, Footer) else 0
+        if footer and begin and footer.offset - begin <= LARGEST_CHUNK and self.fits_summary(footer):
+            data = self.read(begin, footer.offset) if footer.content.summary_crc else b""
             found = (parsed(opcode, data[begin:end]) for opcode, begin, end in records_in(data))
             self._index = {each.chunk_start_offset: each for each in found if isinstance(each, ChunkIndex)}
         self._starts = [*sorted(self._index), size]

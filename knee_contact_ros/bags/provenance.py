@@ -30,10 +30,6 @@ CURVE = "file of "
 """Prefix of the key for the content of a file that a parameter names; the name of the parameter follows"""
 OURS = "knee_contact_ros "
 """Prefix of the package's name and version in a record of this package"""
-LONGEST_COUNT = 20
-"""Largest number of digits of a number of ticks"""
-MOST_CHANGES = 100_000
-"""Largest number of changes of parameters that are repeated"""
 NOT_OF_THE_RESULT = ("record.", "rerun.", "diagnostics.", "autostart", "deadline")
 """Prefixes of the names of parameters that no answer depends on"""
 
@@ -84,37 +80,28 @@ class Provenance(NamedTuple):
 
 
 def provenance_record(
-    parameters: Parameters, curves: Mapping[str, str], source: Path | None = None, ticks_before: int = 0
-) -> dict[str, str]:
+    parameters: Parameters | LoadParameters, curves: Mapping[str, str] = {}, source: Path | None = None,
+    ticks_before: int = 0,
+) -> dict[str, str]:  # fmt: skip
     """Content of the metadata record; nothing in it depends on where or when it is written.
 
     Args:
-        parameters: Parameters at the beginning of the recording.
-        curves: Contents of the files that parameters name (`curve_texts`).
+        parameters: Parameters at the beginning of the recording, of answers or of estimated joint reactions.
+        curves: Contents of files that parameters name (`curve_texts`).
         source: Bag that the inputs come from, if any.
         ticks_before: Number of ticks that the node had computed before the recording began.
     """
-    files = {CURVE + name: text for name, text in curves.items()}
-    first = {"model_sha256": model_digest()}
-    return _described(first, flat_parameters(parameters), ticks_before) | files | _origin(source)
-
-
-def load_provenance_record(
-    parameters: LoadParameters, source: Path | None = None, ticks_before: int = 0
-) -> dict[str, str]:
-    """Likewise for a recording of estimated joint reactions."""
-    first = {"level": parameters.chosen_level}
-    return _described(first, flat_parameters(parameters), ticks_before) | _origin(source)
-
-
-def _described(first: dict[str, str], values: Mapping[str, Any], ticks_before: int) -> dict[str, str]:
+    values = flat_parameters(parameters)
     kept = {name: value for name, value in values.items() if not name.startswith(NOT_OF_THE_RESULT)}
-    last = {"parameters": json.dumps(kept, indent=0), TICKS_BEFORE: str(ticks_before)}
-    return {"package": f"knee_contact_ros {__version__}"} | first | last
-
-
-def _origin(source: Path | None) -> dict[str, str]:
-    return {"source": source.name, "source_sha256": bag_digest(source)} if source else {}
+    how = (
+        {"level": parameters.chosen_level}
+        if isinstance(parameters, LoadParameters)
+        else {"model_sha256": model_digest()}
+    )
+    what = {"parameters": json.dumps(kept, indent=0), TICKS_BEFORE: str(ticks_before)}
+    files = {CURVE + name: text for name, text in curves.items()}
+    origin = {"source": source.name, "source_sha256": bag_digest(source)} if source else {}
+    return {"package": f"knee_contact_ros {__version__}"} | how | what | files | origin
 
 
 def change_record(tick: int, values: Mapping[str, Any]) -> dict[str, str]:
@@ -140,19 +127,17 @@ def read_provenance(bag: Path) -> Provenance | None:
             )
         return None
     try:
-        before, values = _count(record[TICKS_BEFORE]), _json(record["parameters"])
+        before, values = int(record[TICKS_BEFORE]), json.loads(record["parameters"])
         package, model = record["package"], record["model_sha256"]
         if not isinstance(values, dict) or any(isinstance(value, (dict, list)) for value in values.values()):
             raise TypeError
-    except (KeyError, TypeError, ValueError):
+    except (KeyError, TypeError, ValueError, RecursionError):
         if record.get("package", "").startswith(OURS):
             raise UsageError(
                 f"{bag}: its record {PROVENANCE}, which has the parameters, is damaged: give --params"
             ) from None
         return None  # somebody else's record of the same name
     changes, damage = _changes(records, before)
-    if len(changes) > MOST_CHANGES:
-        raise UsageError(f"{bag} tells of {len(changes)} changes of parameters; at most {MOST_CHANGES} are made again")
     try:
         parameters = load_parameters(values)
     except UsageError as error:
@@ -174,8 +159,8 @@ def stored_load(bag: Path) -> tuple[dict[str, Any], int] | None:
     if record is None or not record.get("package", "").startswith(OURS):
         return None
     try:
-        values = dict(_json(record["parameters"]))
-    except (KeyError, TypeError, ValueError):
+        values = dict(json.loads(record["parameters"]))
+    except (KeyError, TypeError, ValueError, RecursionError):
         raise UsageError(
             f"{bag}: its record {LOAD_PROVENANCE}, which has the parameters, is damaged: give --params"
         ) from None
@@ -223,37 +208,14 @@ def _changes(records: Iterable[tuple[str, dict[str, str]]], before: int) -> tupl
         if name not in (RESET, PARAMETERS_CHANGED):
             continue
         try:
-            tick = _count(values[TICK]) - before
-            changed = {key: _json(value) for key, value in values.items() if key != TICK}
-        except (KeyError, ValueError):
+            tick = int(values[TICK]) - before
+            changed = {key: json.loads(value) for key, value in values.items() if key != TICK}
+        except (KeyError, ValueError, RecursionError):
             when = f" (tick {values[TICK]})" if values.get(TICK) else ""
             damage.append(f"a record {name}{when} is damaged, and what it tells of is not done again")
             continue
         changes.append(Change(tick, changed if name == PARAMETERS_CHANGED else None))
     return sorted(changes, key=lambda change: change.tick), damage
-
-
-def _count(text: str) -> int:
-    """Number of ticks from its text.
-
-    Raises:
-        ValueError: The text is no number of ticks.
-    """
-    if len(text) > LONGEST_COUNT:
-        raise ValueError("too many digits")
-    return int(text)
-
-
-def _json(text: str) -> Any:
-    """Value from its JSON text.
-
-    Raises:
-        ValueError: The text is no JSON.
-    """
-    try:
-        return json.loads(text)
-    except RecursionError:
-        raise ValueError("nested too deep") from None
 
 
 def is_recording(bag: Path) -> bool:

@@ -16,7 +16,7 @@ from functools import partial
 from geometry_msgs.msg import WrenchStamped
 from rclpy.lifecycle import LifecycleNode
 
-from knee_contact_ros.bags.provenance import load_provenance_record
+from knee_contact_ros.bags.provenance import provenance_record
 from knee_contact_ros.joint_reaction.estimator import Level
 from knee_contact_ros.msg import LoadEstimate
 from knee_contact_ros.node.diagnostics import Health, TickMeter
@@ -85,7 +85,7 @@ class LoadSession(Session):
         node.get_logger().info(f"estimating the joint reaction at level {pipeline.level}, {trust}")
 
     def _described(self, parameters: LoadParameters) -> Knee:
-        provenance = load_provenance_record(self.parameters, ticks_before=self.pipeline.ticks)
+        provenance = provenance_record(self.parameters, ticks_before=self.pipeline.ticks)
         return Knee(parameters, {}, self._names, provenance, LOAD_PROVENANCE)
 
     def _on_joint_state(self, data: bytes) -> int | None:

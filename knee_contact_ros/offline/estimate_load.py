@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.provenance import ORIGIN, load_provenance_record, stored_load, weight_of
+from knee_contact_ros.bags.provenance import ORIGIN, provenance_record, stored_load, weight_of
 from knee_contact_ros.bags.reader import OWN_NAMES, Names, refuse_input
 from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
 from knee_contact_ros.joint_reaction.estimator import Estimate
@@ -129,7 +129,7 @@ def estimate_load(
                 weight = f"{parameters.person.constants.weight:.7g} N"
                 writer.add_metadata(ORIGIN, {"source": "knee-contact estimate-load", "body_weight": weight})
             topics = {topic: f"/{topic}" for topic in LOAD_RECORDED}
-            recorder = AnswerWriter(writer, load_provenance_record(parameters, bag), topics, LOAD_PROVENANCE)
+            recorder = AnswerWriter(writer, provenance_record(parameters, source=bag), topics, LOAD_PROVENANCE)
         summary = LoadSummary(pipeline.level, parameters.calibrated)
         takers = [summary.add, *([keep] if keep else [])]
         for number, (which, data) in enumerate(inputs.messages(), start=1):

@@ -89,7 +89,6 @@ def solve(
     recording = basis if isinstance(basis, Provenance) else None
     parameters = parameters_in(basis)
     curves = texts_of(basis) if curves is None else curves
-    changes = Changes(recording.changes if recording else ())
     with ExitStack() as opened:
         inputs = opened.enter_context(BagInputs(bag, parameters, names))
         reader = inputs.reader
@@ -113,7 +112,7 @@ def solve(
         summary, *others = (Summary(parameters.body_weight, one.doubts) for one in pipeline.compartments)
         summary.lateral = others[0] if others else None
         thread, done = opened.enter_context(ThreadPoolExecutor(1)), 0
-        run = Run(pipeline, recorder, (summary.add_each, keep), changes, thread)
+        run = Run(pipeline, recorder, (summary.add_each, keep), thread, deque(recording.changes if recording else ()))
         for block in inputs.blocks(BLOCK):
             run.take(block)
             done += len(block)
@@ -171,15 +170,15 @@ class Run:
     """Writer of the recording; None: nothing is recorded"""
     takers: Sequence[Callable[[Sequence[Rows]], object]]
     """Functions that are called with the rows of answers, an array for each compartment"""
-    changes: Changes
-    """Changes that are made at their ticks"""
     thread: ThreadPoolExecutor
     """Thread that writes blocks which were computed at once; when `keep` returns, all is written"""
+    changes: deque[Change]
+    """Resets and changed parameters of the node that made a recording, to be made again at the same ticks"""
     _writing: Future[None] | None = None
 
     def take(self, block: Batch) -> None:
         """Compute the ticks of a block of angles (number 0) and forces (number 1), at once if possible."""
-        if self.pipeline.is_lost or self.changes.waiting or not self._take_at_once(block):
+        if self.pipeline.is_lost or self.changes or not self._take_at_once(block):
             self.keep(answer for number, _, data in block for answer in self._take_one(number, data))
 
     def keep(self, answers: Iterable[Answer]) -> None:
@@ -227,42 +226,24 @@ class Run:
         return (self.pipeline.force if number else self.pipeline.joint_state)(data)
 
     def _make_changes(self) -> None:
-        for name, values in self.changes.make(self.pipeline):
-            self._note(name, values)
-
-
-class Changes:
-    """Resets and changed parameters of the node that made a recording, to be made again at the same ticks."""
-
-    def __init__(self, changes: Iterable[Change]) -> None:
-        self._waiting = deque(changes)
-
-    @property
-    def waiting(self) -> bool:
-        """Whether changes are left that have not been made yet."""
-        return bool(self._waiting)
-
-    def make(self, pipeline: ContactStream) -> Iterator[tuple[str, dict[str, str]]]:
-        """Make the changes whose tick has come; yield the name and the values of the metadata record of each.
+        """Make the changes whose tick has come, and record them.
 
         Raises:
             UsageError: this version of the package does not allow the changed parameters.
         """
-        while self._waiting and pipeline.ticks >= self._waiting[0].tick:
-            tick, values = self._waiting.popleft()
+        while self.changes and self.pipeline.ticks >= self.changes[0].tick:
+            tick, values = self.changes.popleft()
             if values is None:
-                pipeline.reset()
-                yield RESET, {TICK: str(tick)}
-            else:
-                pipeline.retune(_changed(pipeline, tick, values))
-                yield PARAMETERS_CHANGED, change_record(tick, values)
-
-
-def _changed(pipeline: ContactStream, tick: int, values: Mapping[str, Any]) -> Parameters:
-    try:
-        return load_parameters(all_values(pipeline.parameters) | dict(values))
-    except UsageError as error:
-        raise UsageError(f"the recording tells of a change after {tick} ticks that cannot be made: {error}") from None
+                self.pipeline.reset()
+                self._note(RESET, {TICK: str(tick)})
+                continue
+            try:
+                self.pipeline.retune(load_parameters(all_values(self.pipeline.parameters) | values))
+            except UsageError as error:
+                raise UsageError(
+                    f"the recording tells of a change after {tick} ticks that cannot be made: {error}"
+                ) from None
+            self._note(PARAMETERS_CHANGED, change_record(tick, values))
 
 
 FEMORAL_SHARE = 9.3014 / 75.16

@@ -1,9 +1,7 @@
-"""Disks that fail at a call, and power that fails between two: what a recording is then worth."""
+"""Power that fails between two calls of the disk: what a recording is then worth."""
 
 from __future__ import annotations
 
-import errno
-import os
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -13,10 +11,8 @@ import pytest
 
 from knee_contact_ros.bags.recorder import Limits, Settings
 from knee_contact_ros.bags.recover import recover
-from knee_contact_ros.node.outputs import SinkProcess
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.output_files import PARTIAL
-from tests.helpers.sinks import Started, close, put, readable, recorded_ticks, wait_until
+from tests.helpers.sinks import Started, close, put, recorded_ticks, wait_until
 
 SETTINGS = Settings(0.02, Limits(duration=50_000_000), sync_period=0.05)
 FOLDER = "bag"
@@ -24,7 +20,7 @@ RECORDING = "out.mcap"
 
 
 class Watched:
-    """A folder on a disk that is watched, or that fails."""
+    """A folder on a disk that is watched."""
 
     def __init__(self, watching: Path, place: Path, patch: pytest.MonkeyPatch) -> None:
         self.folder, self.log = place / FOLDER, place / "log"
@@ -58,78 +54,6 @@ def call_of(line: str) -> Call:
 def watched(watching: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Watched:
     """For recorders that are started in this test."""
     return Watched(watching, tmp_path, monkeypatch)
-
-
-ERRORS = {
-    "open": ("EIO", "ENOSPC", "EACCES", "ENAMETOOLONG", "EINTR"),
-    "mkdir": ("EIO", "ENOSPC", "EACCES", "ENAMETOOLONG"),
-    "stat64": ("EIO", "EACCES", "ENAMETOOLONG"),
-    "lstat64": ("EIO", "EACCES", "ENAMETOOLONG"),
-    "flock": ("EIO", "EINTR"),
-    "ftruncate64": ("EIO", "ENOSPC", "EINTR"),
-    "fstatvfs64": ("EIO", "EINTR"),
-    "write": ("EIO", "ENOSPC", "EINTR", "short"),
-    "fdatasync": ("EIO", "ENOSPC", "EINTR"),
-    "fsync": ("EIO", "ENOSPC", "EINTR"),
-    "linkat": ("EIO", "ENOSPC", "EACCES", "EPERM", "EINTR"),
-    "unlink": ("EIO", "EACCES"),
-    "rename": ("EIO", "ENOSPC", "EACCES"),
-}
-"""What may be wrong with a call"""
-LATER = {"open": (2, 4), "write": (2, 5), "fsync": (2, 3), "unlink": (2,), "linkat": (2,), "rename": (2,)}
-"""At which calls of a kind, beside the first"""
-FAULTS = [
-    f"{call}:{number}:{name}"
-    for call, names in ERRORS.items()
-    for number in (1, *LATER.get(call, ()))
-    for name in (names if number == 1 else names[:1])
-]
-GROUP = 8
-"""Recorders at once"""
-NUMBERS = range(120)
-
-
-@pytest.mark.parametrize("faults", [FAULTS[i : i + GROUP] for i in range(0, len(FAULTS), GROUP)], ids="+".join)
-def test_whatever_call_fails_a_file_is_whole_or_named_unfinished_and_the_reason_is_told(
-    watching: Path, tmp_path: Path, faults: list[str]
-) -> None:
-    runs = []
-    for number, fault in enumerate(faults):
-        with pytest.MonkeyPatch.context() as patch:
-            place = Watched(watching, tmp_path / str(number), patch)
-            call, count, name = fault.split(":")
-            code = 0 if name == "short" else getattr(errno, name)
-            patch.setenv("WATCHED_FAULT", f"{call}:{count}:{code}")
-            place.folder.parent.mkdir()
-            started = Started()
-            sink = started.recorder(place.folder / RECORDING, wait=False, settings=SETTINGS)
-            wait_until(lambda sink=sink: sink.process)  # its environment is this
-            runs.append((fault, place.folder, sink))
-    for _, _, sink in runs:
-        put(sink, NUMBERS)  # whatever has happened to it
-    for fault, folder, sink in runs:
-        close(sink)
-        assert sink.process
-        assert sink.process.returncode in (0, 1), fault
-        check(fault, folder, sink)
-
-
-def check(fault: str, folder: Path, sink: SinkProcess) -> None:
-    """What is left of a recording is whole or named unfinished, and nobody thinks that it is complete if it is not."""
-    whole = sorted(folder.glob("*.mcap"), key=lambda path: path.stat().st_mtime_ns)
-    found = sorted(number for path in whole for number in recorded_ticks(path))
-    unfinished = sorted(folder.glob(f"*.mcap{PARTIAL}"))
-    for partial in unfinished:
-        if readable(partial):
-            recover(partial, folder / "new" / partial.stem)
-            found += [number for number in recorded_ticks(folder / "new" / partial.stem) if number not in found]
-    assert sorted(found) == list(range(len(found))), fault
-    if sink.failure:
-        error = fault.rpartition(":")[2]
-        assert os.strerror(getattr(errno, error)) in sink.failure, (fault, sink.failure)
-    else:
-        assert len(found) == len(NUMBERS), fault
-        assert unfinished == [], fault
 
 
 class Disk:

@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from knee_contact_ros import estimate_load as estimate_load_in_python
-from knee_contact_ros.bags.provenance import change_record, load_provenance_record
+from knee_contact_ros.bags.provenance import change_record, provenance_record
 from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.joint_reaction.estimator import LEVELS
@@ -93,7 +93,7 @@ def test_changes_of_parameters_in_a_recording_are_told(tmp_path: Path, capsys: S
     with BagWriter(bag) as writer:
         for topic in LOAD_INPUTS:
             writer.add_topic(f"/{topic}", MESSAGE_TYPES[topic])
-        writer.add_metadata(LOAD_PROVENANCE, load_provenance_record(load_parameters(WHOLE_LEG, LoadParameters)))
+        writer.add_metadata(LOAD_PROVENANCE, provenance_record(load_parameters(WHOLE_LEG, LoadParameters)))
         writer.add_metadata("parameters_changed", change_record(10, {"person.tone": 0.5}))
         writer.add_metadata("parameters_changed", change_record(20, {"diagnostics.timeout": 2.0}))
         for message in walk():
