@@ -42,7 +42,7 @@ from knee_contact_ros.model.error_estimate import (
     with_uncorrelated_bound,
 )
 from knee_contact_ros.model.kernel_source import in_kernel, inlined
-from knee_contact_ros.model.laws import APART, BEGIN, force_at, layer_at
+from knee_contact_ros.model.laws import APART, BEGIN, DAMPING, force_at, layer_at
 from knee_contact_ros.model.surfaces import Surfaces, next_kink, touch
 from knee_contact_ros.model.types import Floats
 
@@ -56,15 +56,16 @@ KINK_WIDTH = 2e-12
 """Margin of the flexion angle [rad] on both sides of a kink: more than the rounding of its place"""
 LOCAL_SHARE = 0.1
 """Share of the tolerance that the errors of all steps together may use while the contact remembers them."""
-FORGETTING = 1.0
-"""How long [s] an error is taken to count where nothing damps it."""
+FORGETTING, RADIANS = 30.0, 2e4
+"""How long [s] an error is taken to count where nothing damps it, and for how much of an oscillation [rad] at most: so
+a knee that rings is known for a minute or more"""
 ROUNDING = 4.0 * sys.float_info.epsilon
 """Part of a height or a velocity below which an estimated error is rounding, which no smaller step can cure."""
 NEWTON_SHARE, DEPTH_SHARE, LEAST_CORRECTION = 0.01, 1e-4, 1e-16
 """Newton's method has converged at this share of the tolerance, of the depth, and at this correction [m] at least"""
 MAX_NEWTON = 30
 RELEASE = 8.0
-"""Number of further steps within which a falling force must vanish to count as one that is about to end"""
+"""Number of further steps within which a falling force or layer must end to count as one that is about to"""
 REBOUND = 2.0
 """Contact force, as a multiple of the load, above which the femur is expected to rebound into the air"""
 THROWN = 64.0
@@ -78,6 +79,8 @@ MOST_EXPLICIT = 6.0
 SINGULAR = 10.0
 """Factor on the explicit estimate where a layer begins: the force is the 1.5th power of the way from there, and both
 orders fail alike. For t^1.5 they are 8.2e-4 and 9.0e-4 off, so that their difference is a tenth of the error"""
+NEAR_KNOT = 0.2
+"""Part of the turn between two knots of the femur's spline from which a step is likely to cross one: alike"""
 STIFF = 100.0
 """h² k/m + h c/m above which only the stage order is left of the implicit method's order"""
 LARGEST_RADIUS = 0.2
@@ -347,7 +350,8 @@ def explicit_step(
     velocity = v + h * (B1 * a1 + B3 * a3 + B4 * a4 + B5 * a5)
     end = stage_at(knee, tick, layer, impact, s + h, height, velocity)
     begins = abs(end.depth - one.depth) >= min(one.depth, end.depth) - float(knee.law[layer, BEGIN])
-    scale = h * SINGULAR if begins else h
+    knots = abs(tick.angle_rate) * h > NEAR_KNOT * knee.surfaces.knot_spacing
+    scale = h * SINGULAR if begins or knots else h
     least = min(two.depth, three.depth, four.depth, six.depth, end.depth)
     most = max(two.depth, three.depth, four.depth, six.depth, end.depth)
     weakest = min(two.force, three.force, four.force, six.force, end.force)
@@ -509,7 +513,9 @@ def falls(tick: Interval, mass: float, s: float, y: float, v: float, t: float) -
 
 
 @inlined
-def error_ratio(knee: Knee, tick: Interval, s: float, begin: Stage, step: Step, h: float, landed: bool) -> float:
+def error_ratio(
+    knee: Knee, tick: Interval, layer: int, s: float, begin: Stage, step: Step, h: float, landed: bool
+) -> float:
     """Return the estimated error of a step over its share of the tolerance, which all steps that still count share.
 
     `landed` tells whether the contact has begun with the end of a flight.
@@ -522,18 +528,20 @@ def error_ratio(knee: Knee, tick: Interval, s: float, begin: Stage, step: Step, 
     height_error = max(abs(step.height_error) - ROUNDING * abs(step.height), 0.0)
     velocity_error = max(abs(step.velocity_error) - ROUNDING * speed, 0.0)
     # A leap happens once: its error is not one of many that add up while the contact remembers them.
-    memory = max(decay_rate(k, c, mass), 1.0 / FORGETTING)
-    forgotten = 1.0 if step.leapt > 0.0 else min(1.0, h * memory)
+    decay, held = decay_rate(k, c, mass), holding(k, c, mass)
+    forgotten = 1.0 if step.leapt > 0.0 else min(1.0, h * max(decay, held / RADIANS, 1.0 / FORGETTING))
     whole = depth_error(height_error, velocity_error, k, c, mass) / forgotten + h * step.leapt
-    if force < RELEASE * (begin_force - force) or force > REBOUND * load:
-        # The contact is about to end: the error of the velocity is then carried into the flight.
+    left = step.end.depth - float(knee.law[layer, BEGIN])
+    ends = left < RELEASE * (begin.depth - step.end.depth) and knee.law[layer, DAMPING] > knee.law[layer - 1, DAMPING]
+    if ends or force < RELEASE * (begin_force - force) or force > REBOUND * load:
+        # The error of the velocity is carried into a flight, or into a layer that damps it less.
         whole = max(whole, THROWN * depth_error(height_error, velocity_error, 0.0, 0.0, mass))
     wanted = knee.tolerance
     if knee.force_tolerance > 0.0:
         # A creeping contact turns a depth into a rate by k/c, one that swings by the root of k/m.
-        slope = k + c * k / (mass * holding(k, c, mass))
+        slope = k + c * k / (mass * held)
         wanted = min(wanted, knee.force_tolerance / max(slope, TINY))
-    allowed, lasts = wanted, memory * HORIZON < 1.0
+    allowed, lasts = wanted, decay * HORIZON < 1.0
     if lasts and k > 0.0:
         # An undamped oscillation can be followed only as long as its error is small against its amplitude.
         swing = max(abs(begin_force), abs(force)) / k
@@ -744,26 +752,29 @@ def stretch_from(knee: Knee, tick: Interval, begin: float) -> tuple[float, float
 def pressed_step(
     knee: Knee, tick: Interval, layer: int, impact: float, s: float, y: float, v: float, begin: Stage, until: float,
     try_step: float, landed: bool, room: int,
-) -> tuple[Step, float, int, float, int, bool]:  # fmt: skip
+) -> tuple[Step, float, int, float, int, bool, float]:  # fmt: skip
     """Find a step towards `until` [s] whose error fits, and end it on the boundary that it crosses, if any.
 
-    Returns the step, its duration [s], the boundary, the duration that the next step should try, the evaluations, and
-    whether the tick must be given up.
+    Of many explicit tries across a knot of a spline the first one fits whose estimate is small by chance: after a
+    failure estimates count `SINGULAR` times. Returns the step, its duration [s], the boundary, the duration that the
+    next step should try, the evaluations, whether the tick must be given up, and the factor on the step's estimate.
     """
     remaining, radius = until - s, spectral_radius(begin.stiffness, begin.damping, knee.mass)
-    h, used, boundary = min(try_step, remaining), 0, NOWHERE
+    h, used, boundary, rough = min(try_step, remaining), 0, NOWHERE, 1.0
     if radius * h > EXPLICIT and radius * remaining <= MOST_EXPLICIT * EXPLICIT:
         h = remaining / math.ceil(radius * remaining / EXPLICIT)
     while True:
         step = attempt(knee, tick, layer, True, impact, NOWHERE, s, y, v, h, begin, radius, room - used)
         used += step.evaluations
-        ratio = error_ratio(knee, tick, s, begin, step, h, landed)
+        ratio = rough * error_ratio(knee, tick, layer, s, begin, step, h, landed)
         factor = 0.9 / math.sqrt(math.sqrt(max(ratio, 1e-4)))
         if ratio <= 1.0:
             break
         h *= max(0.1, factor)
+        if not step.implicit and (knee.surfaces.non_convex > 0.0 or knee.surfaces.knot_spacing < math.inf):
+            rough = SINGULAR
         if used + STEP_COST >= room or not until + h > until:
-            return step, h, NOWHERE, try_step, used, True
+            return step, h, NOWHERE, try_step, used, True, rough
     try_step = h * factor if h < remaining else max(try_step, h * factor)
     given_up = False
     # Ended on one boundary, a step may have crossed another before: a dashpot pulls before the surfaces part.
@@ -776,16 +787,18 @@ def pressed_step(
             )  # fmt: skip
             used += extra
             given_up = used + STEP_COST >= room
-    return step, h, boundary, try_step, used, given_up
+    return step, h, boundary, try_step, used, given_up, rough
 
 
 @inlined
-def carried(knee: Knee, tick: Interval, error: Error, begin: Stage, step: Step, load: float, h: float) -> Error:
+def carried(
+    knee: Knee, tick: Interval, error: Error, begin: Stage, step: Step, load: float, h: float, rough: float
+) -> Error:
     """Return the error after a step of `h` [s] in a pressing contact; `load` [N] is that at its beginning."""
     k, c, mass = step.stiffness, step.damping, knee.mass
     error = over_step(error, begin.stiffness, k, step.end.stiffness, c, mass, h)
     unknown = UNKNOWN_IMPLICIT if step.implicit else UNKNOWN
-    error = with_step(error, step.height_error, step.velocity_error, unknown, holding(k, c, mass))
+    error = with_step(error, rough * step.height_error, rough * step.velocity_error, unknown, holding(k, c, mass))
     error = curved(error, max(begin.depth, step.end.depth), k, c, mass, h)
     if step.implicit:
         crept, swung = unresolved(tick, begin, step, load, mass, h)
@@ -803,7 +816,7 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
     impact, impact_error = start.impact_speed, start.impact_error
     latest, landing_rate = 0.0, 0.0  # the last touch: when the exact femur has touched too, and its rate [m/s]
     s, until, following, used, events, given_up = 0.0, 0.0, 0.0, 0, 0, False
-    layer, pressing = APART, False
+    layer, pressing, rough = APART, False, 1.0
     stage = stage_at(knee, tick, APART, 0.0, 0.0, y, v)
     while s < duration and not given_up:
         if s >= until:
@@ -829,7 +842,7 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
         if used + STEP_COST >= most:
             break
         if pressing:
-            step, h, boundary, try_step, extra, given_up = pressed_step(
+            step, h, boundary, try_step, extra, given_up, rough = pressed_step(
                 knee, tick, layer, touched, s, y, v, begin, until, try_step, impact > 0.0, most - used
             )
             used += extra
@@ -851,7 +864,7 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
         if h > 0.0:
             y, v, stage = step.height, step.velocity, step.end
             if pressing:
-                error = carried(knee, tick, error, begin, step, load_at(tick, s), h)
+                error = carried(knee, tick, error, begin, step, load_at(tick, s), h, rough)
             else:
                 error = with_uncorrelated_bound(mapped(error, 1.0, h, 0.0, 1.0), step.height_error, 0.0)
             if step.implicit:

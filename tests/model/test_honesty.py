@@ -10,6 +10,7 @@ import pytest
 
 pytest.importorskip("tabulate", reason="the studies' tables")
 
+from studies.honesty import long_runs
 from studies.honesty.judging import Judged, judge
 from studies.honesty.ours import knee
 from studies.honesty.scenes import ARTHRITIC, FEMUR, KNEE, Scene, draw, shipped
@@ -152,3 +153,13 @@ def test_a_femur_that_is_somewhere_in_the_air_is_not_found_by_a_landing(
     found = answered(draw(seed), level, tolerance)
     assert found.depth.known.sum() > 10
     assert not found.depth.wrong.any()
+
+
+@pytest.mark.parametrize("number", [
+    i for i, run in enumerate(long_runs.long_runs()) if run.name == f"{ARTHRITIC}, running, held in swing"
+])  # fmt: skip
+def test_an_arthritic_knee_that_bounces_under_light_loads_is_never_lost(number: int) -> None:
+    """Its bone damps what its cartilage does not: an error must be small when it leaves the bone."""
+    found = list(long_runs.rows(5_000_000 + number, part=1e-9))
+    assert sum(one.flagged for one in found) == 0
+    assert not any(one.wrong for one in found)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
@@ -35,7 +35,7 @@ MAX_GAP = 100_000_000
 MILLISECOND = 1_000_000
 
 
-def set_parameters(peer: Peer, values: dict[str, object]) -> tuple[bool, str]:
+def set_parameters(peer: Peer, values: Mapping[str, object]) -> tuple[bool, str]:
     """Set parameters of the node all at once."""
     changes = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
     request = SetParametersAtomically.Request(parameters=changes)

@@ -62,15 +62,19 @@ def walk(dice: random.Random, path: Path) -> None:
         writer.finish(pipeline.ending())
 
 
-@pytest.mark.parametrize("seed", range(20))
-def test_solve_gives_the_bits_of_the_run(tmp_path: Path, seed: int) -> None:
-    walk(random.Random(seed), tmp_path / "r.mcap")
-    recording = read_provenance(tmp_path / "r.mcap")
+def different_fields(folder: Path) -> list[str]:
+    """Names of what `solve` of the walk `r.mcap` in a folder answers otherwise; `length` where it is too short."""
+    recording = read_provenance(folder / "r.mcap")
     assert recording
-    solve(tmp_path / "r.mcap", recording, tmp_path / "o.mcap", lambda _done, _total: None, compiled=False)
-    live, again = (read_answers(tmp_path / name) for name in ("r.mcap", "o.mcap"))
-    assert len(live) > 40
+    solve(folder / "r.mcap", recording, folder / "o.mcap", lambda _done, _total: None, compiled=False)
+    live, again = (read_answers(folder / name) for name in ("r.mcap", "o.mcap"))
     for rows in (live, again):
         rows["status"] &= ~np.uint8(Status.INPUT_REJECTED)  # no refused sample is in a recording
     different = [name for name in TOLD if not np.array_equal(live.view(FLAT)[name], again.view(FLAT)[name])]
-    assert not different
+    return different if len(live) > 40 else ["length"]
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_solve_gives_the_bits_of_the_run(tmp_path: Path, seed: int) -> None:
+    walk(random.Random(seed), tmp_path / "r.mcap")
+    assert not different_fields(tmp_path)

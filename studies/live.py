@@ -1,0 +1,150 @@
+"""What a live node must hold, by random runs: changes while samples wait, clocks that differ, parameters, paths.
+
+python -m studies.live WHAT [--count N] [--seed S]     (`parameters` starts a node: set ROS_DOMAIN_ID)
+"""
+
+from __future__ import annotations
+
+import math
+import os
+import random
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+import rclpy
+from rcl_interfaces.srv import GetParameters
+from rclpy.parameter import parameter_value_to_python
+
+from knee_contact_ros.commands.main import GROUPS
+from knee_contact_ros.model.types import Status, byte
+from knee_contact_ros.parameters.files import known_parameters, load_parameters
+from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from tests.ros.conftest import NodeProcess, Peer, call
+from tests.ros.test_streams import set_parameters
+from tests.streams.test_changes import different_fields, walk
+
+PATIENCE = 20.0
+"""Time [s] after which a command that does not end is stopped"""
+STATUS = byte("status")
+"""Place of the status among the bytes of an answer"""
+LONGEST = 10.0
+"""Longest time [s] of a refusal, Python's start and a busy machine included"""
+
+
+def replay(dice: random.Random) -> str:
+    """Parameters that change while samples wait or come late: `solve` of the recording gives the same bits."""
+    with tempfile.TemporaryDirectory() as folder:
+        walk(dice, Path(folder) / "r.mcap")
+        return " ".join(different_fields(Path(folder)))
+
+
+def clock(dice: random.Random) -> str:
+    """A clock that is wrong for good: beyond `pairing.max_gap` flagged after a second, below it after none."""
+    gap, rate = dice.uniform(0.02, 0.5), dice.choice([50, 100, 200, 500])
+    pipeline = ContactStream(load_parameters({"pairing.max_gap": gap}), compiled=False)
+    away = dice.choice([-1.0, 1.0]) * gap * math.exp(dice.choice([-1.0, 1.0]) * dice.uniform(0.2, 2.0))
+    found = []
+    for i in range(int(4.0 * rate)):
+        stamp = round(1e9 * (10.0 + i / rate))
+        ahead = stamp + (round(1e9 * away) if i >= rate else 0)
+        angle = encode_joint_state(JointState(ahead, "", ("knee",), (0.6 + 0.5 * math.sin(6.0 * i / rate),), (), ()))
+        answers = [*pipeline.joint_state(angle)]
+        answers += pipeline.force(encode_wrench_stamped(WrenchStamped(stamp, "", (0.0, -1e3, 0.0), (0.0, 0.0, 0.0))))
+        found += [answer.row[STATUS] for answer in answers if i > 2.5 * rate]
+    flagged = sum(bool(status & Status.STALE_INPUT) for status in found)
+    wrong = flagged < len(found) if abs(away) > gap else flagged > 0
+    told = f"{away:.3f} s apart, max_gap {gap:.3f} s, {rate} Hz: {flagged} of {len(found)} flagged"
+    return told if wrong or not found else ""
+
+
+class Live:
+    """A real node, whose parameters are set to what it may have and to what it may not."""
+
+    def __init__(self) -> None:
+        rclpy.init()
+        self.peer, self.node, self.stamp = Peer(), NodeProcess("-p", "autostart:=true"), 0
+        self.peer.wait_for_node()
+        self.known = {name: one for name, one in known_parameters().items() if isinstance(one.default, float)}
+
+    def value(self, name: str) -> Any:
+        """A parameter of the node."""
+        request = GetParameters.Request(names=[name])
+        return parameter_value_to_python(
+            call(self.peer, GetParameters, "/knee_contact/get_parameters", request).values[0]
+        )
+
+    def __call__(self, dice: random.Random) -> str:
+        """Set one: the node answers, says why if it refuses, has what it says, and goes on answering samples."""
+        name = dice.choice(list(self.known))
+        ends = [end for end in self.known[name].limits[:2] if isinstance(end, float) and math.isfinite(end)]
+        value = dice.choice([*ends, dice.choice([*ends, 1.0]) * 10.0 ** dice.uniform(-3.0, 3.0), -1.0, 0.0, 1e-250,
+                             1e300, math.nan, math.inf, *[self.known[name].default] * 2])  # fmt: skip
+        before = self.value(name)
+        done, reason = set_parameters(self.peer, {name: value})
+        after = self.value(name)
+        if done == bool(reason) or after != (value if done else before):
+            return f"{name} {value!r}: {done} {reason!r}, {before!r} became {after!r}"
+        count, self.stamp = len(self.peer.contacts), self.stamp + 5_000_000
+        self.peer.send(self.stamp, 0.3, 800.0)
+        self.peer.wait_until(lambda: len(self.peer.contacts) > count)
+        return ""
+
+
+def paths(dice: random.Random) -> str:
+    """A link to itself, a pipe, a socket or a device for an option that takes a file: one line, code 2."""
+    options = [(one, option) for group in GROUPS.values() for one in group for option in one.params
+               if isinstance(option.type, click.Path)]  # fmt: skip
+    chosen, option = dice.choice(options)
+    with tempfile.TemporaryDirectory() as folder:
+        loop, pipe, listening = (Path(folder) / name for name in ("loop", "pipe", "socket"))
+        loop.symlink_to("loop")
+        os.mkfifo(pipe)
+        with socket.socket(socket.AF_UNIX) as opened:
+            opened.bind(str(listening))
+            path = str(dice.choice([loop, pipe, listening, Path("/dev/full")]))
+            words = [path] if isinstance(option, click.Argument) else [option.opts[0], path]
+            arguments = [sys.executable, "-m", "knee_contact_ros.commands.main", str(chosen.name), *words]
+            begin = time.monotonic()
+            try:
+                done = subprocess.run(arguments, capture_output=True, text=True, timeout=PATIENCE, check=False)
+            except subprocess.TimeoutExpired:
+                return f"{chosen.name} {words}: it does not end"
+    told, took = done.stderr.strip().splitlines(), time.monotonic() - begin
+    right = done.returncode == 2 and len(told) == 1 and took < LONGEST
+    return "" if right else f"{chosen.name} {words}: code {done.returncode} in {took:.1f} s, {told[-3:]}"
+
+
+WHAT: dict[str, Callable[[], Callable[[random.Random], str]]] = {
+    "replay": lambda: replay, "clock": lambda: clock, "parameters": Live, "paths": lambda: paths,
+}  # fmt: skip
+"""Makers of what runs once for a random number generator, and tells what is wrong"""
+
+
+@click.command()
+@click.argument("what", type=click.Choice(list(WHAT)))
+@click.option("--count", default=1000, show_default=True)
+@click.option("--seed", default=1, show_default=True)
+def main(what: str, count: int, seed: int) -> None:
+    """Run one of these; exit code 1 if anything is wrong."""
+    run, wrong = WHAT[what](), 0
+    for number in range(count):
+        told = run(random.Random(f"{seed} {number}"))  # noqa: S311
+        if told:
+            wrong += 1
+            click.echo(f"{number}: {told}")
+    if isinstance(run, Live):
+        run.node.stop()
+    click.echo(f"{what}, seed {seed}: {wrong} of {count} wrong")
+    raise SystemExit(wrong > 0)
+
+
+if __name__ == "__main__":
+    main()
