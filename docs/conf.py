@@ -43,7 +43,7 @@ CONTENTS = {
     "Explanation": [f"docs/explanation/{page}" for page in ("numbers", "model", "load", "accuracy", "validation")],
     "Project": [
         "docs/README", "CONTRIBUTING", "QUALITY_DECLARATION", "SECURITY", "docs/decisions/README",
-        "docs/studies/README", "docs/validation", "docs/assistance",
+        "docs/studies/README",
         "bags/README", "examples/README", "CHANGELOG",
     ],
 }  # fmt: skip

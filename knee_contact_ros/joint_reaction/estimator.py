@@ -49,7 +49,7 @@ class Deviation(NamedTuple):
 
 
 class EstimationLevel(NamedTuple):
-    """A level: its dynamics, and the error of its axial force for the knees of two men (`docs/validation.md`).
+    """A level: its dynamics, and the error of its axial force for the knees of two men (`docs/explanation/validation.md`).
 
     In OpenSim's walk the errors are larger.
     """

@@ -4,7 +4,7 @@ One moment does not determine several forces, so there is a rule: the gastrocnem
 plantarflexion moment. Extensors and flexors each pull with at least half of a floor, by which antagonists pull without
 need (tone, and co-contraction that grows with the ground force). Beyond that, only the side that is needed pulls. A
 muscle's force follows with a first-order lag (electromechanical delay, activation dynamics: Thelen 2003,
-doi:10.1115/1.1531112; its time constant is what fits two instrumented knees, docs/validation.md).
+doi:10.1115/1.1531112; its time constant is what fits two instrumented knees, docs/explanation/validation.md).
 
 Moment arms are polynomials [m] of angles [rad], fitted to the musculoskeletal model gait2354 (Delp et al. 1990,
 doi:10.1109/10.102791; knee: Yamaguchi & Zajac 1989, doi:10.1016/0021-9290(89)90179-6) from -10 to 110 degrees of

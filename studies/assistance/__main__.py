@@ -1,4 +1,4 @@
-"""Walk with more and more assistance and write docs/assistance.md and its picture."""
+"""Walk with more and more assistance and write docs/studies/assistance.md and its picture."""
 
 from __future__ import annotations
 
@@ -137,13 +137,13 @@ def text(torques: Sequence[float], found: Mapping[str, Sequence[Walk]]) -> str:
 
 @click.command()
 @click.option(
-    "--output", type=click.Path(path_type=Path), default="docs", show_default=True, help="Gets the page, and images/."
+    "--output", type=click.Path(path_type=Path), default="docs", show_default=True, help="Gets studies/ and images/."
 )
 def main(output: Path) -> None:
     """Compute the walks, draw the picture and write the page."""
     found = dict(walks(TORQUES))
     draw(TORQUES, found, SHOWN, output / "images" / "assistance.png")
-    (output / "assistance.md").write_text(text(TORQUES, found), encoding="utf-8")
+    (output / "studies" / "assistance.md").write_text(text(TORQUES, found), encoding="utf-8")
 
 
 if __name__ == "__main__":

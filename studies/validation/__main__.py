@@ -1,4 +1,4 @@
-"""Write docs/validation.md, its picture and the shipped share."""
+"""Write docs/explanation/validation.md, its picture and the shipped share."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from studies.validation.total import estimates
     envvar="INSTRUMENTED_KNEE",
     help="Folder above the files of both persons; or the environment's INSTRUMENTED_KNEE.",
 )
-@click.option("--folder", type=click.Path(path_type=Path), default=Path("docs"), help="gets validation.md and images/")
+@click.option("--folder", type=click.Path(path_type=Path), default=Path("docs"), help="gets explanation/ and images/")
 @click.option("--share", type=click.Path(path_type=Path), help="File to write the shipped share to.")
 def main(data: Path | None, folder: Path, share: Path | None) -> None:
     """Compare with the data, draw, and write the page; without the data of both persons, do nothing."""
@@ -31,7 +31,7 @@ def main(data: Path | None, folder: Path, share: Path | None) -> None:
     from studies.validation.figures import draw
 
     estimated = estimates(found)
-    save(folder / "validation.md", TITLE, COMMAND, sections(found, estimated), machine())
+    save(folder / "explanation" / "validation.md", TITLE, COMMAND, sections(found, estimated), machine())
     draw(estimated, found, folder / "images")
     if share:
         write_shipped(found, share)

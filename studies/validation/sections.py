@@ -1,4 +1,4 @@
-"""Sections of docs/validation.md."""
+"""Sections of docs/explanation/validation.md."""
 
 from __future__ import annotations
 
@@ -6,13 +6,10 @@ from collections.abc import Sequence
 from pathlib import Path
 from statistics import fmean
 
-import numpy as np
-
 from benchmarks.report import Section, words
 from knee_contact_ros.joint_reaction.estimator import LEVELS
-from knee_contact_ros.streams.gait_events import HEEL_STRIKE, TOE_OFF, GaitEvents
 from studies.validation.change import right
-from studies.validation.data import SECOND, Walk, of
+from studies.validation.data import Walk, of
 from studies.validation.movements import scores
 from studies.validation.split import CALLED, missed, other_person, other_trial, shipped
 from studies.validation.total import (
@@ -31,13 +28,10 @@ from studies.validation.total import (
     rms,
 )
 
-TITLE = "Against two instrumented knees"
+TITLE = "Validation"
 COMMAND = "python -m studies.validation --data FOLDER"
 WORDS = words(Path(__file__).with_name("words.txt"))
-HALVES = ("first", "second")
 PERCENT = 100.0
-NEAR = 0.2
-"""Largest time [s] between an event and that of the plate"""
 
 
 def both(values: dict[str, float], form: str = ".2f") -> list[str]:
@@ -143,40 +137,21 @@ def movement_section() -> Section:
     return Section("Other movements", WORDS["movements"].format(f1=f1), ("movement", "marked"), rows)
 
 
-def event_rows(walks: Sequence[Walk]) -> list[list[str]]:
-    """Events by flexion and measured load, beside those of the plate."""
-    rows = []
-    for name in dict.fromkeys(walk.person.name for walk in walks):
-        late: dict[str, list[float]] = {HEEL_STRIKE: [], TOE_OFF: []}
-        asked = dict.fromkeys(late, 0)
-        for walk in of(list(walks), name):
-            stamps, events = (
-                np.rint((walk.time - walk.time[0]) * SECOND).astype(np.int64),
-                GaitEvents(walk.person.body_weight),
-            )
-            all_events = events.add(stamps, walk.flexion, walk.total) + events.finish()
-            for first, last in walk.steps():
-                for kind, at in ((HEEL_STRIKE, walk.time[first]), (TOE_OFF, walk.time[last])):
-                    if first == 0 and kind == HEEL_STRIKE:
-                        continue  # no rule can look back from a trial's beginning
-                    asked[kind] += 1
-                    errors = [walk.time[0] + each.stamp / SECOND - at for each in all_events if each.kind == kind]
-                    late[kind] += [error for error in errors if abs(error) <= NEAR][:1]
-        for kind, errors in late.items():
-            mean = f"{1e3 * fmean(errors):+.0f} ms" if errors else "-"
-            rows.append([name, kind, f"{len(errors)} of {asked[kind]}", mean])
-    return rows
-
-
 def sections(walks: Sequence[Walk], found: Sequence[Estimate]) -> list[Section]:
     """All sections with their numbers."""
+    missed_of = {form: fmean(errors.values()) for form, errors in missed(walks, other_person).items()}
+    told = {
+        name: "{:.2f} to {:.2f}".format(*(pick(fmean(each.values()) for each in totals(found, how).values())
+                                          for pick in (min, max)))
+        for name, how in (("total", OTHER_PERSON), ("own", OWN))
+    } | {form: f"{missed_of[form]:.2f}" for form in ("moment", "curve")}  # fmt: skip
     return [
-        Section("", WORDS["introduction"], (), ()),
+        Section("", WORDS["introduction"].format(**told), (), ()),
         total_section(found, walks),
         split_section(walks),
         deviation_section(found),
         change_section(walks),
         movement_section(),
-        Section("Gait events", WORDS["events"], ("person", "event", "found", "mean error"), event_rows(walks)),
-        Section("What was tried and left, and what these data cannot show", WORDS["limits"], (), ()),
+        Section("What limits these figures", WORDS["limits"], (), ()),
+        Section("Other studies", WORDS["others"], (), ()),
     ]

@@ -124,7 +124,7 @@ class Estimate(NamedTuple):
     """Axial force [N], shape (n,)"""
 
 
-OTHER_PERSON, OWN = "defaults of the other person", "calibrated on the person's other trials"
+OTHER_PERSON, OWN = "other man", "own trials"
 
 
 def estimates(walks: Sequence[Walk]) -> list[Estimate]:

@@ -52,7 +52,10 @@ def test_the_companion_gives_way_where_the_contact_is_large(samples: list[Sample
 
 
 def test_the_page_has_these_numbers(samples: list[Sample]) -> None:
-    page, model = (ROOT / "docs" / "assistance.md").read_text(encoding="utf-8"), knee_contact_ros.load_model("healthy")
+    page, model = (
+        (ROOT / "docs" / "studies" / "assistance.md").read_text(encoding="utf-8"),
+        knee_contact_ros.load_model("healthy"),
+    )
     for torque in (TORQUES[place] for place in TABLE):
         told = " | ".join(cells(walk(samples, law(torque), model, person())) for law in LAWS.values())
         assert f"| {torque:g} | {told} |" in page

@@ -1,4 +1,4 @@
-"""docs/validation.md says what the code gives, where the measurements are; the rules of its study by hand."""
+"""The page of validation says what the code gives, where the measurements are; the rules of its study by hand."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ from studies.validation.split import CALLED, other_person, shipped
 from studies.validation.split import missed as missed_by
 from studies.validation.total import DEFAULT, FREE, OTHER_PERSON, Estimate, estimates, fitted
 
-PAGE = ROOT / "docs" / "validation.md"
+PAGE = ROOT / "docs" / "explanation" / "validation.md"
 WORDS = 1500
 
 
