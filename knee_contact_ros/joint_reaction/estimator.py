@@ -49,9 +49,9 @@ class Deviation(NamedTuple):
 
 
 class EstimationLevel(NamedTuple):
-    """A level: its dynamics, and the error of its axial force for the knees of two men (`docs/explanation/validation.md`).
+    """A level: its dynamics, and the error of its axial force for the knees of two men.
 
-    In OpenSim's walk the errors are larger.
+    docs/explanation/validation.md says how it was measured. In OpenSim's walk the errors are larger.
     """
 
     level: Level

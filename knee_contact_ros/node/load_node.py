@@ -112,7 +112,6 @@ class LoadSession(Session):
         self._estimate.publish(estimate)
         self.outputs.put(self.pipeline.answer(pair, messages, latency))
         computed = self.pipeline.estimate
-        assert computed is not None  # noqa: S101  (by `compute`)
         late = latency + self.health.lag.now > self.parameters.deadline
         counted = (int(computed.level), computed.status, end - begin, late, time.monotonic())
         self.health.ticks.answers.append(counted)

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from array import array
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,7 +17,6 @@ from knee_contact_ros.bags.provenance import ORIGIN, provenance_record, stored_l
 from knee_contact_ros.bags.reader import OWN_NAMES, Names, refuse_input
 from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
 from knee_contact_ros.joint_reaction.estimator import Estimate
-from knee_contact_ros.joint_reaction.leg import Ground, Joints, Motion
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms
 from knee_contact_ros.offline.solve import mark_damage, parameters_for
@@ -25,7 +24,6 @@ from knee_contact_ros.parameters.schema import LoadParameters, PersonParameters
 from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.load_stream import LoadStream
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
-from knee_contact_ros.streams.pairing import PairedSample
 from knee_contact_ros.streams.topics import LOAD_RECORDED, NANOSECONDS, Answer
 from knee_contact_ros.system.errors import UsageError, in_a_line
 
@@ -100,7 +98,7 @@ def load_parameters_for(
 
 def estimate_load(
     bag: Path, parameters: LoadParameters, output: Path | None, advance: Callable[[int, int], None],
-    overwrite: bool = False, names: Names = OWN_NAMES, keep: Callable[[int, Estimate], object] | None = None,
+    overwrite: bool = False, names: Names = OWN_NAMES, keep: Callable[[LoadStream], object] | None = None,
 ) -> LoadSummary:  # fmt: skip
     """Estimate the joint reaction at every ground force of `bag`; write inputs and estimates to `output`, if given.
 
@@ -113,7 +111,7 @@ def estimate_load(
         advance: Called now and then with the number of messages done, and of all messages.
         overwrite: Replace an existing output, once the new one is complete.
         names: Names of the inputs in the bag.
-        keep: Called with the stamp [ns] of every estimate and the estimate.
+        keep: Called after every estimate with the pipeline, which has it and what was sensed.
 
     Raises:
         UsageError: the bag or the output cannot be used, or nothing could be estimated. No output is left then.
@@ -121,8 +119,11 @@ def estimate_load(
     with ExitStack() as opened:
         if output:
             refuse_input(bag, output)
-        inputs, pipeline = opened.enter_context(leg_pipeline(bag, parameters, names))
-        recorder = None
+        inputs = opened.enter_context(BagInputs(bag, parameters, names))
+        check_joints(inputs, parameters.joints())
+        pipeline, recorder = LoadStream(parameters), None
+        if parameters.frame.ground:
+            learn_transforms(bag, pipeline.frame)
         if output:
             writer = opened.enter_context(BagWriter(output, overwrite=overwrite, alone=True))
             if weight_of(bag) or parameters.person != PersonParameters():
@@ -131,13 +132,12 @@ def estimate_load(
             topics = {topic: f"/{topic}" for topic in LOAD_RECORDED}
             recorder = AnswerWriter(writer, provenance_record(parameters, source=bag), topics, LOAD_PROVENANCE)
         summary = LoadSummary(pipeline.level, parameters.calibrated)
-        takers = [summary.add, *([keep] if keep else [])]
-        for number, (which, data) in enumerate(inputs.messages(), start=1):
-            _keep((pipeline.force if which else pipeline.joint_state)(data), pipeline, recorder, takers)
-            if number % MESSAGES_PER_ADVANCE == 0:
-                advance(number, inputs.reader.count)
-        _keep(pipeline.finish(), pipeline, recorder, takers)
-        advance(inputs.reader.count, inputs.reader.count)
+        for answer in _answers(inputs, pipeline, advance):
+            if recorder:
+                _write(recorder, pipeline, answer)
+            summary.add(pipeline.sensed.stamp, pipeline.estimate)
+            if keep:
+                keep(pipeline)
         summary.refused, summary.damage = pipeline.synchroniser.refused, list(inputs.reader.damage)
         if recorder:
             recorder.finish(pipeline.ending())
@@ -150,70 +150,16 @@ def estimate_load(
     return summary
 
 
-@contextmanager
-def leg_pipeline(bag: Path, parameters: LoadParameters, names: Names) -> Iterator[tuple[BagInputs, LoadStream]]:
-    """Open a bag of a leg's sensors, and make the pipeline that takes its messages.
-
-    Raises:
-        UsageError: the bag cannot be used, or lacks one of the joints that the parameters name.
-    """
-    with BagInputs(bag, parameters, names) as inputs:
-        check_joints(inputs, parameters.joints())
-        pipeline = LoadStream(parameters)
-        if parameters.frame.ground:
-            learn_transforms(bag, pipeline.frame)
-        yield inputs, pipeline
+def _write(recorder: AnswerWriter, pipeline: LoadStream, answer: Answer) -> None:
+    if pipeline.frame.turn_note:
+        recorder.note(FORCE_TURNED, pipeline.frame.take_turn_note())
+    recorder.write(answer.records)
 
 
-def _keep(
-    answers: Iterable[Answer], pipeline: LoadStream, recorder: AnswerWriter | None,
-    takers: Sequence[Callable[[int, Estimate], object]],
-) -> None:  # fmt: skip
-    for answer in answers:
-        if recorder:
-            if pipeline.frame.turn_note:
-                recorder.note(FORCE_TURNED, pipeline.frame.take_turn_note())
-            recorder.write(answer.records)
-        assert pipeline.estimate is not None  # noqa: S101  (there is an answer)
-        for taker in takers:
-            taker(answer.records[-1][1], pipeline.estimate)
-
-
-class Sensed(NamedTuple):
-    """Inputs of the load estimator at a stamp."""
-
-    stamp: int
-    """Stamp [ns] of the ground force"""
-    joints: Joints
-    motion: Motion
-    ground: Ground
-    status: int
-    """Bits of `Status`"""
-
-
-class SensedBag(NamedTuple):
-    """The inputs of the load estimator in a bag, in the order of their stamps."""
-
-    samples: list[Sensed]
-    refused: Counter[str]
-    """Number of refused messages by reason"""
-    damage: list[str]
-    """Damage of the bag, as sentences"""
-
-
-def sensed_in(bag: Path, parameters: LoadParameters, names: Names, advance: Callable[[int, int], None]) -> SensedBag:
-    """Read a bag and pair its samples as `estimate_load` does; `advance` is called with messages done and in all.
-
-    Raises:
-        UsageError: the bag cannot be used, or lacks one of the joints that the parameters name.
-    """
-    with leg_pipeline(bag, parameters, names) as (inputs, pipeline):
-        pairs: list[PairedSample] = []
-        for number, (which, data) in enumerate(inputs.messages(), start=1):
-            pairs += (pipeline.take_force if which else pipeline.take_joint_state)(data)
-            if number % MESSAGES_PER_ADVANCE == 0:
-                advance(number, inputs.reader.count)
-        pairs += pipeline.synchroniser.finish()
-        damage = list(inputs.reader.damage)
-    samples = [Sensed(pair.load.stamp, *pipeline.sense(pair), pair.status) for pair in pairs]
-    return SensedBag(samples, pipeline.synchroniser.refused, damage)
+def _answers(inputs: BagInputs, pipeline: LoadStream, advance: Callable[[int, int], None]) -> Iterator[Answer]:
+    for number, (which, data) in enumerate(inputs.messages(), start=1):
+        yield from (pipeline.force if which else pipeline.joint_state)(data)
+        if number % MESSAGES_PER_ADVANCE == 0:
+            advance(number, inputs.reader.count)
+    yield from pipeline.finish()
+    advance(inputs.reader.count, inputs.reader.count)

@@ -201,7 +201,13 @@ def estimate_load(
         rows: list[tuple[Any, ...]] = []
         with progress("Estimating") as advance:
             summary = estimate(
-                path, parameters, written, advance, overwrite, names, lambda stamp, each: rows.append((stamp, *each))
+                path,
+                parameters,
+                written,
+                advance,
+                overwrite,
+                names,
+                lambda one: rows.append((one.sensed.stamp, *one.estimate)),
             )
         doubts = [*others_beside(path), *changed]
         if summary.damage:

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 from knee_contact_ros.joint_reaction.estimator import DOUBTFUL_LOAD, IMPLAUSIBLE, PACKING, Estimate, Estimator
 from knee_contact_ros.joint_reaction.leg import UNKNOWN, Ground, Joints, Motion, MotionFilter, Vector, inclination
@@ -121,8 +122,25 @@ def _turned(vector: Vector, angle: float) -> Vector:
     return cosine * x - sine * y, sine * x + cosine * y, z
 
 
+class Sensed(NamedTuple):
+    """Inputs of the load estimator at a stamp."""
+
+    stamp: int
+    """Stamp [ns] of the ground force"""
+    joints: Joints
+    motion: Motion
+    ground: Ground
+    status: int
+    """Bits of `Status`"""
+
+
 class LoadStream(PairedStreams):
     """Pipeline of the load node: samples, pairing and estimator."""
+
+    sensed: Sensed
+    """Inputs of the last estimate"""
+    estimate: Estimate
+    """Last estimate"""
 
     def __init__(self, parameters: LoadParameters) -> None:
         """Begin without samples."""
@@ -132,8 +150,6 @@ class LoadStream(PairedStreams):
         self.level = parameters.chosen_level
         self._motion = MotionFilter(parameters.motion_window)
         self._estimator = Estimator(*_constants(parameters))
-        self.estimate: Estimate | None = None
-        """Last estimate; None before the first tick"""
 
     def angle_sample(self, message: JointState, data: bytes) -> AngleSample:
         """Sample with angles and actuators' torques of the leg; see `leg_sample`."""
@@ -143,7 +159,7 @@ class LoadStream(PairedStreams):
         """Sample with the ground force; see `ground_sample`."""
         return ground_sample(message, self.parameters.ground, data, arrived)
 
-    def sense(self, pair: PairedSample) -> tuple[Joints, Motion, Ground]:
+    def sense(self, pair: PairedSample) -> Sensed:
         """Joints, motion and ground force at a pair's stamp. To be called for every pair in order.
 
         The motion follows from the measured angles: interpolated or held ones would distort it.
@@ -155,12 +171,12 @@ class LoadStream(PairedStreams):
         joints, wrench = joints_of(pair.angle, pair.others), pair.load.wrench
         assert wrench is not None  # noqa: S101  (by `ground_sample`)
         ground = ground_of(wrench, self.parameters.ground, joints, inclination(joints))
-        return joints, self._motion.now(pair.load.stamp), ground
+        return Sensed(pair.load.stamp, joints, self._motion.now(pair.load.stamp), ground, pair.status)
 
     def compute(self, pair: PairedSample) -> list[bytes]:
         """Estimate the joint reaction; return the bytes of its WrenchStamped and of its `LoadEstimate`."""
-        load = pair.load
-        self.estimate = estimate = self._estimator.at(load.stamp, *self.sense(pair), pair.status)
+        load, self.sensed = pair.load, self.sense(pair)
+        self.estimate = estimate = self._estimator.at(*self.sensed)
         self.ticks += 1
         frame = self.parameters.frame.tibia
         doubt = UNKNOWN if estimate.status & (IMPLAUSIBLE | DOUBTFUL_LOAD) else 0.0  # which `load_sample` reads

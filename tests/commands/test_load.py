@@ -119,18 +119,6 @@ def test_bad_parameters_and_rules_are_told_in_one_line(walking: Path, tmp_path: 
     assert not list(tmp_path.iterdir())
 
 
-def test_a_reader_that_has_gone_is_no_reason_to_lose_the_bag(walking: Path, tmp_path: Path) -> None:
-    output = tmp_path / "out.mcap"
-    command = f"{sys.executable} -m knee_contact_ros.commands.main estimate-load {walking} --output {output}".split()
-    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-        assert process.stdout
-        assert process.stderr
-        process.stdout.close()
-        assert "Traceback" not in process.stderr.read()
-        assert process.wait(60.0) == 1
-    assert output.exists()
-
-
 @pytest.mark.parametrize("asks", ["solve", "replay", "estimate-load", "replay --sensors"])
 def test_what_is_not_an_input_is_not_taken_for_one(
     walking: Path, right_bag: Path, tmp_path: Path, capsys: Said, asks: str

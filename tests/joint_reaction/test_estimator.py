@@ -67,19 +67,6 @@ def test_fields_and_constants_are_those_of_the_message(store: Any) -> None:
     assert constants == levels | bits | {"UNUSABLE": UNUSABLE & sum(bits.values())}
 
 
-@given(
-    estimate=st.builds(Estimate, *[st.floats()] * 11, st.integers(0, 255), st.booleans(), st.integers(0, 255)),
-    frame=st.text(st.characters(codec="ascii", exclude_characters="\x00"), max_size=9),
-)
-def test_bytes_are_those_that_rosbags_writes(store: Any, estimate: Estimate, frame: str) -> None:
-    time, header = store.types["builtin_interfaces/msg/Time"], store.types["std_msgs/msg/Header"]
-    message = store.types[TYPE](header=header(stamp=time(sec=1, nanosec=2), frame_id=frame), **estimate._asdict())
-    data = bytes(store.serialize_cdr(message, TYPE))
-    begin = 4 + -(-(12 + len(frame) + 1) // 8) * 8  # behind 4 B, from which it counts: stamp, length, text, a zero
-    assert data[begin:].rstrip(b"\x00") == PACKING.pack(*estimate).rstrip(b"\x00")  # rosbags may pad behind
-    assert len(data) - begin in range(PACKING.size, PACKING.size + 4)
-
-
 def test_levels_go_from_what_needs_least_to_what_knows_most() -> None:
     assert [way.level for way in LEVELS.values()] == list(Level)
     assert [level.name.lower() for level in Level] == list(LEVELS)

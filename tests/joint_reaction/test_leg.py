@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from itertools import accumulate
 from random import Random
 
 import numpy as np
@@ -27,7 +26,7 @@ from knee_contact_ros.joint_reaction.leg import (
     net_moments,
 )
 from tests.joint_reaction.examples import EPOCH, LEG, MS, STANDING_STILL, angles, ground, motion, walking
-from tests.joint_reaction.lagrange import Chain, Holds, derivative, place, velocity
+from tests.joint_reaction.lagrange import Chain, Holds
 
 AIR = Ground((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 ROUNDINGS = 1e-10
@@ -52,17 +51,6 @@ def test_a_leg_of_100_kg_and_2_m() -> None:
     assert leg_of(100.0, 2.0) == pytest.approx(expected, rel=1e-14)  # roundings, here as below
 
 
-@given(mass=st.floats(20.0, 250.0), height=st.floats(0.8, 2.4), factor=st.floats(0.5, 2.0))
-def test_lengths_grow_with_the_height_and_masses_with_the_mass(mass: float, height: float, factor: float) -> None:
-    one, taller, heavier = leg_of(mass, height), leg_of(mass, factor * height), leg_of(factor * mass, height)
-    for name, value in one._asdict().items():
-        by_height, by_mass = (
-            (0, 1) if name.endswith(("mass", "weight")) else (2, 1) if name.endswith("inertia") else (1, 0)
-        )
-        assert getattr(taller, name) == pytest.approx(value * factor**by_height, rel=1e-14)
-        assert getattr(heavier, name) == pytest.approx(value * factor**by_mass, rel=1e-14)
-
-
 def by_lagrange(leg: Leg, joints: Joints, moving: Motion, under: Ground) -> Holds:
     turning = (moving.hip, moving.flexion, moving.ankle)
     return Chain(leg).holds(
@@ -76,14 +64,6 @@ def by_lagrange(leg: Leg, joints: Joints, moving: Motion, under: Ground) -> Hold
 
 def still(joints: Joints, under: Ground, leg: Leg = LEG) -> NetMoments:
     return net_moments(leg, joints, STANDING_STILL, under)
-
-
-@given(draw=draws)
-def test_the_velocities_of_the_reference_are_those_of_its_places(draw: Random) -> None:
-    q, rate = np.array([[draw.uniform(-5.0, 5.0) for _ in range(3)] for _ in range(2)])
-    for _, _, _, path in Chain(LEG).bodies:
-        expected = derivative(lambda at, path=path: place(path, at), [q], [rate])
-        assert velocity(path, q, rate) == pytest.approx(expected, abs=1e-13)  # roundings of 15 m/s
 
 
 @given(leg=bodies, draw=draws)
@@ -163,14 +143,6 @@ def assert_fitted(found: Motion, samples: Samples, window: float = WINDOW) -> No
         assert turning.acceleration == pytest.approx(2.0 * square / scale**2, abs=FIT / window**2)
 
 
-@given(gaps=st.lists(st.integers(2 * MS, 12 * MS), min_size=15, max_size=40), draw=draws)
-def test_it_is_the_fit_that_numpy_makes(gaps: list[int], draw: Random) -> None:
-    stamps = accumulate(gaps, initial=EPOCH)
-    samples = [(stamp, Joints(*[draw.uniform(-1.0, 1.0) for _ in range(3)])) for stamp in stamps]
-    if len(within(samples)) >= 6:  # of fewer that lie anyhow the condition may be far worse
-        assert_fitted(along(samples)[-1], within(samples))
-
-
 @pytest.mark.parametrize("window", [0.02, 0.05, 0.2])
 @pytest.mark.parametrize("shaken", [0.0, 0.4])
 def test_it_is_numpys_fit_all_along_a_stream(window: float, shaken: float) -> None:
@@ -238,13 +210,3 @@ def test_of_a_quick_stream_the_last_angle_of_a_cell_counts() -> None:
     assert found.rate == pytest.approx(0.1 - 0.5 * WINDOW, abs=WINDOW / (MOST - 1))
     flat = [(stamp, Joints(0.0, 0.0, 0.0)) for stamp, _ in curved]
     assert along([*flat[:-1], (flat[-1][0], Joints(1e-3, 0.0, 0.0))])[-1].flexion.acceleration > 0.0
-
-
-@pytest.mark.parametrize("step", [1, 7, 1003, MS // 4])
-def test_any_rate_has_room(step: int) -> None:
-    """Down to a nanosecond apart; rows go to the front in time."""
-    told = MotionFilter(1e-9 * step * (MOST + 250))
-    for number in range(5 * MOST):
-        told.see(EPOCH + 17 + number * step, Joints(0.3, 0.2, 0.1))
-        assert len(told._held) <= MOST
-        assert told._end <= len(told._rows)

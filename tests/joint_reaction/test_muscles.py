@@ -46,13 +46,6 @@ def test_arms_are_the_polynomials_and_constant_beyond_their_range(name: str) -> 
         assert arm(coefficients, end + 9.0 * sign) == arm(coefficients, end + sign)
 
 
-def test_the_gastrocnemius_share_is_that_of_force_times_arm() -> None:
-    """Maximum isometric forces [N] and arms [mm] of the three plantarflexors in gait2354."""
-    calf, soleus, tibialis = 2500.0 * 46.0, 4000.0 * 45.0, 3600.0 * 11.0
-    assert package.GASTROCNEMIUS_SHARE == 0.342
-    assert calf / (calf + soleus + tibialis) == pytest.approx(0.342, abs=0.003)  # arms to half a mm
-
-
 class Arms(NamedTuple):
     """[m] of a person at a flexion."""
 

@@ -10,7 +10,6 @@ import pytest
 from knee_contact_ros.bags.provenance import provenance_record, read_provenance
 from knee_contact_ros.bags.reader import BagReader, RawMessage, metadata_records, names_in_bag, read_answers, read_bag
 from knee_contact_ros.bags.recorder import REFUSED_SAMPLES, AnswerWriter, BagWriter, Limits
-from knee_contact_ros.bags.recover import recover
 from knee_contact_ros.commands.main import INTERRUPTED, main
 from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.model.types import Status
@@ -82,18 +81,6 @@ def test_the_recording_holds_inputs_and_estimates(walking: Path, estimated: Path
         for answer in (pipeline.joint_state if message.topic == ANGLES else pipeline.force)(message.data):
             expected += [RawMessage(f"/{topic}", stamp, data) for topic, stamp, data in answer.records[-2:]]
     assert [m for m in messages if m.topic in (REACTION, ESTIMATE)] == expected
-
-
-def test_others_read_what_was_meant(estimated: Path) -> None:
-    """By rosbags, and the definitions in the file."""
-    messages = read_bag(estimated, TYPES)
-    reactions, told = ([m.message for m in messages if m.topic == topic] for topic in (REACTION, ESTIMATE))
-    assert [-each.wrench.force.y for each in reactions] == [each.axial_force for each in told]
-    assert [each.wrench.torque.x for each in reactions] == [each.frontal_moment for each in told]
-    assert {each.header.frame_id for each in [*reactions, *told]} == {"tibia"}
-    assert [each.header for each in reactions] == [each.header for each in told]
-    assert {(each.level, each.calibrated, each.status) for each in told} == {(2, False, 0)}
-    assert min(each.axial_force for each in told) > 0.0
 
 
 def test_the_recording_says_how_it_came_about(walking: Path, estimated: Path) -> None:
@@ -242,19 +229,6 @@ def test_a_damaged_bag_is_read_as_far_as_it_can_be(
     whole, part = estimate(long, None), raw(output, {REACTION: TYPES[REACTION]})
     assert 1000 < len(part) < 3000
     assert [m.log_time for m in part] == whole.stamps[: len(part)].tolist()
-
-
-def test_what_a_power_failure_leaves_of_a_recording_is_recovered(tmp_path: Path) -> None:
-    long, output = walking_bag(tmp_path / "long.mcap", walk(3000, MS)), tmp_path / "load.mcap"
-    estimate(long, output)
-    cut, whole = tmp_path / "cut.mcap", tmp_path / "whole.mcap"
-    cut.write_bytes(output.read_bytes()[: 2 * output.stat().st_size // 3])
-    found = recover(cut, whole)
-    assert {count.topic: count.type for count in found.topics} == TYPES
-    assert len(raw(whole)) == sum(count.messages for count in found.topics) > 2000
-    assert metadata(whole)[LOAD_PROVENANCE] == metadata(output)[LOAD_PROVENANCE]
-    solve(whole, load_parameters({}), None, silent)
-    estimate(whole, None)
 
 
 def test_ctrl_c_leaves_nothing_behind(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: Any) -> None:

@@ -142,7 +142,13 @@ def test_a_load_is_what_the_command_estimates(tmp_path: Path) -> None:
     bag = walking_bag(tmp_path / "in.mcap", walk())
     each_told = []
     parameters = load_parameters([WHOLE_LEG, {"person.mass": 60.0}], LoadParameters)
-    estimate_load(bag, parameters, None, lambda *_: None, keep=lambda stamp, each: each_told.append((stamp, *each)))
+    estimate_load(
+        bag,
+        parameters,
+        None,
+        lambda *_: None,
+        keep=lambda stream: each_told.append((stream.sensed.stamp, *stream.estimate)),
+    )
     found = knee_contact_ros.estimate_load(bag, WHOLE_LEG, {"person.mass": 60.0}, output=tmp_path / "out.mcap")
     assert found.dtype == DTYPE
     assert found.tobytes() == np.array(each_told, DTYPE).tobytes()

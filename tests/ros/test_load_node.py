@@ -16,10 +16,8 @@ from knee_contact_ros.msg import KneeContact, LoadEstimate
 from lifecycle_msgs.msg import State, Transition
 from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.parameter import Parameter
-from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
-from sensor_msgs.msg import JointState
-from std_srvs.srv import Trigger
 
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED
 from knee_contact_ros.bags.reader import BagReader, RawMessage, metadata_records
@@ -171,15 +169,6 @@ def test_faulty_samples_are_refused_counted_and_the_node_goes_on(leg: LegPeer, s
     assert leg.diagnostics["knee_load: ground_reaction_force"]["received"] == "5"
 
 
-def test_a_force_whose_angle_is_late_is_answered_with_the_last_one(leg: LegPeer, start_node: Start) -> None:
-    start_node("-p", "pairing.wait:=0.2", kind="load")
-    leg.wait_for_load_node()
-    leg.send_sensed(WALK[:2])
-    leg.send_sensed(WALK[3:4])
-    first, held = leg.estimates
-    assert (held.status, held.flexion_angle) == (Status.INPUT_HELD, first.flexion_angle)
-
-
 def test_the_life_cycle_and_what_changes_meanwhile(leg: LegPeer, start_node: Start, tmp_path: Path) -> None:
     """Unconfigured at first; numbers of the person change between two estimates, and a recording tells of it."""
     recording, at_once = tmp_path / "live.mcap", {"person.electromechanical_delay": 0.0}  # or forces would go on
@@ -214,38 +203,6 @@ def test_the_life_cycle_and_what_changes_meanwhile(leg: LegPeer, start_node: Sta
     assert leg.set_parameters({"level": "auto"}) == (True, "")
     assert change_state(leg, Transition.TRANSITION_UNCONFIGURED_SHUTDOWN, NODE)
     assert node.stop()[0] == 0
-
-
-def test_sensors_that_are_best_effort_are_heard_and_recordings_begin_and_end(
-    leg: LegPeer, start_node: Start, tmp_path: Path
-) -> None:
-    qos = QoSProfile(depth=1000, reliability=ReliabilityPolicy.BEST_EFFORT)
-    leg.node.destroy_publisher(leg.angle)
-    leg.node.destroy_publisher(leg.ground)
-    leg.angle = leg.node.create_publisher(JointState, ANGLES, qos)
-    leg.ground = leg.node.create_publisher(WrenchStamped, FORCE, qos)
-    node = start_node(*arguments(PATIENT), kind="load")
-    leg.wait_for_load_node()
-    leg.send_sensed(WALK[:20])
-
-    def ask(what: str) -> tuple[bool, str]:
-        answer = call(leg, Trigger, f"/{NODE}/{what}", Trigger.Request())
-        return answer.success, answer.message
-
-    assert ask("start_recording") == (False, "parameter record.path names no file")
-    assert leg.set_parameters({"record.path": str(tmp_path / "part.mcap")}) == (True, "")
-    assert ask("start_recording") == (True, f"recording to {tmp_path / 'part.mcap'}")
-    leg.send_sensed(WALK[20:40])
-    assert ask("reset")[0]
-    leg.send_sensed(WALK[40:60])
-    assert ask("stop_recording")[0]
-    leg.wait_until((tmp_path / "part.mcap").exists)
-    _, output = node.stop()
-    assert output.count("best effort; listening likewise") == 2
-    assert told(tmp_path / "part.mcap", ESTIMATE) == leg.heard[ESTIMATE][10:]
-    assert [estimate.status for estimate in leg.estimates] == [0] * 20 + [Status.TIME_RESET] + [0] * 9
-    records = {record.name: record.metadata for record in metadata_records(tmp_path / "part.mcap")}
-    assert (records[LOAD_PROVENANCE]["ticks_before"], records["reset"]) == ("10", {"tick": "20"})
 
 
 @pytest.mark.parametrize(

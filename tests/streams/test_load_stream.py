@@ -14,7 +14,7 @@ from knee_contact_ros.msg import LoadEstimate
 from rclpy.serialization import deserialize_message
 
 from knee_contact_ros.bags.reader import RawMessage
-from knee_contact_ros.joint_reaction.estimator import LEVELS, Deviation, Estimate
+from knee_contact_ros.joint_reaction.estimator import LEVELS, Estimate
 from knee_contact_ros.model.types import UNUSABLE, Status
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
@@ -29,7 +29,7 @@ from knee_contact_ros.streams.messages import (
 )
 from knee_contact_ros.streams.topics import LOAD_ESTIMATE, LOAD_RECORDED, MESSAGE_TYPES, Answer, deserialize, typestore
 from tests.helpers.messages import PlainMessages, header
-from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, ground, joint_state, walk
+from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, ground, walk
 
 POSE = {"hip": 0.3, "knee": 0.5, "ankle": 0.1}
 
@@ -96,17 +96,6 @@ def test_an_answer_holds_what_led_to_it_and_both_messages() -> None:
     assert reaction
     told, _ = reaction
     assert told == (0, "shank_isb", (0.0, -estimate.axial_force, 0.0), (estimate.frontal_moment, 0.0, 0.0))
-
-
-@pytest.mark.parametrize(("level", "known"), [("ground_force", 0), ("knee_moment", 1), ("ankle_moment", 2)])
-def test_a_level_tells_what_it_knows(level: str, known: int) -> None:
-    found = once(WHOLE_LEG | {"level": level})
-    assert found.level == known
-    assert math.isfinite(found.frontal_moment) == (known > 0)
-    assert math.isfinite(found.ankle_moment) == (known > 1)
-    assert (found.gastrocnemius_force > 0.0) == (known > 1)
-    parts = found.resultant_force + found.quadriceps_force + found.hamstrings_force + found.gastrocnemius_force
-    assert found.axial_force == pytest.approx(parts, abs=ROUNDING)
 
 
 def test_the_vertical_force_alone_gives_the_lowest_level_of_the_whole_one() -> None:
@@ -176,32 +165,6 @@ def test_forces_in_the_plates_own_frame_are_turned() -> None:
     assert estimates(unknown, theirs) == []
     assert unknown.synchroniser.refused == {"frame_unknown": 20}
     assert "ground_reaction_force is in frame 'treadmill'" in unknown.last_refusal
-
-
-def test_what_is_recorded_is_turned_and_gives_the_same_again() -> None:
-    turning = WHOLE_LEG | {"frame.ground": "treadmill_isb"}
-    records = [
-        record for answer, _ in take(pipeline(turning), walk(20, frame="treadmill")) for record in answer.records
-    ]
-    recorded = [
-        RawMessage(f"/{topic}", stamp, data) for topic, stamp, data in records if f"/{topic}" in (ANGLES, FORCE)
-    ]
-    again = [record for answer, _ in take(pipeline(turning), recorded) for record in answer.records]
-    assert again == records
-
-
-@pytest.mark.parametrize(
-    ("values", "deviation"),
-    [
-        ({}, LEVELS["ground_force"].uncalibrated),
-        ({"calibrated": True}, LEVELS["ground_force"].calibrated),
-        ({"standard_deviation": 0.1}, Deviation(0.1, 0.0)),
-    ],
-)
-def test_how_sure_an_estimate_is(values: dict[str, Any], deviation: Deviation) -> None:
-    found = once(values | {"person.mass": 50.0})
-    assert found.standard_deviation == pytest.approx(deviation.at(found.axial_force, 50.0 * 9.80665), rel=1e-15)
-    assert found.calibrated == ("calibrated" in values)
 
 
 def test_a_stamp_that_jumps_back_has_the_motion_seen_anew_and_so_has_a_reset() -> None:
@@ -284,14 +247,6 @@ def test_another_constant_counts_from_the_next_estimate_on_and_the_motion_goes_o
     assert off == pytest.approx(fading, abs=ROUNDING)  # the muscles go on from the forces that they had
 
 
-def test_a_stream_at_10_khz_is_answered_as_one_at_1_khz() -> None:
-    quick, slow = by_stamp(take(pipeline(), walk(5000, MS // 10))), by_stamp(take(pipeline(), walk(500, MS)))
-    assert len(quick) == 5000
-    # Once the window is full, and the forces before are forgotten, it sees the same through other samples.
-    full = [stamp for stamp in slow if stamp >= 150 * MS]
-    assert max(abs(quick[stamp].axial_force - slow[stamp].axial_force) for stamp in full) < 1.0
-
-
 @pytest.mark.parametrize(
     "wrong",
     [{"positions": {"knee": 25.0 / 6.0}}, {"force": (0.0, -400.0, 0.0)}, {"force": (0.0, 9000.0, 0.0)}],
@@ -345,40 +300,6 @@ def test_whatever_is_taken_gives_a_finite_estimate(
     for estimate in estimates(pipeline(WHOLE_LEG | {"motion_window": 0.01}), stream):
         assert all(map(math.isfinite, estimate))
         assert min(estimate.quadriceps_force, estimate.hamstrings_force, estimate.gastrocnemius_force) >= 0.0
-
-
-def restarting(seed: int, topic: str) -> list[tuple[float, RawMessage]]:
-    """A sensor's messages, each with when it comes: it pauses now and then, and its clock goes back, or far ahead."""
-    rng, stamp, clock, messages = random.Random(f"{seed} {topic}"), 0, 0, list[tuple[float, RawMessage]]()
-    step = rng.choice([1, 5, 10]) * MS
-    for _ in range(150):
-        walking = encode_joint_state(joint_state(stamp)) if topic == ANGLES else encode_wrench_stamped(ground(stamp))
-        messages.append((clock, RawMessage(topic, stamp, walking)))
-        stamp, clock = stamp + step, clock + step
-        if rng.random() < 0.02:
-            stamp = rng.choice([0, stamp + 500 * MS, max(0, stamp - 300 * MS), 10**15])
-        if rng.random() < 0.01:
-            clock += rng.choice([50, 200, 900]) * MS
-    return messages
-
-
-@given(st.integers(0, 10**9))
-@settings(max_examples=25)
-def test_whatever_sensors_do_an_estimate_that_is_usable_has_the_angle_of_its_stamp(seed: int) -> None:
-    """The leg walks by its stamps, so each of them has one angle, whichever start of a sensor it comes from."""
-    pipe, found, before = pipeline({}), list[tuple[int, Estimate]](), 0.0
-    for clock, message in sorted(restarting(seed, ANGLES) + restarting(seed, FORCE), key=lambda one: one[0]):
-        found += by_stamp(take(pipe, [message])).items()
-        for pair in pipe.synchroniser.give_up() if clock - before > 100 * MS else ():  # as the node does
-            pipe.compute(pair)
-            assert pipe.estimate
-            found.append((pair.load.stamp, pipe.estimate))
-        before = clock
-    assert found
-    for stamp, estimate in found:
-        if not estimate.status & UNUSABLE:
-            # A straight line over 0.1 s is off by at most (0.1 s)^2 / 8 times 0.3 (2 pi / 1.1 s)^2: 0.0122 rad
-            assert estimate.flexion_angle == pytest.approx(joint_state(stamp).position[1], abs=0.0125)
 
 
 TYPE = MESSAGE_TYPES[LOAD_ESTIMATE]

@@ -21,9 +21,7 @@ from knee_contact_ros.lab.calibrate import contact, load
 from knee_contact_ros.lab.calibrate.fit import (
     LINEAR,
     LOSSES,
-    BetterError,
     Interval,
-    Minimum,
     doubts,
     fitted,
     intervals,
@@ -44,8 +42,8 @@ from knee_contact_ros.system.terminal import WIDTH, progress, say, shown, warn
 
 UNITS = contact.ANSWERS | {load.AXIAL_FORCE: "N"}
 """Units of all columns that can be measured"""
-ROUNDS = 6
-"""The largest number of times that the intervals are begun: each better fit found on the way begins them again"""
+ROUNDS = 3
+"""The largest number of times that the intervals are computed: again where a better fit was found on the way"""
 ROUGH = (
     "around the fit the misfit has many dents (a touch falls before a sample or after it): a better fit may lie near, "
     "and the intervals are rough"
@@ -184,12 +182,16 @@ def _calibrated(
         if name not in problem.measured.answers:
             raise UsageError(f"--sigma {name}: it was not measured; measured are {', '.join(problem.measured.answers)}")
         if not (isinstance(deviation, int | float | np.floating) and 0.0 < deviation < math.inf):
-            raise UsageError(f"--sigma {name}: {deviation!r} is not allowed; a number > 0 in the column's unit")
+            raise UsageError(f"--sigma {name}={deviation}: it must be COLUMN=NUMBER, the number > 0 in its unit")
     with progress("Fitting") as advance:
         minimum = fitted(problem, loss, {name: float(value) for name, value in sigma.items()}, starts, advance)
-    bounds, rough = None, False
-    if with_intervals:
-        minimum, bounds, rough = _with_intervals(minimum, level)
+    bounds, better = None, None
+    for _ in range(ROUNDS if with_intervals else 0):
+        minimum = minimum if better is None else replace(minimum, place=better).settled()
+        with progress("Intervals") as advance:
+            bounds, better = intervals(minimum, level, advance)
+        if better is None:
+            break
     problem, place = minimum.problem, minimum.place
     answers = problem.predicted(place)
     residuals = {name: answers[name] - column for name, column in problem.measured.answers.items()}
@@ -202,8 +204,8 @@ def _calibrated(
     return Calibration(
         problem.unknowns, problem.measured, problem.values(place), dict(zip(names, bounds or (), strict=False)), level,
         minimum.correlation, dict(minimum.noise), minimum.given, rms, residuals, answers,
-        (*([ROUGH] if rough else ()), *trades(minimum, bounds), *doubts(minimum, bounds, level), *warnings), loss,
-        tuple(remarks), also,
+        (*([] if better is None else [ROUGH]), *trades(minimum, bounds), *doubts(minimum, bounds, level), *warnings),
+        loss, tuple(remarks), also,
     )  # fmt: skip
 
 
@@ -231,17 +233,6 @@ def _problem(
         measured = contact.measured_from(data, knee.drive)
     unknowns = unknowns_of(free, contact.fittable(), knee, measured.source)
     return contact.problem_of(knee, measured, unknowns, compiled)
-
-
-def _with_intervals(minimum: Minimum, level: float) -> tuple[Minimum, list[Interval], bool]:
-    """Compute the intervals of a fit, and whether they are rough; a better fit found on the way begins them again."""
-    for left in reversed(range(ROUNDS)):
-        try:
-            with progress("Intervals") as advance:
-                return minimum, intervals(minimum, level, advance, ignore_better=not left), not left
-        except BetterError as better:
-            minimum = replace(minimum, place=better.place).settled()
-    raise AssertionError("the last round ends")
 
 
 def run_calibrate(
@@ -277,15 +268,12 @@ def run_calibrate(
 
 
 def _deviation(text: str) -> tuple[str, float]:
-    """Read the standard deviation of a column, with its name."""
+    """Read the standard deviation of a column, with its name; not a number if it is none."""
     name, _, number = text.partition("=")
     try:
-        deviation = float(number)
+        return name, float(number)
     except ValueError:
-        deviation = math.nan
-    if not 0.0 < deviation < math.inf:
-        raise UsageError(f"--sigma {text}: it must be COLUMN=NUMBER, the number > 0, as penetration_depth=1e-6")
-    return name, deviation
+        return name, math.nan
 
 
 def parameter_file(found: Calibration, data: Sequence[Path], params: Sequence[Path], values: Mapping[str, Any]) -> str:

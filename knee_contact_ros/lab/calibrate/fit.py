@@ -323,43 +323,35 @@ class Interval(NamedTuple):
         return f"above {self.low:.6g}" if self.high_open else f"{self.low:.6g} to {self.high:.6g}"
 
 
-class BetterError(Exception):
-    """A better place than the fit was found during the search for an interval."""
-
-    def __init__(self, place: Floats) -> None:
-        super().__init__("a better fit")
-        self.place = place
-
-
 def intervals(
-    minimum: Minimum, level: float, advance: Callable[[int, int], None], *, ignore_better: bool = False
-) -> list[Interval]:
+    minimum: Minimum, level: float, advance: Callable[[int, int], None]
+) -> tuple[list[Interval], Floats | None]:
     """Compute the interval of each parameter.
 
     Args:
         minimum: The fit.
         level: Probability of the intervals.
         advance: Called with the number of ends that are found, and the number of all.
-        ignore_better: Whether to continue when a better fit is found on the way.
 
-    Raises:
-        BetterError: a better fit was found on the way.
+    Returns:
+        The intervals; and the best place that was found on the way, if it is better than the fit.
     """
-    found = []
+    found, better = [], list[Floats]()
     for index, unknown in enumerate(minimum.problem.unknowns):
         ends = []
         for side in (-1.0, 1.0):
-            ends.append(_end(minimum, index, side, math.sqrt(minimum.quantile(level)), ignore_better))
+            ends.append(_end(minimum, index, side, math.sqrt(minimum.quantile(level)), better))
             advance(len(ends) + 2 * index, 2 * len(minimum.place))
         (low, low_open), (high, high_open) = ends
         found.append(Interval(unknown.value(low), unknown.value(high), low_open, high_open))
-    return found
+    return found, min(better, key=minimum.cost, default=None)
 
 
-def _end(minimum: Minimum, index: int, side: float, limit: float, ignore_better: bool) -> tuple[float, bool]:
+def _end(minimum: Minimum, index: int, side: float, limit: float, better: list[Floats]) -> tuple[float, bool]:
     """Find the coordinate of an end of an interval, and whether it is open.
 
-    `side` is -1 for the lower end and 1 for the upper one, `limit` the root of the likelihood ratio at the end.
+    `side` is -1 for the lower end and 1 for the upper one, `limit` the root of the likelihood ratio at the end. Places
+    that are better than the fit are added to `better`.
     """
     best, bounds, spread = minimum.place, minimum.problem.bounds, minimum.covariance
     at, cost = float(best[index]), minimum.cost(best)
@@ -377,8 +369,8 @@ def _end(minimum: Minimum, index: int, side: float, limit: float, ignore_better:
             start[index] = at + side * reach
             solved[reach] = minimum.searched(start, held=[index])
             ratio = 2.0 * minimum.calibration * (minimum.cost(solved[reach]) - cost)
-            if ratio < -BETTER and not ignore_better:
-                raise BetterError(solved[reach])
+            if ratio < -BETTER:
+                better.append(solved[reach])
             known[reach] = math.sqrt(max(ratio, 0.0)) - limit
         return known[reach]
 

@@ -19,10 +19,11 @@ from knee_contact_ros.joint_reaction.leg import NetMoments, leg_of
 from knee_contact_ros.joint_reaction.muscles import Person
 from knee_contact_ros.lab.calibrate.problem import STEP, Conclusions, Data, Problem, Unknown
 from knee_contact_ros.model.types import UNUSABLE, Floats
-from knee_contact_ros.offline.estimate_load import Sensed, sensed_in
+from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.parameters.files import known_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.contact_stream import load_sample
+from knee_contact_ros.streams.load_stream import LoadStream, Sensed
 from knee_contact_ros.streams.messages import WRENCH, RefusedSampleError
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, LOAD_ESTIMATE, MESSAGE_TYPES, NANOSECONDS
 from knee_contact_ros.system.errors import UsageError, in_a_line
@@ -96,23 +97,26 @@ def referenced(
     samples: list[Sensed] = []
     columns, counts, doubts = list[Floats](), list[tuple[str, int]](), list[str]()
     for bag in bags:
-        sensed = sensed_in(bag, parameters, names, advance)
+        sensed: list[Sensed] = []
+
+        def keep(stream: LoadStream, into: list[Sensed] = sensed) -> None:
+            into.append(stream.sensed)
+
+        summary = estimate_load(bag, parameters, None, advance, names=names, keep=keep)
         stamps, axial, refused = _reference(bag, topic)
-        if not sensed.samples:
-            raise UsageError(f"bag {bag}: no ground force has joint angles at its time ({_counted(sensed.refused)})")
-        at = np.array([sample.stamp for sample in sensed.samples], dtype=np.int64)
+        at = summary.stamps
         column = _interpolated(stamps, axial, at, round(parameters.pairing.max_gap * NANOSECONDS))
-        flagged = np.array([bool(sample.status & UNUSABLE) for sample in sensed.samples])
+        flagged = np.array([bool(sample.status & UNUSABLE) for sample in sensed])
         reasons = {"flagged": int(flagged.sum()), "without a reference": int((np.isnan(column) & ~flagged).sum())}
-        reasons |= {f"refused as {reason}": count for reason, count in (sensed.refused + refused).items()}
+        reasons |= {f"refused as {reason}": count for reason, count in (summary.refused + refused).items()}
         column[flagged] = np.nan
         if np.isnan(column).all():
             raise UsageError(f"bag {bag}: no sample can be fitted to the reference ({_counted(reasons)})")
         left_out.update(reasons)
         doubts += [*_own_estimate(bag, topic), *others_beside(bag)]
-        if sensed.damage:
-            doubts.append(f"bag {bag} is damaged, and read as far as it can be: {in_a_line(sensed.damage)}")
-        samples += sensed.samples
+        if summary.damage:
+            doubts.append(f"bag {bag} is damaged, and read as far as it can be: {in_a_line(summary.damage)}")
+        samples += sensed
         columns.append(column)
         counts.append((bag.name, len(column)))
     return Referenced(

@@ -283,7 +283,9 @@ def estimated(bag: Path, config: Path, output: Path) -> tuple[LoadSummary, dict[
     """What there is to say of a bag's estimates, and these by their stamps [ns]."""
     parameters = load_parameters([config / "load" / "inverse_dynamics.yaml", SUBJECT], LoadParameters)
     estimates: dict[int, Estimate] = {}
-    return estimate_load(bag, parameters, output, silent, keep=estimates.__setitem__), estimates
+    return estimate_load(
+        bag, parameters, output, silent, keep=lambda stream: estimates.update({stream.sensed.stamp: stream.estimate})
+    ), estimates
 
 
 def test_the_load_node_finds_opensims_net_moments_and_its_load_takes_the_place(
