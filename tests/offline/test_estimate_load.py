@@ -5,16 +5,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from knee_contact_ros.bags.provenance import provenance_record, read_provenance
 from knee_contact_ros.bags.reader import BagReader, RawMessage, metadata_records, names_in_bag, read_answers, read_bag
 from knee_contact_ros.bags.recorder import REFUSED_SAMPLES, AnswerWriter, BagWriter, Limits
-from knee_contact_ros.commands.main import INTERRUPTED, main
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.estimate_load import LoadSummary, estimate_load
 from knee_contact_ros.offline.solve import SOURCE_DAMAGE, solve
+from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.contact_stream import ContactStream
@@ -76,11 +78,18 @@ def test_the_recording_holds_inputs_and_estimates(walking: Path, estimated: Path
     messages = raw(estimated)
     assert [sum(m.topic == topic for m in messages) for topic in TYPES] == [240] * 4
     assert [m for m in messages if m.topic in INPUTS] == raw(walking, INPUTS) == WALK
-    pipeline, expected = LoadStream(load_parameters(WHOLE_LEG, LoadParameters)), []
+    pipeline, expected, told = LoadStream(load_parameters(WHOLE_LEG, LoadParameters)), [], list[Estimate]()
     for message in WALK:
         for answer in (pipeline.joint_state if message.topic == ANGLES else pipeline.force)(message.data):
             expected += [RawMessage(f"/{topic}", stamp, data) for topic, stamp, data in answer.records[-2:]]
+            told.append(pipeline.estimate)
     assert [m for m in messages if m.topic in (REACTION, ESTIMATE)] == expected
+    summary = estimate(walking, None)
+    assert summary.axial.tolist() == [each.axial_force for each in told]
+    assert summary.stamps.tolist() == [message.log_time for message in WALK if message.topic == FORCE]
+    assert summary.peak == max(told, key=lambda each: each.axial_force)
+    assert (summary.level, summary.calibrated, summary.duration) == ("ankle_moment", False, 1.195)
+    assert (summary.flagged, summary.refused, summary.damage) == ({}, {}, [])
 
 
 def test_the_recording_says_how_it_came_about(walking: Path, estimated: Path) -> None:
@@ -92,25 +101,21 @@ def test_the_recording_says_how_it_came_about(walking: Path, estimated: Path) ->
     assert read_provenance(estimated) is None  # it is none of a contact
 
 
-def test_the_summary_tells_the_largest_one_and_all_forces(walking: Path) -> None:
-    pipeline, expected = LoadStream(load_parameters(WHOLE_LEG, LoadParameters)), list[Estimate]()
-    for message in WALK:
-        for _ in (pipeline.joint_state if message.topic == ANGLES else pipeline.force)(message.data):
-            assert pipeline.estimate
-            expected.append(pipeline.estimate)
-    summary = estimate(walking, None)
-    assert summary.axial.tolist() == [each.axial_force for each in expected]
-    assert summary.stamps.tolist() == [message.log_time for message in WALK if message.topic == FORCE]
-    assert summary.peak == max(expected, key=lambda each: each.axial_force)
-    assert (summary.level, summary.calibrated, summary.duration) == ("ankle_moment", False, 1.195)
-    assert (summary.flagged, summary.refused, summary.damage) == ({}, {}, [])
-
-
 def test_solve_goes_on_from_there(estimated: Path, tmp_path: Path) -> None:
     summary = solve(estimated, load_parameters({}), tmp_path / "contact.mcap", silent)
     assert (summary.ticks, summary.refused.total(), summary.flagged.total()) == (240, 0, 0)
     kept = raw(tmp_path / "contact.mcap", {ANGLES: TYPES[ANGLES], REACTION: TYPES[REACTION]})
     assert kept == [m for m in raw(estimated) if m.topic in (ANGLES, REACTION)]
+    rows, told = (
+        read_answers(tmp_path / "contact.mcap", "/knee_contact"),
+        read_bag(estimated, {ESTIMATE: TYPES[ESTIMATE]}),
+    )
+    deviation, axial = np.array([(m.message.standard_deviation, m.message.axial_force) for m in told]).T
+    found, force = build_model(load_parameters({})).uncertainty(rows, 0.5 * deviation), rows["contact_force"]
+    np.testing.assert_allclose(deviation * force / axial, found.contact_force, rtol=1e-9)  # as the reference says
+    by_hand = found.contact_force * rows["penetration_depth"] / (1.5 * force)
+    firm = force > 3.0 * found.contact_force  # by less an upper bound counts, or inertia and damping do
+    np.testing.assert_allclose(by_hand[firm], found.penetration_depth[firm], rtol=0.15)
 
 
 def test_a_load_that_is_no_estimate_shows_in_the_contact(tmp_path: Path) -> None:
@@ -231,7 +236,7 @@ def test_a_damaged_bag_is_read_as_far_as_it_can_be(
     assert [m.log_time for m in part] == whole.stamps[: len(part)].tolist()
 
 
-def test_ctrl_c_leaves_nothing_behind(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: Any) -> None:
+def test_ctrl_c_leaves_nothing_behind(tmp_path: Path) -> None:
     bag, output = walking_bag(tmp_path / "bag.mcap", walk(600)), tmp_path / "o" / "out.mcap"
 
     def interrupt(done: int, _total: int) -> None:
@@ -240,10 +245,6 @@ def test_ctrl_c_leaves_nothing_behind(tmp_path: Path, capsys: pytest.CaptureFixt
 
     with pytest.raises(KeyboardInterrupt):
         estimate_load(bag, load_parameters({}, LoadParameters), output, interrupt)
-    assert not output.parent.exists() or list(output.parent.iterdir()) == []
-    monkeypatch.setattr(LoadStream, "finish", lambda *_: interrupt(1000, 0))
-    assert main(["estimate-load", str(bag), "--output", str(output)]) == INTERRUPTED
-    assert capsys.readouterr().err.strip().endswith("knee-contact: interrupted")
     assert not output.parent.exists() or list(output.parent.iterdir()) == []
 
 

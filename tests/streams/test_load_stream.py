@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import math
-import random
 from collections.abc import Iterable
 from typing import Any, get_type_hints
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from knee_contact_ros.msg import LoadEstimate
 from rclpy.serialization import deserialize_message
@@ -18,7 +17,6 @@ from knee_contact_ros.joint_reaction.estimator import LEVELS, Estimate
 from knee_contact_ros.model.types import UNUSABLE, Status
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
-from knee_contact_ros.streams.frames import FROM_REP_103, Transform
 from knee_contact_ros.streams.load_stream import LoadStream, encode_estimate
 from knee_contact_ros.streams.messages import (
     WRENCH,
@@ -114,18 +112,6 @@ def test_an_actuator_takes_its_part_of_the_moments() -> None:
     assert same(once(values, efforts=(0.0, 0.0, 0.0)), alone)
 
 
-@given(st.integers(0, 10**9))
-@settings(max_examples=20)
-def test_the_order_of_arrival_does_not_matter(seed: int) -> None:
-    messages = walk(30)
-    expected = [answer for answer, _ in take(pipeline(), messages)]
-    queues = [[m for m in messages if m.topic == topic] for topic in (ANGLES, FORCE)]
-    rng, mixed = random.Random(seed), list[RawMessage]()
-    while any(queues):
-        mixed.append(rng.choice([queue for queue in queues if queue]).pop(0))
-    assert [answer for answer, _ in take(pipeline(), mixed)] == expected
-
-
 def test_between_two_angles_all_that_is_known_of_the_leg_is_on_a_line() -> None:
     values = WHOLE_LEG | {"knee.assisted": True, "motion_window": 0.0}
     ends = [
@@ -137,34 +123,6 @@ def test_between_two_angles_all_that_is_known_of_the_leg_is_on_a_line() -> None:
     (there,) = estimates(pipeline(values), [on_it, force(MS)])
     assert between.assistance == 5.0
     assert same(between, there, within=ROUNDING)
-
-
-def test_forces_in_the_plates_own_frame_are_turned() -> None:
-    """A treadmill whose z is up and whose x is forward, and the same by its name alone."""
-    messages = walk(20)
-
-    def rep_103(message: RawMessage) -> RawMessage:
-        decoded = WRENCH.decode(message.data)
-        assert decoded
-        told = decoded[0]
-        vectors = (told.force, told.torque)
-        turned, about = ((x, -z, y) for x, y, z in vectors)
-        told = told._replace(frame_id="treadmill", force=turned, torque=about)
-        return message._replace(data=encode_wrench_stamped(told))
-
-    theirs = [rep_103(message) if message.topic == FORCE else message for message in messages]
-    expected = estimates(pipeline(), messages)
-    pipe = pipeline(WHOLE_LEG | {"frame.ground": "treadmill_isb"})
-    found = estimates(pipe, theirs)
-    assert len(found) == 20
-    assert all(same(one, other, within=ROUNDING) for one, other in zip(found, expected, strict=True))
-    named = pipeline(WHOLE_LEG | {"frame.ground": "ground"})
-    assert named.frame.learn([Transform("treadmill", "ground", (0.0, 0.0, 0.0), FROM_REP_103)]) == []
-    assert estimates(named, theirs) == found
-    unknown = pipeline(WHOLE_LEG | {"frame.ground": "ground"})
-    assert estimates(unknown, theirs) == []
-    assert unknown.synchroniser.refused == {"frame_unknown": 20}
-    assert "ground_reaction_force is in frame 'treadmill'" in unknown.last_refusal
 
 
 def test_a_stamp_that_jumps_back_has_the_motion_seen_anew_and_so_has_a_reset() -> None:

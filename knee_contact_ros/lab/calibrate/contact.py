@@ -193,20 +193,11 @@ class ContactProblem(Problem):
         return series if isinstance(series, Results) else series.view(Results)
 
     def doubts(self, place: Floats) -> list[str]:
-        """Report answers with a status that makes them unusable, and landings at which a measured force leaps."""
+        """Report answers with a status that makes them unusable."""
         answers = self.predicted(place)
         faults = {Status.NOT_CONVERGED: "missed their tolerance", Status.IMPLAUSIBLE: "are implausibly deep"}
         counts = {fault: int(np.count_nonzero(answers["status"] & bit)) for bit, fault in faults.items()}
-        sentences = [f"{count} of {len(answers)} answers {fault}" for fault, count in counts.items() if count]
-        forces = self.measured.answers.get("contact_force")
-        at_touch, _, _ = self.model.law.layers[0].force_at(0.0, 1.0, 1.0)
-        if forces is not None and at_touch > 0.0:
-            apart = np.asarray(answers["gap"]) > 0.0
-            if landings := int((apart[:-1] & ~apart[1:] & np.isfinite(forces[1:])).sum()):
-                sentences.append(f"contact_force: it leaps at touch under this law, in {landings} landing(s), and a "
-                                 "sample falls before or after it: the misfit jumps, and the intervals are rough; "
-                                 "leave these samples empty")  # fmt: skip
-        return sentences
+        return [f"{count} of {len(answers)} answers {fault}" for fault, count in counts.items() if count]
 
     def _near(self, place: Floats) -> Parameters:
         """Give the parameters at a place, within their ranges, which are not checked again: that takes milliseconds."""
