@@ -136,13 +136,6 @@ def fit_profile(mesh: Path, side: str, compartment: str, tolerance: float, slab:
     show_default=True,
     help="curve: over the load; table: over flexion and load; auto: the better one on trials that are left out.",
 )
-@click.option(
-    "--smoothing",
-    type=click.FloatRange(1e-8, 1e3),
-    metavar="BW^2",
-    help="Penalty for a step of 1 between neighbours in the table, relative to the mean square of the error. "
-    "[default: the best one on trials that are left out]",
-)
 @click.option("--source", default="", help="Source of the data, which is written into the file.")
 @click.option("--output", type=Output(".csv"), required=True, metavar="OUT.csv", help="Table to write.")
 @click.option("--overwrite", is_flag=True, help="Replace OUT.csv if it exists.")

@@ -87,7 +87,7 @@ class Trial(NamedTuple):
 
 def run_fit_share(
     files: Sequence[Sequence[Path]], time: str, sums: Mapping[str, str], degrees: bool, body_weight: Sequence[float],
-    form: str, smoothing: float | None, source: str, output: Path, overwrite: bool,
+    form: str, source: str, output: Path, overwrite: bool,
 ) -> None:  # fmt: skip
     """Fit a table to trials, write it, and print its errors.
 
@@ -98,7 +98,6 @@ def run_fit_share(
         degrees: Whether flexion is in degrees.
         body_weight: Body weight [N] of all trials, or of each.
         form: curve, table, or auto: the one that is better on what it was not fitted to.
-        smoothing: Penalty of the table; None: the one of `SMOOTHINGS` that is.
         source: Source of the data, for the comments of the table.
         output: CSV file to write.
         overwrite: Whether to replace it.
@@ -117,7 +116,7 @@ def run_fit_share(
         if np.array_equal(one.load, other.load) and np.array_equal(one.medial, other.medial):
             fault = f"trials {one.name} and {other.name} are the same: each is left out in turn, and must be a new one"
             raise UsageError(f"--trial: {fault}")
-    found = chosen(trials, form, smoothing)
+    found = chosen(trials, form)
     text = _csv(found, trials, source)
     write_complete({output: text.encode()})
     _show(trials, found)
@@ -346,7 +345,7 @@ class Found(NamedTuple):
         return f"a table, smoothing {self.smoothing:.3g}"
 
 
-def chosen(trials: Sequence[Trial], form: str, smoothing: float | None) -> Found:
+def chosen(trials: Sequence[Trial], form: str) -> Found:
     """Fit curve and table, and choose by what they miss of trials that they were not fitted to; see `run_fit_share`."""
     parts = trials if len(trials) > 1 else _quarters(trials[0])
 
@@ -378,7 +377,7 @@ def chosen(trials: Sequence[Trial], form: str, smoothing: float | None) -> Found
         return lambda trial: 0.5 - trial.moment / (apart * np.maximum(trial.load, 1e-9))
 
     errors = {"share of 1/2": missed(lambda _: lambda _: 0.5), "constant": missed(constantly), "curve": missed(curved)}
-    tried = {penalty: missed(tabled(penalty)) for penalty in ([smoothing] if smoothing else SMOOTHINGS)}
+    tried = {penalty: missed(tabled(penalty)) for penalty in SMOOTHINGS}
     best = min(tried, key=lambda penalty: float(np.mean(np.square(tried[penalty]))))
     errors["table"] = tried[best]
     if not any(np.isnan(trial.moment).all() for trial in trials):

@@ -76,7 +76,7 @@ def test_shares_stay_within_their_bounds_and_neighbours_say_what_is_where_no_tri
 def test_a_trial_that_is_left_out_does_not_count() -> None:
     one, two = drawn(5), drawn(6)
     other = two._replace(medial=0.9 * two.load)
-    found = chosen([one, other], "table", 1e-3).errors
+    found = chosen([one, other], "table").errors
     expected = np.sqrt(np.mean((one.medial - 0.9 * one.load) ** 2))
     assert (found["constant"][0], found["table"][0]) == pytest.approx((expected, expected), rel=1e-3)
 
@@ -88,17 +88,17 @@ def test_a_curve_is_found_again_and_noise_is_not_fitted() -> None:
     """Shares of a curve with noise: the table over flexion would follow that, and is refused."""
     trials = [drawn(seed, 120, SMOOTH.table, 0.1) for seed in (1, 2, 3)]
     assert fit_curve([drawn(1, 500, SMOOTH.table)]) == pytest.approx(SMOOTH, rel=0.01)  # a step is 0.1 BW
-    found = chosen(trials, "auto", None)
+    found = chosen(trials, "auto")
     assert found.curve == pytest.approx(SMOOTH, rel=0.15)
     assert found.table.share[0].tolist() == found.table.share[1].tolist()
     assert np.mean(found.errors["table"]) > np.mean(found.errors["curve"])
-    alone = chosen(trials[:1], "auto", None)
+    alone = chosen(trials[:1], "auto")
     assert alone.curve is not None
     assert alone.errors["curve"] == pytest.approx([0.1], abs=0.03)  # of its quarters
-    follows = chosen([drawn(1, 500), drawn(2, 500)], "auto", None)
+    follows = chosen([drawn(1, 500), drawn(2, 500)], "auto")
     assert follows.curve is None
     assert follows.smoothing < 1e-3
-    assert chosen([drawn(1, 500), drawn(2, 500)], "curve", None).curve is not None
+    assert chosen([drawn(1, 500), drawn(2, 500)], "curve").curve is not None
 
 
 def test_spikes_of_a_moment_hardly_count_in_the_spacing() -> None:
@@ -139,13 +139,10 @@ def test_the_command_writes_a_table_and_its_source(tmp_path: Path, capsys: pytes
 WRONG_OPTIONS = [
     (["--axial", "am + nothing"], "--axial: trial drawn1 has no column nothing; it has time_s, am, pm, lateral, mx"),
     (["--axial", "am pm"], "'am pm': it must be a sum of columns"),
-    (["--axial", "am + (pm)"], "it must be a sum of columns"),
-    (["--axial", ""], "it must be a sum of columns"),
     (["--angle-unit", "rad"], "--angle-unit deg, if it is in degrees"),
     (["--flexion=-0.01745 angle"], "flexion moves by 1.3"),
     (["--axial", "9.81 am + 9.81 pm + 9.81 lateral"],
      "reaches 23.5 body weights, and a knee that bears its body 0.75 to 8: are both"),
-    (["--axial", "0.2248 am + 0.2248 pm + 0.2248 lateral"], "reaches 0.539 body weights"),
     (["--flexion", "angle"], "it must be positive in flexion: turn the sign"),
     (["--axial", "-am - pm - lateral"], "the axial force reaches"),
     (["--medial", "am + pm + lateral + lateral"], "beyond 0 or the whole"),
