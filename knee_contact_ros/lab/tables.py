@@ -1,4 +1,4 @@
-"""Columns over time from files of numbers: OpenSim's storage files (.sto, .mot), text tables and Parquet files.
+"""Columns over time from files of numbers: OpenSim's storage files (.sto, .mot), text tables, Parquet and C3D files.
 
 A storage file has a header that ends with `endheader`, a line of column names, and numbers. In text tables columns may
 be separated by commas, semicolons, tabs or spaces, numbers have decimal points or commas, and lines before and behind
@@ -19,7 +19,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from datetime import date
 from itertools import islice
 from pathlib import Path
-from typing import Annotated, NamedTuple
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +35,7 @@ Stamps = NDArray[np.int64]
 Column = str | int
 """Name of a column, or its place from 1"""
 
-STORAGES, PARQUETS = {".sto", ".mot"}, {".parquet", ".pq"}
+STORAGES, PARQUETS, C3D = {".sto", ".mot"}, {".parquet", ".pq"}, ".c3d"
 END = "endheader"
 LAST_TIME = 2**31
 """First time [s] that a ROS stamp cannot hold"""
@@ -291,6 +291,30 @@ def read_storage(path: Path) -> Table:
     return table._replace(words={(stamps[row], names[place]): cell for (row, place), cell in words.items()})
 
 
+def read_c3d(path: Path) -> Table:
+    """Read the points of a C3D file, as RKneeAngles.X, and its analog channels at the times of the points.
+
+    Raises:
+        UsageError: ezc3d is not installed, the file cannot be read, or has no points.
+    """
+    require("c3d", "ezc3d")
+    import ezc3d
+
+    try:
+        read: Any = ezc3d.c3d(str(path))
+    except (OSError, ValueError, RuntimeError) as error:
+        raise UsageError(f"cannot read {path}: {error}") from None
+    points, analogs, header = read["data"]["points"][:3], read["data"]["analogs"][0], read["header"]["points"]
+    labels, channels = (read["parameters"][kind]["LABELS"]["value"] for kind in ("POINT", "ANALOG"))
+    rows = points.shape[2]
+    if not rows:
+        raise UsageError(f"{path} has no points over time")
+    columns = [*points.transpose(1, 0, 2).reshape(-1, rows), *analogs[:, :: max(1, analogs.shape[1] // rows)]]
+    names = [f"{label.rpartition(':')[2]}.{axis}" for label in labels[: points.shape[1]] for axis in "XYZ"]
+    times = (header["first_frame"] + np.arange(rows)) / header["frame_rate"]
+    return _over_time(path, [*names, *channels[: len(analogs)]], _stamps(path, times), np.column_stack(columns))
+
+
 def _by_cells(path: Path, names: Sequence[str], rows: Sequence[str]) -> tuple[Floats, dict[tuple[int, int], str]]:
     """Read rows of numbers; commas are decimal marks if no cell has a point, and those of the times show it.
 
@@ -398,8 +422,8 @@ def header_of(path: Path, wanted: Collection[Column], table_format: TableFormat)
     Raises:
         UsageError: the file cannot be read, or has no names.
     """
-    if path.suffix.lower() in STORAGES:
-        return Header(path, (TIME, *read_storage(path).names))
+    if path.suffix.lower() in {*STORAGES, C3D}:
+        return Header(path, (TIME, *_whole(path).names))
     if path.suffix.lower() not in PARQUETS:
         return _text_header(path, wanted, table_format)
     require("tables", "pandas", "pyarrow")
@@ -412,6 +436,10 @@ def header_of(path: Path, wanted: Collection[Column], table_format: TableFormat)
         raise UsageError(f"cannot read {path}: {' '.join(str(error).split())[:200]}") from None
 
 
+def _whole(path: Path) -> Table:
+    return read_c3d(path) if path.suffix.lower() == C3D else read_storage(path)
+
+
 def read_columns(path: Path, wanted: Sequence[Column], time: TimeColumn, table_format: TableFormat) -> Table:
     """Read the columns `wanted` of a file over time; an empty cell is read as NaN.
 
@@ -420,8 +448,8 @@ def read_columns(path: Path, wanted: Sequence[Column], time: TimeColumn, table_f
             still or goes back.
     """
     to_seconds = factor(time.unit, TIME, "time")
-    if path.suffix.lower() in STORAGES:
-        storage = read_storage(path)
+    if path.suffix.lower() in {*STORAGES, C3D}:
+        storage = _whole(path)
         stamps = storage.stamps if to_seconds == 1.0 else np.rint(storage.stamps * to_seconds).astype(np.int64)
         header = Header(path, (TIME, *storage.names))
         values = np.column_stack([storage.stamps / NANOSECONDS, storage.values])[:, [header.place(c) for c in wanted]]

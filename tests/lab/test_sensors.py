@@ -311,6 +311,25 @@ rate: 100
     assert (forces[0].frame_id, angles[0].name) == ("tibia_l", ("left_knee",))
 
 
+def test_c3d_files_are_tables_too(importing: Importing) -> None:
+    """Points with a subject's name, from frame 100 on, and an analog channel that is ten times as fast."""
+    ezc3d = pytest.importorskip("ezc3d", reason="needs the extra c3d")
+    time = np.arange(100, 250) / 50.0
+    made = ezc3d.c3d()
+    for kind, rate, labels in (("POINT", 50.0, ["P01:RKneeAngles", "LASI"]), ("ANALOG", 500.0, ["cell", "x"])):
+        made["parameters"][kind]["RATE"]["value"], made["parameters"][kind]["LABELS"]["value"] = [rate], labels
+    made["header"]["points"]["first_frame"] = 100
+    made["data"]["points"] = np.stack([flexion(time), 0.0 * time, 0.0 * time, 0.0 * time])[:, None].repeat(2, axis=1)
+    made["data"]["analogs"] = np.stack([load(np.arange(1000, 2500) / 500.0)] * 2)[None]
+    made.write("walk.c3d")
+    text = SIMPLE.replace("column: t}", "column: time}").replace(" a,", " RKneeAngles.X,").replace(" f,", " cell,")
+    assert importing(None, text, files=("walk.c3d",)) == 0
+    angles, forces = content()
+    np.testing.assert_allclose(np.degrees([a.position[0] for a in angles]), flexion(time), atol=1e-4)
+    np.testing.assert_allclose([-force.force[1] for force in forces], load(time), atol=1e-3)
+    assert [force.stamp for force in forces] == np.rint(1e9 * time).astype(int).tolist()
+
+
 def test_opensim_files_are_tables_too(importing: Importing) -> None:
     table = cells()
     path = write_storage(Path("q.mot"), table.pop("time_s"), table, "yes")
