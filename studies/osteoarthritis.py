@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 import knee_contact_ros
 from benchmarks.gait import BODY_WEIGHT
 from benchmarks.report import Section, machine, save
-from knee_contact_ros.lab.study import read_study
+from knee_contact_ros.lab.study import Study, read_study
 from knee_contact_ros.parameters.files import load_parameters
 
 Floats = NDArray[np.float64]
@@ -216,7 +216,7 @@ def write_csv(knees: Knees, path: Path) -> None:
 @click.option("--folder", type=click.Path(path_type=Path), default=Path("docs"), help="Gets studies/ and images/.")
 def main(folder: Path) -> None:
     """Compute all knees, and write page, picture and table."""
-    grid = read_study(STUDY).grid
+    grid = read_study(STUDY, Study).grid
     knees = compute((np.array(grid[SHARE]), np.array(grid[LAYER]), np.array(grid[SECOND])))
     save(folder / "studies" / "osteoarthritis-study.md", "Can the contact force drop in osteoarthritis?",
          "python -m studies.osteoarthritis", sections(knees), machine())  # fmt: skip

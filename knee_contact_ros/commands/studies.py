@@ -47,9 +47,11 @@ def sweep(study: Path, output: str, workers: int | None, scheduler: str) -> None
     again to continue a study that was stopped, or that has grown.
     """
     require("sweep", "pyarrow", "distributed", "fsspec")
-    from knee_contact_ros.lab.run_study import run_sweep
+    from knee_contact_ros.lab.study import Study, compute_all, read_study
+    from knee_contact_ros.system.terminal import say
 
-    run_sweep(study, output, workers or 0, scheduler)
+    compute_all(read_study(study, Study), output, workers or 0, scheduler)
+    say(f"table: {output} (pandas.read_parquet)")
 
 
 @click.command()
@@ -66,7 +68,7 @@ def sensitivity(study: Path, output: str, workers: int | None, scheduler: str) -
     and pictures. A study is written as for sweep, with `sensitivity` (method, n, ranges) instead of `sample`.
     """
     require("sweep", "pyarrow", "distributed", "fsspec", "SALib", "matplotlib")
-    from knee_contact_ros.lab.sensitivity_study import run_sensitivity
+    from knee_contact_ros.lab.sensitivity import run_sensitivity
 
     run_sensitivity(study, output, workers or 0, scheduler)
 
@@ -108,10 +110,12 @@ def trade(
     from knee_contact_ros.lab.trade import draw, measure, show
     from knee_contact_ros.offline.notebooks import solve
     from knee_contact_ros.parameters.ros_files import parameters_of
-    from knee_contact_ros.system.files import require, split
+    from knee_contact_ros.system.files import split
+    from knee_contact_ros.system.output_files import refuse_impossible
     from knee_contact_ros.system.terminal import progress, say, warn
 
     require("trade", "matplotlib")
+    refuse_impossible(picture)
     remap = dict(split(rule, "--remap") for rule in remaps)
     with warnings.catch_warnings(record=True) as doubts:
         warnings.simplefilter("always")
@@ -171,6 +175,7 @@ def report(
     this package, or a bag with the inputs, which is computed with --params. Several files stand side by side. It needs
     the extra report.
     """
+    require("report", "matplotlib", "jinja2", "pandas")
     from knee_contact_ros.bags.reader import names_in_bag, others_beside
     from knee_contact_ros.lab.report.page import run_report
     from knee_contact_ros.lab.report.runs import ReportOptions

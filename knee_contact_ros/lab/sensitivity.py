@@ -1,9 +1,18 @@
-"""Sensitivity indices of a knee's outcomes to its parameters, of Sobol and Morris, by SALib, and `sensitivity`.
+"""Sensitivity indices of a knee's outcomes to its parameters, of Sobol and Morris, by SALib: Python and the command.
 
-SALib draws the points in the unit cube, in groups (a
-base sample, a trajectory), one after another: a larger n begins with the same groups, and so needs only the other
-cases. It needs whole groups: one in which a case has no value is left out. If more than `MOST_SPOILT` of the groups are
-left out, there are no indices, since the rest is no sample of the ranges.
+A study file is that of a sweep, with `sensitivity` instead of `sample`:
+
+    bags:        [walking.mcap]
+    params:      [healthy, osteoarthritis]
+    grid:        {load.share: [0.5, 1.0]}
+    sensitivity: {method: sobol, n: 256, seed: 1, second_order: false, confidence: 0.95,
+                  ranges: {contact.stiffness: [5.0e7, 1.0e8], contact.damping: {from: 1.0e3, to: 1.0e4, scale: log}}}
+    outcomes:    [peak_depth, peak_pressure, bone_time]
+
+SALib draws the points in the unit cube, in groups (a base sample, a trajectory), one after another: a larger n begins
+with the same groups, and so needs only the other cases. It needs whole groups: one in which a case has no value is left
+out. If more than `MOST_SPOILT` of the groups are left out, there are no indices, since the rest is no sample of the
+ranges.
 
 Sobol: Saltelli et al. 2010, Computer Physics Communications 181:259-270, doi:10.1016/j.cpc.2009.09.018. Morris: Morris
 1991, Technometrics 33:161-174, doi:10.1080/00401706.1991.10484804.
@@ -11,57 +20,66 @@ Sobol: Saltelli et al. 2010, Computer Physics Communications 181:259-270, doi:10
 
 from __future__ import annotations
 
+import io
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import repeat
+from itertools import islice
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, ValidationError, ValidationInfo, field_validator
 
-from knee_contact_ros.lab.study import Design, Floats
+from knee_contact_ros.lab.study import Design, Floats, Group, Shards, Spaced, Study, compute_all, read_study
 from knee_contact_ros.lab.sweep import LATERAL, OUTCOMES, Cohort, sweep
 from knee_contact_ros.offline.notebooks import Name
 from knee_contact_ros.parameters.files import Source, first_error
 from knee_contact_ros.results import no_such
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS
+from knee_contact_ros.system.terminal import progress, say
 
 if TYPE_CHECKING:
     import pandas as pd
 
 
-FEWEST = 8
-"""The least number of groups from which indices are computed"""
-MOST = 65_536
-"""The largest number of groups: SALib's bootstrap holds some 2 kB of each, for each index"""
+FEWEST, MOST = 8, 65_536
+"""The least and the largest number of groups: SALib's bootstrap holds some 2 kB of each, for each index"""
 LEVELS = 4
 """Number of levels of a range between which Morris's trajectories step"""
-RESAMPLES, FEWER = 200, 100
-"""Number of resamples of the bootstrap, and where each is a call of SALib"""
-BEGINNINGS = (8, 4, 2, 1)
-"""Divisors of n: indices are computed from the first n/8, n/4, n/2 and n groups, to see whether they have converged"""
+RESAMPLES = 200
+"""Number of resamples of the bootstrap"""
 MOST_SPOILT = 0.1
 """The largest part of the groups that may be left out"""
 SAME = 1e-12
 """Range of an outcome, relative to its size, up to which it counts as constant"""
-LEADING = {"sobol": "ST", "morris": "mu_star"}
-"""The index of each method by which parameters are sorted"""
 USUAL = ("peak_depth", "peak_pressure", "bone_time", "peak_force")
 """Outcomes that are analysed unless others are named"""
+KNOWN = (*OUTCOMES, *(LATERAL + name for name in OUTCOMES))
 BOUNDS = {"peak_depth": "error_bound", "peak_force": "force_error_bound"}
 """Outcomes whose numerical error is known, with the column that bounds it"""
-AFTER = ("outcome", "parameter", "index", "n", "value", "low", "high")
-"""Columns of a table of indices. S1, ST, S2 are parts of the variance; mu_star, mu and sigma are in the outcome's SI
-unit, over the whole range of the parameter"""
+NOTED = ("not_converged", "implausible", "failed")
+"""Columns of what a reader should know of"""
+INDICES = {"sobol": ("ST", "S1", "S2"), "morris": ("mu_star", "mu", "sigma")}
+"""Indices of each method; parameters are sorted by the first one. S1, ST, S2 are parts of the variance; mu_star, mu and
+sigma are in the outcome's SI unit, over the whole range of the parameter"""
+AFTER = ["outcome", "parameter", "index", "n", "value", "low", "high"]
+"""Columns of a table of indices"""
 UNITS = {"m": (1e3, "mm"), "Pa": (1e-6, "MPa"), "N/s": (1e-3, "kN/s")}
 """Factor to, and name of, the unit in which outcomes of an SI unit are shown"""
-WIDEST = 0.1
-"""Width of the interval of the largest share of the variance up to which the indices count as converged"""
-WIDEST_EFFECT = 0.25
-"""Width of the interval of the largest effect, relative to the effect, up to which the indices count as converged"""
+WIDEST = {"sobol": 0.1, "morris": 0.25}
+"""Width of the interval of the largest index up to which the indices count as converged; relative to Morris's"""
+LEADERS, LEAST = 3, 0.01
+"""Number of parameters that a line names, and ratio to the largest index from which on one is named beside it"""
+CASES, TABLE, PICTURE = "cases", "indices.csv", "sensitivity_"
+"""Names in the output folder: the folder with the results of all cases, the table, and how pictures begin"""
+WIDTH, HEIGHT, BAR, WRAP = 5.6, 2.2, 0.34, 52
+"""Width and least height [in] of a panel, height [in] of a parameter's bars, number of letters in a line of a title"""
+STYLE: Any = {"axes.spines.top": False, "axes.spines.right": False, "axes.axisbelow": True, "legend.frameon": False,
+              "legend.fontsize": 8, "figure.dpi": 150}  # fmt: skip
 
 
 class SalibDesign(Design):
@@ -77,16 +95,18 @@ class SalibDesign(Design):
     """Whether Sobol's indices of pairs of parameters are computed, too"""
     confidence: float = Field(0.95, ge=0.5, le=0.999)
     """Confidence level of the intervals"""
-    ranges: Annotated[dict[str, Any], Field(min_length=2)]
+    ranges: Annotated[dict[str, Spaced], Field(min_length=2)]
 
-    @model_validator(mode="after")
-    def _fits(self) -> SalibDesign:
-        if self.method == "sobol" and self.n & (self.n - 1):
-            less = 1 << (self.n.bit_length() - 1)
-            raise ValueError(f"n: {self.n} is not allowed with method sobol; a power of two, {less} or {2 * less}")
-        if self.method == "morris" and self.second_order:
-            raise ValueError("second_order: True is not allowed with method morris; it is of method sobol")
-        return self
+    @field_validator("n", "second_order")
+    @classmethod
+    def _fits(cls, value: int, info: ValidationInfo) -> int:
+        method = info.data.get("method")
+        if info.field_name == "second_order" and value and method == "morris":
+            raise ValueError("it is of method sobol")
+        if info.field_name == "n" and method == "sobol" and value & (value - 1):
+            less = 1 << (value.bit_length() - 1)
+            raise ValueError(f"with method sobol a power of two, {less} or {2 * less}")
+        return value
 
     @property
     def group(self) -> int:
@@ -97,10 +117,14 @@ class SalibDesign(Design):
         return 2 * size + 2 if self.second_order else size + 2
 
     @property
+    def number(self) -> int:
+        """Number of points."""
+        return self.n * self.group
+
+    @property
     def problem(self) -> dict[str, Any]:
         """SALib's description of the problem: names of the parameters, and the unit cube as their ranges."""
-        size = len(self.ranges)
-        return {"num_vars": size, "names": list(self.ranges), "bounds": [[0.0, 1.0]] * size}
+        return {"num_vars": len(self.ranges), "names": list(self.ranges), "bounds": [[0.0, 1.0]] * len(self.ranges)}
 
     def unit(self) -> Floats:
         """See `Design.unit`."""
@@ -108,8 +132,40 @@ class SalibDesign(Design):
 
         if self.method == "morris":
             return np.asarray(morris.sample(self.problem, self.n, num_levels=LEVELS, seed=self.seed))
-        drawn = sobol.sample(self.problem, self.n, calc_second_order=self.second_order, seed=self.seed)
-        return np.asarray(drawn)
+        return np.asarray(sobol.sample(self.problem, self.n, calc_second_order=self.second_order, seed=self.seed))
+
+
+class SensitivityStudy(Study):
+    """Content of a study file with `sensitivity`."""
+
+    sensitivity: SalibDesign
+    outcomes: tuple[str, ...] = USUAL
+
+    @property
+    def design(self) -> SalibDesign:
+        """The design of the points."""
+        return self.sensitivity
+
+    @field_validator("outcomes")
+    @classmethod
+    def _known(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+        return checked_outcomes(names)
+
+    @field_validator("sample", mode="before")
+    @classmethod
+    def _none(cls, _sample: Any) -> None:
+        raise ValueError("the method under sensitivity draws its own")
+
+
+def checked_outcomes(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the outcomes to be analysed.
+
+    Raises:
+        ValueError: there is none, or a name is unknown or given twice.
+    """
+    if not names or not set(names) <= set(KNOWN) or len(set(names)) < len(names):
+        raise ValueError(f"some of {', '.join(KNOWN)}, each once")
+    return tuple(names)
 
 
 class Analysed(NamedTuple):
@@ -118,11 +174,8 @@ class Analysed(NamedTuple):
     outcome: str
     """Name of the outcome"""
     table: pd.DataFrame
-    """Indices for the beginnings of the design, and last for all of it: `parameter` (`a x b` for a pair), `index` (S1,
-    ST or S2; mu_star, mu or sigma, over the whole range of the parameter), `n` (groups), `value`, and the ends of its
-    interval, `low` and `high`, in the outcome's SI unit; no rows where there is a `reason`"""
-    groups: int
-    """Number of groups of the design"""
+    """Indices: `parameter` (`a x b` for a pair), `index` (see `INDICES`), `n` (groups), `value`, and the ends of its
+    interval, `low` and `high` (not a number for mu and sigma); no rows where there is a `reason`"""
     spoilt: int
     """Number of groups in which a case has no value"""
     cases: int
@@ -140,9 +193,9 @@ class Analysed(NamedTuple):
         return f"<Analysed: {self.outcome}, {self.reason or kind + ' of ' + ', '.join(indices)}>"
 
     def final(self, kind: str) -> pd.DataFrame:
-        """Give the indices of a kind for the whole design by parameter, the largest first."""
-        last = self.table[(self.table["n"] == self.table["n"].max()) & (self.table["index"] == kind)]
-        return last.sort_values("value", ascending=False, kind="stable").set_index("parameter")
+        """Give the indices of a kind by parameter, the largest first."""
+        own = self.table[self.table["index"] == kind]
+        return own.sort_values("value", ascending=False, kind="stable").set_index("parameter")
 
 
 def analyse(design: SalibDesign, outcome: str, values: Floats, bound: float = 0.0) -> Analysed:
@@ -157,18 +210,18 @@ def analyse(design: SalibDesign, outcome: str, values: Floats, bound: float = 0.
     import pandas as pd
 
     grouped, finite = values.reshape(design.n, design.group), np.isfinite(values)
-    whole = np.asarray(finite.reshape(grouped.shape).all(axis=1))
+    whole = np.isfinite(grouped).all(axis=1)
     spoilt, cases, known = int((~whole).sum()), int((~finite).sum()), values[finite]
     mean, deviation = (float(known.mean()), float(known.std())) if known.size else (np.nan, np.nan)
-    rows, reason, unit = list[tuple[Any, ...]](), "", f" {unit_of(outcome)}".rstrip()
+    rows, reason, unit = list[tuple[Any, ...]](), "", f" {OUTCOMES[outcome.removeprefix(LATERAL)]}".rstrip()
     if not known.size:
         reason = "no case has a value"
-    elif spoilt > MOST_SPOILT * design.n:
+    elif spoilt > MOST_SPOILT * design.n or design.n - spoilt < FEWEST:
         reason = (
             f"{cases} of {len(values)} cases have no value and spoil {spoilt} of {design.n} groups; "
             f"more than {MOST_SPOILT:.0%}, so what is left is no sample of the ranges"
         )
-    elif _same(known):
+    elif np.ptp(known) <= SAME * np.abs(known).max():
         reason = f"it is the same in all cases, {mean:g}{unit}"
     elif deviation <= bound:
         reason = (
@@ -176,114 +229,63 @@ def analyse(design: SalibDesign, outcome: str, values: Floats, bound: float = 0.
             f"error bound is {bound:.2g}{unit}; what matters there a smaller fidelity.tolerance would show"
         )
     else:
-        cube = design.unit().reshape(*grouped.shape, -1)
-        compute = _of_morris if design.method == "morris" else _of_sobol
-        for count in (design.n // part for part in BEGINNINGS):
-            kept = np.flatnonzero(whole[:count])
-            if len(kept) >= FEWEST and not _same(grouped[kept]):
-                rows += [
-                    (name, kind, len(kept), *map(float, numbers))
-                    for name, kind, *numbers in compute(design, cube[kept], grouped[kept])
-                ]
-        reason = "" if rows else f"fewer than {FEWEST} whole groups"
-    table = pd.DataFrame(rows, columns=list(AFTER[1:]))
-    return Analysed(outcome, table, design.n, spoilt, cases, mean, deviation, reason)
+        rows = list(_indices(design, whole, grouped[whole]))
+    return Analysed(outcome, pd.DataFrame(rows, columns=AFTER[1:]), spoilt, cases, mean, deviation, reason)
 
 
-def unit_of(outcome: str) -> str:
-    """Give the SI unit of an outcome; empty for numbers of ticks and for ratios."""
-    return next(one.unit for one in OUTCOMES if one.name == outcome.removeprefix(LATERAL))
+def _indices(design: SalibDesign, whole: Any, values: Floats) -> Iterator[tuple[Any, ...]]:
+    """Compute the indices from `values`, shape (n, group), of the `whole` groups of a design."""
+    from SALib.analyze import morris, sobol
 
-
-def _same(values: Floats) -> bool:
-    return bool(np.ptp(values) <= SAME * np.abs(values).max())
-
-
-def _of_sobol(design: SalibDesign, _points: Floats, values: Floats) -> Iterator[tuple[Any, ...]]:
-    """Compute Sobol's indices from values in groups, shape (n, group): parameter, kind, value, low and high of each."""
-    from SALib.analyze import sobol
-
-    result: Any = sobol.analyze(
-        design.problem, values.ravel(), calc_second_order=design.second_order, num_resamples=RESAMPLES,
-        conf_level=design.confidence, seed=design.seed + 1,
-    )  # fmt: skip
     # SALib takes a seed of 0 for none
-    for frame in result.to_df():
-        for name, (value, half) in zip(frame.index, frame.to_numpy(), strict=True):
-            yield (
-                name if isinstance(name, str) else " x ".join(name), frame.columns[0], value, value - half, value + half
-            )  # fmt: skip
+    options: Any = {"num_resamples": RESAMPLES, "conf_level": design.confidence, "seed": design.seed + 1}
+    if design.method == "sobol":
+        result = sobol.analyze(design.problem, values.ravel(), calc_second_order=design.second_order, **options)
+        for frame in result.to_df():
+            for name, (value, half) in zip(frame.index, frame.to_numpy(), strict=True):
+                both = name if isinstance(name, str) else " x ".join(name)
+                yield both, frame.columns[0], len(values), value, value - half, value + half
+        return
+    points = design.unit().reshape(design.n, design.group, -1)[whole].reshape(values.size, -1)
+    result = morris.analyze(design.problem, points, values.ravel(), num_levels=LEVELS, **options)
+    for kind in INDICES["morris"]:
+        for name, value, half in zip(design.ranges, result[kind], result["mu_star_conf"], strict=True):
+            reach = float(half) if kind == "mu_star" else np.nan
+            yield name, kind, len(values), float(value), value - reach, value + reach
 
 
-def _of_morris(design: SalibDesign, points: Floats, values: Floats) -> Iterator[tuple[Any, ...]]:
-    """Compute Morris's indices from trajectories: points, shape (n, group, parameters), and values, shape (n, group).
-
-    SALib gives an interval of mu_star alone, so those of mu and sigma come from a bootstrap of our own.
-    """
-    from SALib.analyze import morris
-
-    def screened(which: Any, resamples: int) -> Any:
-        return morris.analyze(
-            design.problem, points[which].reshape(-1, points.shape[-1]), values[which].ravel(),
-            num_resamples=resamples, conf_level=design.confidence, num_levels=LEVELS, seed=design.seed + 1,
-        )  # fmt: skip
-
-    n, random, tail = len(values), np.random.default_rng(design.seed + 1), 0.5 * (1.0 - design.confidence)
-    result, others = screened(slice(None), RESAMPLES), [screened(random.integers(n, size=n), 2) for _ in range(FEWER)]
-    half = np.asarray(result["mu_star_conf"])
-    for kind in ("mu_star", "mu", "sigma"):
-        drawn = np.array([other[kind] for other in others], dtype=float)
-        low, high = np.quantile(drawn, (tail, 1.0 - tail), axis=0)
-        if kind == "mu_star":
-            low, high = result[kind] - half, result[kind] + half
-        yield from zip(design.ranges, repeat(kind), result[kind], low, high, strict=False)
-
-
-def first_fault(error: ValidationError) -> str:
-    """Describe the first fault; a message about several fields together names them itself."""
-    first = error.errors()[0]
-    return first["msg"].removeprefix("Value error, ") if not first["loc"] else first_error(error)
-
-
-def checked_outcomes(names: Any) -> tuple[str, ...]:
-    """Check the names of the outcomes to be analysed.
-
-    Raises:
-        UsageError: it is no list of names, or a name is unknown or given twice.
-    """
-    known = [prefix + outcome.name for prefix in ("", LATERAL) for outcome in OUTCOMES]
-    if not isinstance(names, list | tuple) or not names:
-        raise UsageError(f"outcomes: {names!r} is not allowed; a list of some of {', '.join(known)}")
-    for name in names:
-        if name not in known or names.count(name) > 1:
-            fault = "is given twice" if name in known else f"is not allowed; one of {', '.join(known)}"
-            raise UsageError(f"outcomes: {name} {fault}")
-    return tuple(names)
+def analysed_in(design: SalibDesign, rows: pd.DataFrame, outcomes: Sequence[str]) -> dict[str, Analysed]:
+    """Analyse outcomes, columns of a table with a row for each point."""
+    found = {}
+    for name in outcomes:
+        bounds = rows[BOUNDS[name]].to_numpy(float) if name in BOUNDS else np.zeros(1)
+        bound = float(np.nanmedian(bounds)) if np.isfinite(bounds).any() else 0.0
+        found[name] = analyse(design, name, rows[name].to_numpy(float), bound)
+    return found
 
 
 def display_of(outcome: str) -> tuple[str, str, float]:
     """Give the title of an outcome, the unit in which it is shown, and the factor from its SI unit."""
-    unit = unit_of(outcome)
+    unit = OUTCOMES[outcome.removeprefix(LATERAL)]
     factor, name = UNITS.get(unit, (1.0, unit))
     return outcome.replace("_", " "), name, factor
 
 
 def interval(index: Any, factor: float) -> str:
     """Write an index (a row of `Analysed.final`) with its interval, in a unit so many times smaller than its own."""
-    form = ".2f" if factor == 1.0 and index["index"].startswith("S") else ".3g"
+    form = ".2f" if index["index"].startswith("S") else ".3g"
     value, low, high = (f"{factor * index[name]:{form}}" for name in ("value", "low", "high"))
     return f"{value} ({low} to {high})"
 
 
 def not_converged(design: SalibDesign, analysed: Analysed) -> list[str]:
     """Give the reasons why the indices of an outcome have not converged; none if they have."""
-    leading = analysed.final(LEADING[design.method])
+    leading, sobol = analysed.final(INDICES[design.method][0]), design.method == "sobol"
     if leading.empty:
         return []
-    parts, first, sobol = [], leading.iloc[0], design.method == "sobol"
-    width, most = first["high"] - first["low"], WIDEST if sobol else WIDEST_EFFECT * first["value"]
+    parts, first, factor = [], leading.iloc[0], 1.0 if sobol else display_of(analysed.outcome)[2]
+    width, most = first["high"] - first["low"], WIDEST[design.method] * (1.0 if sobol else first["value"])
     if width > most:
-        factor = 1.0 if sobol else display_of(analysed.outcome)[2]
         least = math.ceil(first["n"] * (width / most) ** 2)  # an interval's width goes with the root of n
         enough = 1 << (least - 1).bit_length() if sobol else least
         parts.append(
@@ -293,22 +295,7 @@ def not_converged(design: SalibDesign, analysed: Analysed) -> list[str]:
         )
     if len(leading) > 1 and leading.iloc[1]["high"] > first["low"]:
         parts.append(f"which of {first.name} and {leading.index[1]} matters more is open")
-    # S1 sum to 1 at most, and ST to 1 at least (Saltelli et al. 2010).
-    for kind, sign, limit in (("S1", 1.0, "more"), ("ST", -1.0, "less")):
-        indices = analysed.final(kind)
-        total, half = indices["value"].sum(), math.hypot(*(0.5 * (indices["high"] - indices["low"])))
-        if len(indices) and sign * (total - 1.0) > half:
-            parts.append(
-                f"not converged: the {kind} of all parameters sum to {total:.2f}, {limit} than 1 by more than the "
-                f"interval of the sum, ± {half:.2f}"
-            )
     return parts
-
-
-def bound_of(outcome: str, rows: Mapping[str, Any]) -> float:
-    """Give the median of an outcome's numerical error bounds over the cases; 0 where none is known."""
-    bounds = np.asarray(rows[BOUNDS[outcome]]) if outcome in BOUNDS else np.zeros(1)
-    return float(np.nanmedian(bounds)) if np.isfinite(bounds).any() else 0.0
 
 
 @dataclass(frozen=True)
@@ -316,7 +303,7 @@ class Sensitivity:
     """Results of `sensitivity`."""
 
     outcomes: dict[str, Analysed]
-    """Analysis of each outcome, by name: indices for n/8, n/4, n/2 and n; or the reason why there are none"""
+    """Analysis of each outcome, by name: indices; or the reason why there are none"""
     remarks: dict[str, list[str]]
     """What has not converged of each outcome, a sentence each, by the outcome's name"""
     cohort: Cohort
@@ -332,14 +319,14 @@ class Sensitivity:
 
     def to_pandas(self) -> pd.DataFrame:
         """Give a data frame with a row for each index: outcome, parameter, index, n, value, low, high; SI units."""
-        return tidy(self.outcomes.values())
+        return tidy(self.outcomes)
 
 
-def tidy(several: Iterable[Analysed]) -> pd.DataFrame:
+def tidy(several: Mapping[str, Analysed]) -> pd.DataFrame:
     """Join the tables of several outcomes, with the name of the outcome in the first column."""
     import pandas as pd
 
-    return pd.concat([one.table.assign(outcome=one.outcome) for one in several])[list(AFTER)]
+    return pd.concat([one.table.assign(outcome=name) for name, one in several.items()])[AFTER]
 
 
 def sensitivity(
@@ -372,22 +359,138 @@ def sensitivity(
     options = {"method": method, "n": n, "seed": seed, "second_order": second_order, "confidence": confidence}
     try:
         design = SalibDesign.model_validate(options | {"ranges": dict(ranges)})
+        names = checked_outcomes(outcomes)
     except ValidationError as error:
-        raise UsageError(first_fault(error)) from None
-    names = checked_outcomes(list(outcomes))
+        raise UsageError(first_error(error)) from None
+    except ValueError as error:
+        raise UsageError(f"outcomes: {outcomes!r} is not allowed; {error}") from None
     values = dict(zip(design.ranges, design.points().T, strict=True))
     cohort = sweep(gait, values, params, remap=remap, namespace=namespace, threads=threads)
-    analysed = {}
-    for name in names:
-        rows = {one: _column(cohort, one) for one in {name, BOUNDS.get(name, name)}}
-        analysed[name] = analyse(design, name, rows[name], bound_of(name, rows))
+    if cohort.lateral is None and (wrong := [name for name in names if name.startswith(LATERAL)]):
+        raise UsageError(f"outcomes: {wrong[0]} is not allowed; load.compartment is not both")
+    analysed = analysed_in(design, cohort.to_pandas(), names)
     return Sensitivity(analysed, {name: not_converged(design, one) for name, one in analysed.items()}, cohort)
 
 
-def _column(cohort: Cohort, name: str) -> Any:
-    """Give an outcome of all cases, shape (k,); refuse one of a compartment that is not modelled."""
-    own = name.removeprefix(LATERAL)
-    rows = cohort.outcomes if own == name else cohort.lateral
-    if rows is None:
-        raise UsageError(f"outcomes: {name} is not allowed; load.compartment is not both")
-    return rows[own]
+class Combination(NamedTuple):
+    """The indices for one combination of bag, parameter files and grid values."""
+
+    columns: dict[str, str]
+    """Bag, parameter files and grid values, by name"""
+    label: str
+    """What tells it from the others: those of `columns` that vary"""
+    analysed: dict[str, Analysed]
+    remark: str
+    """Sentence on failed cases, missed tolerances and implausible answers; empty if there are none"""
+
+
+def gather(study: SensitivityStudy, shards: Shards) -> list[Combination]:
+    """Compute the indices of all combinations, in the order of the study, all of whose cases are computed.
+
+    Raises:
+        UsageError: bag, parameters or folder cannot be used.
+    """
+    table = shards.read(*dict.fromkeys([*study.outcomes, *BOUNDS.values(), *NOTED]))
+    found, several = [], {name for name, values in study.grid.items() if len(values) > 1}
+    several |= {name for name, own in (("bag", study.bags), ("params", study.params)) if len(own) > 1}
+    for bag, params in study.knees:
+        group, variants = Group(bag, params, study.values), study.variants()
+        while cases := list(islice(variants, study.design.number)):
+            rows = table.loc[[group.key(values) for values in cases]]
+            columns = {"bag": bag, "params": " + ".join(params)} | {name: str(cases[0][name]) for name in study.grid}
+            parts = [own if name in ("bag", "params") else f"{name} {own}"
+                     for name, own in columns.items() if name in (several or ("bag", "params"))]  # fmt: skip
+            doubtful = [f"{count} {text}" for name, text in zip(NOTED, ("missed a tolerance", "are implausible",
+                        "failed"), strict=True) if (count := int(rows[name].astype(bool).sum()))]  # fmt: skip
+            why = min(set(rows["failed"]) - {""}, default="")
+            remark = f"of {len(rows)} cases {', '.join(doubtful)}{why and ': ' + why}" if doubtful else ""
+            analysed = analysed_in(study.design, rows, study.outcomes)
+            found.append(Combination(columns, ", ".join(parts), analysed, remark))
+    return found
+
+
+def sentences(study: SensitivityStudy, combinations: Sequence[Combination]) -> Iterator[tuple[str, str]]:
+    """Say what matters most, a line for each outcome and combination, each with what makes it doubtful."""
+    kind, own = INDICES[study.design.method][0], study.design.method == "sobol"
+    for outcome in study.outcomes:
+        title, unit, factor = display_of(outcome)
+        for each in combinations:
+            one = each.analysed[outcome]
+            leading = one.final(kind)[:LEADERS]
+            parts = [
+                f"{name} {interval(index, 1.0 if own else factor)} {'' if own else unit}".rstrip()
+                for name, index in leading.iterrows()
+                if index["value"] >= LEAST * leading["value"].iloc[0]
+            ]
+            spread = f"{factor * one.mean:.4g} ± {factor * one.deviation:.2g} {unit}".strip()
+            doubts = not_converged(study.design, one)
+            if one.spoilt and not one.reason:
+                doubts.insert(0, f"{one.cases} cases have no value; {one.spoilt} groups are left out with them")
+            yield f"{title}, {each.label}: {one.reason or '; '.join(parts) + f' (of {spread})'}", "; ".join(doubts)
+
+
+def draw(design: SalibDesign, panels: Sequence[tuple[str, Analysed]]) -> bytes:
+    """Draw an outcome as PNG: for each combination the bars of its indices."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    title, unit, factor = display_of(panels[0][1].outcome)
+    kinds, text = ["mu_star", "sigma"], f"{title} [{unit}]" if unit else title
+    if design.method == "sobol":
+        kinds, text, factor = ["S1", "ST"], f"share of the variance of {title}", 1.0
+    names = sum(one.final(kinds[0])["value"] for _, one in panels).sort_values().index
+    size = (WIDTH, (HEIGHT + BAR * len(names)) * len(panels))
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=size, layout="constrained")
+        for (label, one), axis in zip(panels, figure.subplots(len(panels), 1, squeeze=False)[:, 0], strict=True):
+            table = one.table.pivot(index="parameter", columns="index")
+            reach = (table["high"] - table["value"]).loc[names, kinds].clip(lower=0.0)
+            (factor * table["value"].loc[names, kinds]).plot.barh(
+                ax=axis, xerr=factor * reach.T.to_numpy(), color=["#0072B2", "#A6CEE8"], width=0.75, ylabel="",
+                xlabel=text, title=textwrap.fill(label.replace("$", r"\$"), WRAP),
+            )  # fmt: skip
+            axis.legend(loc="lower right")
+        file = io.BytesIO()
+        figure.savefig(file, format="png", metadata={"Software": None})
+    return file.getvalue()
+
+
+def run_sensitivity(study_file: Path, output: str, workers: int, scheduler: str) -> None:
+    """Compute the missing cases of a study's design, and write its indices and pictures.
+
+    Args:
+        study_file: Study file (YAML).
+        output: Folder of the results, local or as fsspec spells it.
+        workers: Processes on this machine; 0: one for each processor.
+        scheduler: Address of a Dask scheduler whose workers compute instead; empty for this machine.
+
+    Raises:
+        UsageError: study, bags, parameters, folder or scheduler cannot be used.
+        IncompleteError: a disk is full, or workers died again and again.
+    """
+    import pandas as pd
+
+    study, folder = read_study(study_file, SensitivityStudy), output.rstrip("/") or output
+    compute_all(study, f"{folder}/{CASES}", workers, scheduler)
+    with progress("Analysing"):
+        combinations, shards = gather(study, Shards(f"{folder}/{CASES}")), Shards(folder)
+        tables = [tidy(each.analysed).assign(**each.columns)[[*each.columns, *AFTER]] for each in combinations]
+        text = pd.concat(tables).to_csv(index=False, float_format="%.9g", lineterminator="\n")
+        shards.put(TABLE, text.encode())
+        written = set()
+        for outcome in study.outcomes:
+            panels = [(each.label, each.analysed[outcome]) for each in combinations]
+            if panels := [(label, one) for label, one in panels if not one.reason]:
+                written.add(f"{PICTURE}{outcome}.png")
+                shards.put(f"{PICTURE}{outcome}.png", draw(study.design, panels))
+        for path in shards.files.glob(f"{shards.folder}/{PICTURE}*.png"):  # of an earlier run
+            if Path(path).name not in written:
+                shards.files.rm_file(path)
+    for line, doubts in sentences(study, combinations):
+        say(line, hang=2)
+        if doubts:
+            say(f"knee-contact: warning: {line.partition(':')[0]}: {doubts}.", err=True, hang=2)
+    for each in combinations:
+        if each.remark:
+            say(f"knee-contact: warning: {each.label}: {each.remark}.", err=True, hang=2)
+    say(f"table: {folder}/{TABLE}")

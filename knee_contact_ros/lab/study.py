@@ -1,4 +1,4 @@
-"""A study: bags, parameter files and varied values, all combined into numbered cases.
+"""A study: bags, parameter files and varied values, all combined; computed in blocks by Dask, a Parquet file for each.
 
 A study file (YAML) has
 
@@ -10,48 +10,122 @@ A study file (YAML) has
              to: 1.0e4, scale: log}}}
     series: true                                           # keep all answers of every case, too
 
-Only `bags` is required.
+Only `bags` is required. Workers read bags and send tables back; the client alone writes. Its folder is a Parquet
+dataset of files (shards) that appear whole, named by their cases. Readers of such datasets pass over names that begin
+with an underscore: so do an incomplete file, and the folder of all answers. A row has a column for every parameter that
+a study may vary: so tables of several studies fit together, and every row describes its knee completely.
 """
 
 from __future__ import annotations
 
+import errno
+import gc
+import hashlib
+import itertools
+import logging
 import math
-from collections.abc import Mapping
-from functools import cached_property
-from pathlib import Path
-from typing import Annotated, Any, Literal, NamedTuple
+import re
+import signal
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager, suppress
+from functools import lru_cache
+from multiprocessing import resource_tracker
+from pathlib import Path, PurePosixPath
+from tempfile import TemporaryDirectory
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
-from knee_contact_ros.lab.sweep import checked_names
-from knee_contact_ros.parameters.files import check_value, dotted, first_error, known_parameters, load_parameters
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import read_mapping
+from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT, bag_digest, model_digest, weight_of
+from knee_contact_ros.lab.sweep import (
+    LATERAL,
+    OF_A_RUN,
+    SECTIONS,
+    Computed,
+    Knees,
+    checked_names,
+    compute,
+    file_texts,
+    read_recording,
+)
+from knee_contact_ros.model.compiler import worth_compiling
+from knee_contact_ros.model.types import FLAT, TOLD
+from knee_contact_ros.offline.solve import with_weight
+from knee_contact_ros.parameters.files import (
+    all_values,
+    check_value,
+    dotted,
+    first_error,
+    known_parameters,
+    variations_of,
+)
+from knee_contact_ros.parameters.schema import LATERAL as LATERAL_KNEE
+from knee_contact_ros.parameters.schema import Parameters, has_both
+from knee_contact_ros.system.errors import IncompleteError, ToldError, UsageError
+from knee_contact_ros.system.files import expanded, read_mapping
+from knee_contact_ros.system.terminal import progress, say, warn
 
-LARGEST = 10_000_000
-"""The largest number of cases that a study may have"""
 Floats = NDArray[np.float64]
+Values = dict[str, Any]
+S = TypeVar("S", bound="Study")
+MOST = 10_000_000
+"""The largest number of cases that a study may have"""
+ADDRESS = re.compile("://|::")
+"""What makes a name an address that fsspec opens (`s3://...`, `zip://gait.mcap::https://...`), and no path"""
+MEANING = 2
+"""Version of the outcomes' definitions and of the keys: to be increased when a column is computed in another way"""
+SERIES, UNFINISHED = "_series", "_unfinished"
+"""Names in the folder of a study: the folder of all answers, and a file that is being written"""
+FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
+"""Errors that are no fault of the user's"""
+TICKS, LEAST, PARTS = 800_000, 8, 16
+"""Ticks of a block (more than a tenth of a second of a worker's time, ten times its overhead), least number of cases in
+a block, and number of blocks into which a small study is divided"""
+BYTES_A_TICK = 100
+"""The most bytes that a tick takes in a compressed bag"""
+PATIENCE = 10.0
+"""Time [s] that a scheduler has to answer"""
+WAITING = 4
+"""Blocks that are submitted for each thread of the workers: so a cluster that scales itself sees that there is work"""
+REST = "what is finished stays, and the rest is computed by the same command"
+DASK: dict[str, object] = {f"logging.{name}": "critical" for name in ("distributed", "tornado", "asyncio")} | {
+    f"distributed.{part}.http.routes": [] for part in ("scheduler", "worker", "nanny")
+} | {
+    "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None, "distributed.worker.profile.enabled": False
+}  # fmt: skip
+"""Settings by which a cluster writes no log and serves no web page, and workers keep freed memory that they need again
+soon, and are not sampled by a profiler"""
 
 
-class _Part(BaseModel):
+class Part(BaseModel):
+    """Part of a study file."""
+
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
 
-class Spaced(_Part):
+class Spaced(Part):
     """Evenly spaced values between two ends, or values whose logarithms are evenly spaced."""
 
     start: float = Field(alias="from")
     stop: float = Field(alias="to")
-    number: int = Field(2, ge=2, le=LARGEST)
+    number: int = Field(2, ge=2, le=MOST)
     scale: Literal["linear", "log"] = "linear"
+
+    @model_validator(mode="before")
+    @classmethod
+    def _pair(cls, given: Any) -> Any:
+        if isinstance(given, list | tuple) and len(given) == 2:
+            return {"from": given[0], "to": given[1]}
+        if not isinstance(given, Mapping):
+            raise ValueError("a list of two numbers, or from, to and scale")  # noqa: TRY004  (as pydantic asks)
+        return given
 
     @model_validator(mode="after")
     def _in_order(self) -> Spaced:
         if not self.start < self.stop or (self.scale == "log" and self.start <= 0.0):
-            least = "0 < from < to" if self.scale == "log" else "from < to"
-            raise ValueError(f"from {self.start:g} to {self.stop:g}: {least} is asked")
+            raise ValueError("0 < from < to is asked" if self.scale == "log" else "from < to is asked")
         return self
 
     def at(self, fractions: Floats) -> Floats:
@@ -62,42 +136,33 @@ class Spaced(_Part):
             values = np.exp(math.log(self.start) + math.log(self.stop / self.start) * fractions)
         return np.asarray(np.clip(values, self.start, self.stop))  # rounding must not leave what is allowed
 
-    @property
-    def values(self) -> list[float]:
-        """All values, both ends included."""
-        values: list[float] = self.at(np.linspace(0.0, 1.0, self.number)).tolist()
-        return [self.start, *values[1:-1], self.stop]
+
+def _listed(given: Any) -> Any:
+    """Give the values of a range in a grid, both ends included; a list stays as it is."""
+    if not isinstance(given, Mapping):
+        return given
+    try:
+        axis = Spaced.model_validate(given)
+    except ValidationError as error:
+        raise ValueError(error.errors()[0]["msg"].removeprefix("Value error, ")) from None
+    return [axis.start, *axis.at(np.linspace(0.0, 1.0, axis.number))[1:-1].tolist(), axis.stop]
 
 
-class Design(_Part):
+class Design(Part):
     """Points at which several parameters are varied together; a heir draws them in the unit cube."""
 
     method: str
     """How the points are drawn; checked first, so that a wrong one is what is told"""
-    n: int = Field(ge=1, le=LARGEST)
+    n: int = Field(ge=1, le=MOST)
     """Number of groups of points"""
     seed: int = Field(0, ge=0)
-    ranges: Annotated[dict[str, Any], Field(min_length=1)]
+    ranges: Annotated[dict[str, Spaced], Field(min_length=1)]
     """Range of each parameter by name: two numbers, or a mapping with `from` and `to`"""
-
-    @property
-    def axes(self) -> dict[str, Spaced]:
-        """Ranges of the parameters by name, in the order of the columns of `points`.
-
-        Raises:
-            UsageError: one is no range.
-        """
-        return {name: _range(name, given) for name, given in self.ranges.items()}
-
-    @property
-    def group(self) -> int:
-        """Number of points in a group."""
-        return 1
 
     @property
     def number(self) -> int:
         """Number of points."""
-        return self.n * self.group
+        return self.n
 
     def unit(self) -> Floats:
         """Draw points in the unit cube, shape (number, parameters); the same ones at every call."""
@@ -105,7 +170,7 @@ class Design(_Part):
 
     def points(self) -> Floats:
         """Give the parameters' values at the points, shape (number, parameters)."""
-        columns = zip(self.axes.values(), self.unit().T, strict=True)
+        columns = zip(self.ranges.values(), self.unit().T, strict=True)
         return np.column_stack([axis.at(fractions) for axis, fractions in columns])
 
 
@@ -123,135 +188,501 @@ class Sample(Design):
 
         if self.method == "latin_hypercube":
             return np.asarray(qmc.LatinHypercube(size, seed=self.seed).random(self.n))
-        power = math.ceil(math.log2(self.n))
-        return np.asarray(qmc.Sobol(size, seed=self.seed).random_base2(power)[: self.n])
+        return np.asarray(qmc.Sobol(size, seed=self.seed).random_base2(math.ceil(math.log2(self.n)))[: self.n])
 
 
-def _range(name: str, given: Any) -> Spaced:
-    is_pair = isinstance(given, list | tuple) and len(given) == 2
-    return _spaced(name, {"from": given[0], "to": given[1]} if is_pair else given)
+class Study(Part):
+    """Content of a study file. Cases are in the order of bag, parameter files, then values: the last changes fastest.
 
+    Raises:
+        UsageError: something is given twice, or a parameter is unknown or may not have a value.
+    """
 
-def _spaced(name: str, given: Any) -> Spaced:
-    if not isinstance(given, Mapping):
-        raise UsageError(f"{name}: {given!r} is not allowed; a list of two numbers, or from, to and scale")
-    try:
-        return Spaced.model_validate(given)
-    except ValidationError as error:
-        raise UsageError(f"{name}: {first_error(error)}".replace(": :", ":")) from None
-
-
-def _listed(name: str, given: Any) -> list[Any]:
-    """Read the values of a parameter in a grid."""
-    if isinstance(given, Mapping):
-        return _spaced(name, given).values
-    if not isinstance(given, list | tuple) or not given:
-        raise UsageError(f"{name}: {given!r} is not allowed; a list of values, or from, to and number")
-    return list(given)
-
-
-class _File(_Part):
     bags: Annotated[list[str], Field(min_length=1)]
     params: Annotated[list[str | list[str]], Field(min_length=1)] = ["healthy"]
-    values: dict[str, Any] = {}
-    grid: dict[str, Any] = {}
+    values: Annotated[
+        Values, BeforeValidator(lambda given: dotted(given) if isinstance(given, Mapping) else given)
+    ] = {}
+    grid: dict[str, Annotated[list[Any], BeforeValidator(_listed), Field(min_length=1)]] = {}
     sample: Sample | None = None
     series: bool = False
 
+    @property
+    def design(self) -> Design | None:
+        """The points at which parameters are varied together."""
+        return self.sample
 
-class Case(NamedTuple):
-    """A case of a study."""
+    @property
+    def names(self) -> list[str]:
+        """Names of the varied parameters."""
+        return [*self.grid, *(self.design.ranges if self.design else ())]
 
-    bag: str
-    """The recording, as the study names it"""
-    params: tuple[str, ...]
-    """Names of the parameter files; a later one wins"""
-    values: Mapping[str, Any]
-    """Values of the varied parameters, by name"""
-
-
-class Study:
-    """A study's cases, numbered by bag, then parameter files, then values, of which the last name changes fastest."""
-
-    def __init__(self, content: Mapping[str, Any], where: str = "study", design: Design | None = None) -> None:
-        """Check the content of a study file.
-
-        Args:
-            content: The file's content.
-            where: Name of the file, for error messages.
-            design: Points to use instead of the file's `sample`.
-
-        Raises:
-            UsageError: an unknown name, an empty grid, or a value that its parameter may not have.
-        """
-        try:
-            file = _File.model_validate(dict(content))
-            self.content = dict(content)
-            self.bags, self.series = tuple(file.bags), file.series
-            self.design = design or file.sample
-            self._axes = self.design.axes if self.design else {}
-            self.params = tuple((one,) if isinstance(one, str) else tuple(one) for one in file.params)
-            self.values = dotted(file.values)
-            self.grid = {name: _listed(name, own) for name, own in file.grid.items()}
-            self.names = [*self.grid, *self._axes]
-            self._check()
-        except ValidationError as error:
-            raise UsageError(f"{where}: {first_error(error)}") from None
-        except UsageError as error:
-            raise UsageError(f"{where}: {error}") from None
-
-    def _check(self) -> None:
-        again = [name for name, own in self.grid.items() if len(set(map(repr, own))) < len(own)]
-        if again:
-            raise UsageError(f"{again[0]}: {self.grid[again[0]]!r} is not allowed; a value stands there twice")
-        if self.number > LARGEST:
-            raise UsageError(f"{self.number} cases are not allowed; {LARGEST} at most")
-        files = [*(f"bags: {bag}" for bag in self.bags), *(f"params: {list(params)}" for params in self.params)]
-        given = [*self.names, *self.values, *files]
-        twice = [one for one in given if given.count(one) > 1]
-        if twice:
-            raise UsageError(f"{twice[0]} is given twice")
-        checked_names(self.names)
-        known = known_parameters()
-        whole = [name for name in self._axes if name in known and not isinstance(known[name].default, float)]
-        if whole:
-            raise UsageError(f"{whole[0]}: a range is not allowed; it is no real number")
-        ends = {name: [axis.start, axis.stop] for name, axis in self._axes.items()}
-        single = {name: [value] for name, value in self.values.items()}
-        for name, allowed in (self.grid | ends | single).items():
-            for value in allowed:
-                check_value(name, value)
-        for params in self.params:
-            load_parameters([*params, self.values])
+    @property
+    def knees(self) -> list[tuple[str, tuple[str, ...]]]:
+        """Each bag with each set of parameter files."""
+        sets = [(one,) if isinstance(one, str) else tuple(one) for one in self.params]
+        return list(itertools.product(self.bags, sets))
 
     @property
     def number(self) -> int:
         """Number of cases."""
-        return len(self.bags) * len(self.params) * self.variants
+        variants = math.prod(map(len, self.grid.values())) * (self.design.number if self.design else 1)
+        return len(self.knees) * variants
 
-    @cached_property
-    def variants(self) -> int:
-        """Number of cases of one bag and one set of parameter files; their numbers are consecutive."""
-        return math.prod(map(len, self.grid.values())) * (self.design.number if self.design else 1)
+    def variants(self) -> Iterator[Values]:
+        """Give the values of the varied parameters, the same for each of `knees`."""
+        points = self.design.points().tolist() if self.design else [[]]
+        for values, point in itertools.product(itertools.product(*self.grid.values()), points):
+            yield dict(zip(self.names, (*values, *point), strict=True))
 
-    @cached_property
-    def _points(self) -> Floats:
-        return self.design.points() if self.design else np.zeros((1, 0))
+    @model_validator(mode="after")
+    def _check(self) -> Study:
+        ranges, known = self.design.ranges if self.design else {}, known_parameters()
+        given = [*self.names, *self.values, *(f"{bag} with {list(params)}" for bag, params in self.knees)]
+        given += [f"{name} {value!r}" for name, values in self.grid.items() for value in values]
+        if twice := [one for one in given if given.count(one) > 1]:
+            raise UsageError(f"{twice[0]} is given twice")
+        if self.number > MOST:
+            raise UsageError(f"{self.number} cases are not allowed; {MOST} at most")
+        checked_names(self.names)
+        if whole := [name for name in ranges if name in known and not isinstance(known[name].default, float)]:
+            raise UsageError(f"{whole[0]}: a range is not allowed; it is no real number")
+        ends = {name: [axis.start, axis.stop] for name, axis in ranges.items()}
+        for name, allowed in (self.grid | ends | {name: [value] for name, value in self.values.items()}).items():
+            for value in allowed:
+                check_value(name, value)
+        return self
 
-    def case(self, number: int) -> Case:
-        """Give the case of a number."""
-        bag, params = divmod(number // self.variants, len(self.params))
-        combination, point = divmod(number % self.variants, len(self._points))
-        places = np.unravel_index(combination, [len(allowed) for allowed in self.grid.values()])
-        values = [allowed[place] for allowed, place in zip(self.grid.values(), places, strict=True)]
-        named = zip(self.names, [*values, *self._points[point].tolist()], strict=True)
-        return Case(self.bags[bag], self.params[params], dict(named))
 
-
-def read_study(path: Path) -> Study:
+def read_study(path: Path, kind: type[S]) -> S:
     """Read a study file.
 
     Raises:
         UsageError: the file cannot be read, or see `Study`.
     """
-    return Study(read_mapping(path, "study", "bags, params, grid or sample"), str(path))
+    content = read_mapping(path, "study", "bags, params, grid or sample")
+    try:
+        return kind.model_validate(dict(content))
+    except ValidationError as error:
+        raise UsageError(f"{path}: {first_error(error)}") from None
+    except UsageError as error:
+        raise UsageError(f"{path}: {error}") from None
+
+
+@contextmanager
+def here(place: str) -> Iterator[tuple[Path, str]]:
+    """Give the path of a bag on this machine and the SHA-256 of its content.
+
+    One behind an address is copied for the time of the context.
+
+    Raises:
+        UsageError: the bag cannot be fetched or read.
+    """
+    import fsspec
+
+    with TemporaryDirectory(prefix="knee_contact_bag_") as folder:
+        path = expanded(place)
+        try:
+            if ADDRESS.search(place):
+                files, inner = fsspec.core.url_to_fs(place)
+                path = Path(folder) / (PurePosixPath(str(inner)).name or "bag")
+                files.get(inner, str(path), recursive=bool(files.isdir(inner)))
+            digest = bag_digest(path)
+        except Exception as error:  # a boundary: each kind of store has errors of its own
+            cannot = "cannot be fetched: " if ADDRESS.search(place) else ""
+            raise UsageError(f"bag {place}: {cannot}{reason(error)}") from None
+        yield path, digest
+
+
+def reason(error: BaseException) -> str:
+    """Describe an error in few words."""
+    return getattr(error, "strerror", None) or str(error) or type(error).__name__
+
+
+@lru_cache
+def what_answers() -> str:
+    """Give a digest of the model's source and of the outcomes' definitions; every key depends on it."""
+    return _digest(repr((model_digest(), MEANING, OF_A_RUN.names)))
+
+
+@lru_cache(64)
+def _digest(content: str) -> str:
+    return hashlib.sha256(content.encode()).hexdigest()[:32]
+
+
+class Group:
+    """Cases of a bag and a set of parameter files, and how they are known by what they are and not by names."""
+
+    def __init__(self, bag: str, params: tuple[str, ...], values: Values) -> None:
+        """Read the bag's digest and the parameters.
+
+        Raises:
+            UsageError: the bag, a parameter file or a file that one names cannot be used.
+        """
+        self.bag, self.params, self.place = bag, params, bag if ADDRESS.search(bag) else str(expanded(bag).absolute())
+        with here(self.place) as (path, self.digest):
+            files = [file for file in path.rglob("*") if file.is_file()] if path.is_dir() else [path]
+            self.ticks = max(1, sum(file.stat().st_size for file in files) // BYTES_A_TICK)
+            self.parameters: Parameters = with_weight([*params, values], weight_of(path))
+        self.files: dict[str, str] = {}
+        """Contents of the files that parameters name"""
+        file_texts(self.parameters, self.files)
+        self._varied = variations_of(self.parameters)
+
+    def key(self, values: Values) -> str:
+        """Give the key of a case, also of one whose parameters are not allowed."""
+        try:
+            parameters, rest = self._varied(values), []
+            texts = file_texts(parameters, self.files)
+        except UsageError:
+            parameters, texts, rest = self.parameters, {}, sorted(values.items())
+        left_out = NOT_OF_THE_RESULT if has_both(parameters) else (*NOT_OF_THE_RESULT, LATERAL_KNEE)
+        counted = {name: own for name, own in all_values(parameters).items() if not name.startswith(left_out)}
+        counted |= {name: _digest(text) for name, text in texts.items()}
+        return _digest(repr((what_answers(), self.digest, counted, rest)))
+
+
+class Block(NamedTuple):
+    """Cases of a group, which a worker computes together."""
+
+    bag: str
+    params: tuple[str, ...]
+    """Bag and parameter files as the study names them"""
+    inputs: tuple[str, str, Parameters, tuple[tuple[str, str], ...]]
+    """Place and digest of the bag, what the cases have in common, and names and contents of files"""
+    model: str
+    """Digest of the client's model, see `what_answers`"""
+    number: int
+    """Number of cases of the whole study"""
+    series: bool
+    """Whether all answers are kept, too"""
+    keys: tuple[str, ...]
+    cases: tuple[Values, ...]
+
+
+def blocks_of(study: Study, groups: Sequence[Group], known: set[str]) -> Iterator[Block]:
+    """Give the cases that are not `known` in blocks, and add them; a block is made when it is wanted."""
+    variants = study.number // len(groups)
+    for group in groups:
+
+        def missing(group: Group = group) -> Iterator[tuple[str, Values]]:
+            for values in study.variants():
+                if (key := group.key(values)) not in known:
+                    known.add(key)
+                    yield key, values
+
+        size, left = max(1, min(max(-(-variants // PARTS), LEAST), TICKS // group.ticks)), missing()
+        while cases := list(itertools.islice(left, size)):
+            inputs = group.place, group.digest, group.parameters, tuple(sorted(group.files.items()))
+            yield Block(
+                group.bag, group.params, inputs, what_answers(), study.number, study.series,
+                *zip(*cases, strict=True),
+            )  # fmt: skip
+
+
+class Answered(NamedTuple):
+    """What a worker sends back."""
+
+    table: bytes
+    """A row for each case, as Parquet"""
+    series: bytes
+    """All answers as Parquet, if they are requested"""
+    failed: int
+    """Number of cases without an outcome"""
+    damage: tuple[str, ...]
+    """Parts of the bag that cannot be read, a sentence each"""
+
+
+def compute_block(block: Block) -> Answered:
+    """Compute a block; a worker reads nothing but the bag.
+
+    Raises:
+        UsageError: the bag cannot be used, or this is another version of the model.
+    """
+    if block.model != what_answers():
+        raise UsageError(f"{_worker()}: another version of knee_contact_ros than here; install the same")
+    knees = _knees(*block.inputs)
+    compiled = worth_compiling(block.number * len(knees.recording.steps))
+    computed = compute(knees, block.cases, series=block.series, compiled=compiled)
+    if not gc.get_freeze_count():  # thousands of cases start many collections, a quarter of a second each
+        gc.freeze()
+    series = _series(block.keys, computed) if block.series else b""
+    return Answered(_table(block, knees, computed), series, sum(map(bool, computed.failed)), knees.recording.damage)
+
+
+@lru_cache(4)
+def _knees(place: str, digest: str, parameters: Parameters, files: tuple[tuple[str, str], ...]) -> Knees:
+    with here(place) as (path, found):
+        if found != digest:
+            raise UsageError(f"bag {place}: {_worker()} finds another content than the client")
+        known = dict(files)
+        return Knees(read_recording(path, parameters, file_texts(parameters, known))[0], parameters, known)
+
+
+def _worker() -> str:
+    from distributed import get_worker
+
+    return f"worker {get_worker().address}"
+
+
+def _table(block: Block, knees: Knees, computed: Computed) -> bytes:
+    """Make the rows of a block's cases: what they are, all parameters that may vary, outcomes, and why one failed."""
+    import pandas as pd
+
+    common = {name: value for name, value in all_values(knees.parameters).items() if name.startswith(SECTIONS)}
+    varied = {*block.cases[0], *(LATERAL_KNEE + name for name in block.cases[0])}
+    rows = [common | values if own is None else {name: all_values(own)[name] for name in varied & set(common)}
+            for own, values in zip(computed.parameters, block.cases, strict=True)]  # fmt: skip
+    before = {"case": block.keys, "bag": block.bag, "params": " + ".join(block.params)}
+    columns = {name: [row.get(name, value) for row in rows] if name in varied else value
+               for name, value in common.items()}  # fmt: skip
+    outcomes = [pd.DataFrame(rows).add_prefix(prefix)
+                for prefix, rows in zip(("", LATERAL), computed.outcomes, strict=True)]  # fmt: skip
+    after = pd.DataFrame({"failed": computed.failed, "seconds": computed.seconds})
+    kinds = {name: type(value) for name, value in common.items()}
+    table = pd.concat([pd.DataFrame(before | columns).astype(kinds), *outcomes, after], axis=1)
+    table.attrs["varied"] = sorted(block.cases[0])
+    content: bytes = table.to_parquet(None, compression="zstd", index=False)
+    return content
+
+
+def _series(keys: Sequence[str], computed: Computed) -> bytes:
+    """Make the table of all answers of the cases: key, compartment, stamp [ns], and the fields of the message."""
+    import pandas as pd
+
+    parts = []
+    for place, (side, answers) in enumerate(zip(("medial", "lateral"), computed.series, strict=False)):
+        known = computed.has(place)
+        rows = answers[known].ravel().view(FLAT)
+        columns = {name: np.ascontiguousarray(rows[name]) for name in ("stamp", *TOLD)}
+        cases = np.repeat(np.array(keys)[known], answers.shape[1])
+        parts.append(pd.DataFrame({"case": cases, "compartment": side, **columns}))
+    content: bytes = pd.concat(parts).to_parquet(None, compression="zstd", index=False)
+    return content
+
+
+class Shards:
+    """Reads and writes the shards in the folder of a study's results, which need not exist yet."""
+
+    def __init__(self, url: str) -> None:
+        """Take a folder.
+
+        Raises:
+            UsageError: the address cannot be used.
+        """
+        import fsspec
+
+        self.url = url
+        with self.errors():
+            place = url if ADDRESS.search(url) else str(expanded(url).absolute())
+            self.files, self.folder = fsspec.core.url_to_fs(place, use_listings_cache=False)
+
+    @contextmanager
+    def errors(self) -> Iterator[None]:
+        """Let errors that come with reading or writing the folder name it, in a line."""
+        try:
+            yield
+        except ToldError:
+            raise
+        except Exception as error:  # a boundary: each kind of store has errors of its own
+            full = isinstance(error, OSError) and error.errno in FULL
+            raise (IncompleteError if full else UsageError)(f"output {self.url}: {reason(error)}") from None
+
+    def names(self, folder: str = "") -> list[str]:
+        """Names of the shards in the folder of results, or in a folder inside it.
+
+        Raises:
+            UsageError: the folder holds something else.
+        """
+        with self.errors():
+            try:
+                found = self.files.ls(f"{self.folder}/{folder}".rstrip("/"), detail=False)
+            except FileNotFoundError:
+                return []
+        entries = [PurePosixPath(name.rstrip("/")).name for name in found]
+        names = sorted(name for name in entries if not name.startswith(("_", ".")))
+        for name in names:
+            if not (name.startswith("cases-") and name.endswith(".parquet")):
+                raise UsageError(f"output {self.url}: holds {name}, which is none of a study's results")
+        return names
+
+    def read(self, *columns: str) -> Any:
+        """Read columns of all finished cases into a data frame, by their keys.
+
+        Raises:
+            UsageError: the folder holds something else, or a shard is damaged.
+        """
+        import pandas as pd
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+
+        parts = [pd.DataFrame({"case": []})]
+        for name in self.names():
+            try:  # from bytes: Arrow's threads would release a Python file after Python's end, and abort
+                content = pa.BufferReader(self.files.cat_file(f"{self.folder}/{name}"))
+                parts.append(pq.read_table(content, columns=["case", *columns]).to_pandas())
+            except Exception as error:  # a boundary: damaged files raise what they like
+                why = reason(error).splitlines()[0]
+                raise UsageError(
+                    f"output {self.url}: {name} is damaged, or none of a study's results ({why}): move it away, and "
+                    "its cases are computed again"
+                ) from None
+        return pd.concat(parts[1:] or parts).drop_duplicates("case").set_index("case")
+
+    def put(self, name: str, content: bytes) -> None:
+        """Write a file that gets its name when it is complete.
+
+        Raises:
+            UsageError: the folder cannot be written.
+            IncompleteError: the disk is full.
+        """
+        unfinished = f"{self.folder}/{UNFINISHED}"
+        with self.errors():
+            try:
+                self.files.makedirs(f"{self.folder}/{name}".rpartition("/")[0], exist_ok=True)
+                self.files.pipe_file(unfinished, content)
+                self.files.mv(unfinished, f"{self.folder}/{name}")
+            except BaseException:
+                with suppress(Exception):
+                    self.files.rm(unfinished)
+                raise
+
+
+@contextmanager
+def workers_of(number: int, scheduler: str) -> Iterator[Any]:
+    """Connect to a running scheduler, or start workers on this machine, which end with the context; yield the client.
+
+    Args:
+        number: Processes on this machine; 0: one for each processor.
+        scheduler: Address of the scheduler to use instead; empty for workers on this machine.
+
+    Raises:
+        UsageError: the scheduler cannot be reached.
+        IncompleteError: no process can be started.
+    """
+    from dask import config
+
+    with ExitStack() as opened:
+        opened.enter_context(config.set(DASK))
+        from distributed import Client, LocalCluster  # which read the settings of their logs
+
+        try:
+            with _ignoring_interrupts():
+                cluster = scheduler or opened.enter_context(LocalCluster(
+                    n_workers=number or None, threads_per_worker=1, processes=True, host="127.0.0.1",
+                    dashboard_address=None, silence_logs=logging.CRITICAL,
+                    scheduler_kwargs={"dashboard": False, "dashboard_address": "127.0.0.1:0"},
+                ))  # fmt: skip
+            client = opened.enter_context(Client(cluster, timeout=PATIENCE, set_as_default=False))
+        except Exception as error:  # a boundary: an address may be of a kind that needs another library
+            if scheduler:
+                raise UsageError(f"scheduler {scheduler}: cannot be reached: {reason(error)}") from None
+            raise IncompleteError(f"no workers can be started: {reason(error)}") from None
+        if scheduler and not client.nthreads():
+            warn([f"scheduler {scheduler}: it has no workers yet, and is waited for"])
+        yield client
+
+
+@contextmanager
+def _ignoring_interrupts() -> Iterator[None]:
+    """Let processes and threads that are started in this context ignore Ctrl-C: the client gets it, and ends them."""
+    resource_tracker.ensure_running()  # it lets the signal through again in the thread that it is started by
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def computed_by(client: Any, blocks: Iterator[Block]) -> Iterator[tuple[Block, Answered]]:
+    """Have blocks computed by the workers; yield each with its answers as it is done.
+
+    Raises:
+        UsageError: a worker cannot use a bag.
+        IncompleteError: workers died again and again, or failed, or the scheduler is gone.
+    """
+    from distributed import as_completed
+    from distributed.scheduler import KilledWorker
+
+    running, of_future, future = as_completed(loop=client.loop), dict[str, Block](), None
+
+    def submit() -> None:
+        wanted = WAITING * max(8, sum(client.nthreads().values())) - len(of_future)
+        for block in itertools.islice(blocks, max(0, wanted)):
+            submitted = client.submit(compute_block, block, pure=False)
+            of_future[submitted.key] = block
+            running.add(submitted)
+
+    try:
+        submit()
+        for future in running:
+            block = of_future.pop(future.key)
+            answered = future.result()
+            future.release()
+            yield block, answered
+            submit()
+    except ToldError:
+        raise
+    except KilledWorker:
+        where = f"{len(block.keys)} cases of bag {block.bag}"
+        raise IncompleteError(f"workers died again and again at {where}: of too little memory? {REST}") from None
+    except Exception as error:  # a boundary: whatever a worker may lack or meet; or the scheduler is gone
+        if future is None or future.status != "error":
+            raise IncompleteError(f"the scheduler is gone; {REST}") from None
+        failure = f"{type(error).__name__}: {reason(error)}"
+        raise IncompleteError(f"bag {block.bag}: a worker failed: {failure}; {REST}") from None
+
+
+class Done(NamedTuple):
+    """How many cases of a study were computed, and how many were not."""
+
+    there: int
+    """Cases that had been computed before, or that are the same as another case"""
+    computed: int
+    """Cases that were computed now"""
+    failed: int
+    """Cases among those computed now that have no outcome"""
+    damage: tuple[str, ...]
+    """Parts of the bags that cannot be read, a sentence each"""
+
+
+def run_study(
+    study: Study, output: str, *, workers: int = 0, scheduler: str = "", advance: Callable[[int, int], None]
+) -> Done:
+    """Compute the missing cases of a study.
+
+    Args:
+        study: The study.
+        output: Folder of the results, local or as fsspec spells it.
+        workers: Processes on this machine; 0: one for each processor.
+        scheduler: Address of a scheduler whose workers compute instead, as `tcp://host:8786`.
+        advance: Called with the number of cases that are computed, and the number of all cases.
+
+    Raises:
+        UsageError: bag, parameters, folder or scheduler cannot be used.
+        IncompleteError: a disk is full, or workers died again and again.
+    """
+    groups, shards = [Group(*knee, study.values) for knee in study.knees], Shards(output)
+    known, count, failed, damage = set(shards.read().index), 0, 0, dict[str, None]()
+    if study.series and set(shards.names()) - set(shards.names(SERIES)):
+        raise UsageError(f"output {output}: holds cases without their series; begin a new folder")
+    blocks = blocks_of(study, groups, known)
+    if first := next(blocks, None):
+        with workers_of(workers, scheduler) as client:
+            for block, answered in computed_by(client, itertools.chain([first], blocks)):
+                name = f"cases-{_digest(' '.join(block.keys))}.parquet"
+                if study.series:
+                    shards.put(f"{SERIES}/{name}", answered.series)
+                shards.put(name, answered.table)
+                count, failed = count + len(block.keys), failed + answered.failed
+                damage |= dict.fromkeys(answered.damage)
+                advance(count, study.number)
+    return Done(study.number - count, count, failed, tuple(damage))
+
+
+def compute_all(study: Study, output: str, workers: int, scheduler: str) -> None:
+    """Compute the missing cases of a study, with a bar, and say how many there were; see `run_study`."""
+    with progress("Computing") as advance:
+        done = run_study(study, output, workers=workers, scheduler=scheduler, advance=advance)
+    warn(f"damaged, and computed as far as it can be read: {sentence}" for sentence in done.damage)
+    say(f"{study.number} cases: {done.computed} computed, {done.there} were there, {done.failed} failed")

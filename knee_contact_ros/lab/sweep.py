@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -50,37 +50,15 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 
-class Outcome(NamedTuple):
-    """Description of an outcome, which is a column of the table."""
-
-    name: str
-    """Name of the column"""
-    unit: str
-    """SI unit; empty for numbers of ticks and for ratios"""
-    meaning: str
-    """Definition, for people who read the table"""
-
-
-OUTCOMES = (
-    Outcome("peak_force", "N", "largest contact force"),
-    Outcome("peak_depth", "m", "largest penetration depth"),
-    Outcome("peak_pressure", "Pa", "largest pressure, that of the force at rest spread over the patch (readouts)"),
-    Outcome("peak_strain", "", "largest nominal strain of the cartilage"),
-    Outcome("peak_loading_rate", "N/s", "fastest rise of the contact force from tick to tick"),
-    Outcome("impulse", "N s", "contact force over time, by trapezoids"),
-    Outcome("contact_time", "s", "time in contact"),
-    Outcome("bone_time", "s", "time in contact with the second layer"),
-    Outcome("path_length", "m", "way of the contact point while in contact"),
-    Outcome("sliding_distance", "m", "way that the femoral surface slides over the tibial one while in contact"),
-    Outcome("error_bound", "m", "largest error estimate of the depth"),
-    Outcome("force_error_bound", "N", "largest error estimate of the contact force"),
-    Outcome("not_converged", "", "ticks that missed a tolerance"),
-    Outcome("implausible", "", "ticks whose depth makes no sense"),
-    Outcome("ticks", "", "answers in all"),
-    Outcome("evaluations", "", "contact law evaluations in all"),
-)
-"""All outcomes, in the order of the table's columns"""
-OF_A_RUN = np.dtype([(outcome.name, np.float64) for outcome in OUTCOMES])
+OUTCOMES = {
+    "peak_force": "N", "peak_depth": "m", "peak_pressure": "Pa", "peak_strain": "", "peak_loading_rate": "N/s",
+    "impulse": "N s", "contact_time": "s", "bone_time": "s", "path_length": "m", "sliding_distance": "m",
+    "error_bound": "m", "force_error_bound": "N", "not_converged": "", "implausible": "", "ticks": "",
+    "evaluations": "",
+}  # fmt: skip
+"""SI units of all outcomes, in the order of the table's columns; docs/how-to/many-knees.md has their meanings. The
+pressure is that of the force at rest spread over the patch (readouts); integrals are taken by trapezoids"""
+OF_A_RUN = np.dtype([(name, np.float64) for name in OUTCOMES])
 """Record of the outcomes of a run, with a field for each"""
 LARGEST = {
     "peak_force": "contact_force", "peak_depth": "penetration_depth", "error_bound": "error_estimate",
@@ -317,19 +295,14 @@ def _refuse_beyond(what: str, values: Floats, most: float, unit: str) -> None:
         raise UsageError(f"{what} {beyond[0]:g} {unit} is not allowed; at most {most:g} {unit}")
 
 
-def may_vary(name: str) -> bool:
-    """Whether a study may vary the parameter of a name."""
-    return name.startswith(SECTIONS)
-
-
-def checked_names(names: Sequence[str]) -> None:
+def checked_names(names: Iterable[str]) -> None:
     """Refuse parameters that a study cannot vary; unknown ones are left to `check_value`.
 
     Raises:
         UsageError: a study cannot vary one of them.
     """
     for name in names:
-        if name in known_parameters() and not may_vary(name):
+        if name in known_parameters() and not name.startswith(SECTIONS):
             raise UsageError(f"{name} is not allowed; a parameter of {', '.join(SECTIONS)}")
 
 
@@ -497,26 +470,27 @@ def sweep(
 
 def _cases(values: Mapping[str, ArrayLike]) -> list[dict[str, Any]]:
     """Give the values of each case by name; refuse arrays of different lengths, and values that are never allowed."""
-    flat = {name: np.atleast_1d(np.asarray(column)) for name, column in dotted(values).items()}
-    checked_names(list(flat))
-    lengths = {len(column) for column in flat.values() if column.shape != (1,)} or {1}
-    if len(lengths) > 1 or any(column.ndim != 1 for column in flat.values()) or not flat:
+    flat = {name: np.asarray(column) for name, column in dotted(values).items()}
+    checked_names(flat)
+    try:
+        columns = [column.tolist() for column in np.broadcast_arrays(*flat.values(), np.zeros(1))[:-1]]
+        rows = [dict(zip(flat, row, strict=True)) for row in zip(*columns, strict=True)]
+    except ValueError:
+        rows = []
+    if not rows or any(column.ndim > 1 for column in flat.values()):
         shapes = ", ".join(f"{name} {column.shape}" for name, column in flat.items()) or "none"
         raise UsageError(f"values: {shapes} is not allowed; arrays of one length, or single values")
-    (number,) = lengths
-    columns = {name: np.broadcast_to(column, number).tolist() for name, column in flat.items()}
-    for name, column in columns.items():
-        ends = [min(column), max(column)] if column and not isinstance(column[0], str) else sorted(set(column))
-        for value in ends:
+    for name, column in zip(flat, columns, strict=True):
+        for value in set(column) if isinstance(column[0], str) else {min(column), max(column)}:
             check_value(name, value)
-    return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+    return rows
 
 
 def _recording(gait: Mapping[str, ArrayLike]) -> Recording:
     """Make a recording from arrays; refuse those that are missing or do not fit."""
-    known = {"time", "flexion_angle", "axial_load", "frontal_moment", "femoral_height"}
-    if not {"time", "flexion_angle"} <= set(gait) <= known:
-        raise UsageError(f"gait: {', '.join(gait) or 'nothing'} is not allowed; time, flexion_angle, axial_load")
+    known = ("time", "flexion_angle", "axial_load", "frontal_moment", "femoral_height")
+    if not {*known[:2]} <= set(gait) <= {*known}:
+        raise UsageError(f"gait: {', '.join(gait) or 'nothing'} is not allowed; {', '.join(known)}")
     columns = {name: np.array(column, dtype=float) for name, column in gait.items()}
     time = columns["time"]
     if any(column.shape != time.shape or column.ndim != 1 for column in columns.values()) or not len(time):
@@ -526,9 +500,6 @@ def _recording(gait: Mapping[str, ArrayLike]) -> Recording:
     stamps = np.rint(time / NANOSECOND).astype(np.int64)
     if (np.diff(stamps) <= 0).any():
         raise UsageError("gait: time must increase")
-    steps = np.diff(stamps, prepend=stamps[:1]) * NANOSECOND
-    zeros, unknown_heights = np.zeros(len(time)), np.full(len(time), np.nan)
-    return Recording(
-        stamps, steps, columns["flexion_angle"], columns.get("axial_load", zeros),
-        columns.get("frontal_moment", zeros), columns.get("femoral_height", unknown_heights),
-    )  # fmt: skip
+    default = dict.fromkeys(known[2:4], np.zeros(len(time))) | {known[4]: np.full(len(time), np.nan)}
+    inputs = [(default | columns)[name] for name in known[1:]]
+    return Recording(stamps, np.diff(stamps, prepend=stamps[:1]) * NANOSECOND, *inputs)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import io
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -84,32 +84,40 @@ def measure(
         UsageError: it is not known which model computed them.
     """
     compartments = [results] if results.lateral is None else [results, results.lateral]
-    models = [compartment.model for compartment in compartments if compartment.model is not None]
-    if len(models) < len(compartments):
-        raise UsageError("parameters changed while this recording was made; say --params FILE")
-    total = len(NAMES) * len(TOLERANCES) + 3
+    total, done = len(NAMES) * len(TOLERANCES) + 3, 0
 
     def answers(level: str, tolerance: float, load: float = 1.0) -> tuple[Rows, float]:
+        nonlocal done
         rows, seconds = [], 0.0
-        for compartment, model in zip(compartments, models, strict=True):
-            tuned = replace(model, level=LEVELS[level], tolerance=tolerance, force_tolerance=0.0, compiled=True)
-            own, taken = answered(tuned, compartment, load)
+        for samples in compartments:
+            if samples.model is None:
+                raise UsageError("parameters changed while this recording was made; say --params FILE")
+            fidelity: Any = {"level": LEVELS[level], "tolerance": tolerance, "force_tolerance": 0.0}
+            own, taken = answered(replace(samples.model, compiled=True, **fidelity), samples, load)
             rows.append(own)
             seconds += taken
+        done += 1
+        advance(done, total)
         return np.concatenate(rows), seconds
 
     exact, _ = answers("dynamic", REFERENCE)
-    advance(1, total)
-    second = largest(signed_depth(answers("dynamic", SECOND)[0]) - signed_depth(exact))
-    advance(2, total)
-    if worth is None:
-        worth = largest(signed_depth(answers("dynamic", REFERENCE, 1.0 + LOAD_ERROR)[0]) - signed_depth(exact))
+    depth, touching = signed_depth(exact), exact["penetration_depth"] > 0.0
+    second, loaded = (
+        largest(signed_depth(answers("dynamic", *how)[0]) - depth)
+        for how in ((SECOND, 1.0), (REFERENCE, 1.0 + LOAD_ERROR))
+    )
     settings: list[Setting] = []
     for level in NAMES:
         for tolerance in TOLERANCES:
-            advance(3 + len(settings), total)
-            settings.append(compared(level, tolerance, *answers(level, tolerance), exact))
-    return Trade(settings, len(exact), worth, second)
+            rows, seconds = answers(level, tolerance)
+            apart = [rows["contact_point"][axis] - exact["contact_point"][axis] for axis in ("x", "y")]
+            settings.append(Setting(
+                level, tolerance, largest(signed_depth(rows) - depth),
+                largest(rows["contact_force"] - exact["contact_force"]), largest(np.hypot(*apart)[touching]),
+                float(np.mean((rows["status"] & Status.NOT_CONVERGED) != 0)), float(np.mean(rows["evaluations"])),
+                1e6 * seconds / len(rows),
+            ))  # fmt: skip
+    return Trade(settings, len(exact), loaded if worth is None else worth, second)
 
 
 def answered(model: KneeModel, samples: Rows, load: float) -> tuple[Rows, float]:
@@ -128,18 +136,6 @@ def answered(model: KneeModel, samples: Rows, load: float) -> tuple[Rows, float]
         ]  # fmt: skip
         seconds.append(time.process_time() - begin)
     return np.concatenate(rows), min(seconds[1:])
-
-
-def compared(level: str, tolerance: float, rows: Rows, seconds: float, exact: Rows) -> Setting:
-    """Compare the answers of a setting with those of the reference."""
-    touching = exact["penetration_depth"] > 0.0
-    apart = [rows["contact_point"][axis] - exact["contact_point"][axis] for axis in ("x", "y")]
-    return Setting(
-        level, tolerance, largest(signed_depth(rows) - signed_depth(exact)),
-        largest(rows["contact_force"] - exact["contact_force"]), largest(np.hypot(*apart)[touching]),
-        float(np.mean((rows["status"] & Status.NOT_CONVERGED) != 0)), float(np.mean(rows["evaluations"])),
-        1e6 * seconds / len(rows),
-    )  # fmt: skip
 
 
 def signed_depth(rows: Rows) -> NDArray[np.float64]:
@@ -174,14 +170,12 @@ def advice(trade: Trade) -> str:
 
 def show(trade: Trade) -> None:
     """Print the table, a row per setting, what its errors are, and the advice."""
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
-    table.add_column("level", no_wrap=True)
+    table = Table("level", box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
     for heading in ("tolerance", "depth [m]", "force [N]", "point [m]", "flagged", "calls", "time [us]"):
         table.add_column(shown(heading), justify="right", no_wrap=True)
-    for each in trade.settings:
-        errors = [f"{error:.1e}" for error in (each.depth, each.force, each.point)]
-        cost = f"{each.evaluations:.1f}", f"{each.microseconds:.2f}"
-        table.add_row(each.level, f"{each.tolerance:.0e}", *errors, f"{1e2 * each.flagged:.1f} %", *cost)
+    for level, tolerance, *errors, flagged, calls, microseconds in trade.settings:
+        cells = (f"{tolerance:.0e}", *(f"{error:.1e}" for error in errors), f"{1e2 * flagged:.1f} %")
+        table.add_row(level, *cells, f"{calls:.1f}", f"{microseconds:.2f}")
     say("Largest errors at any tick; calls of the contact law and processor time per tick")
     Console(width=WIDTH).print(table)
     say(f"{trade.ticks} ticks. The reference is this same model at a tolerance of {REFERENCE:g} m; a run at")
@@ -205,33 +199,25 @@ def draw(trade: Trade, path: Path) -> None:
         ("point", "largest error of the contact point [m]"), ("microseconds", "processor time per tick [µs]"),
     )  # fmt: skip
     for axis, (name, title) in zip(figure.subplots(2, 2, sharex=True).ravel(), panels, strict=True):
-        draw_panel(axis, trade.settings, name, title)
+        for level, colour in zip(NAMES, ("#e69f00", "#0072b2"), strict=True):
+            own = [each for each in trade.settings if each.level == level]
+            values = np.array([getattr(each, name) for each in own])
+            axis.plot(TOLERANCES, values, "o-", color=colour, linewidth=1.8, label=level)
+            hollow = [each.flagged > FLAGGED for each in own]
+            axis.plot(np.array(TOLERANCES)[hollow], values[hollow], "o", color=colour, markerfacecolor="white")
+        axis.set(xscale="log", title=title, xlim=(2.0 * TOLERANCES[0], 0.5 * TOLERANCES[-1]))
         if name == "depth":
             axis.plot(TOLERANCES, TOLERANCES, color="0.6", linestyle=":", label="as large as the tolerance")
             axis.axhline(trade.worth, color="#009e73", linestyle="--", label="what the data are worth")
+        if name == "microseconds":
+            axis.set_ylim(bottom=0.0)
+        elif any(getattr(each, name) > 0.0 for each in trade.settings):
+            axis.set_yscale("log")
+        else:
+            axis.text(0.5, 0.6, "0 at every setting", transform=axis.transAxes, ha="center")
         axis.legend(fontsize=9, frameon=False, loc="upper left" if name == "microseconds" else "lower left")
+        axis.grid(visible=True, color="0.92")
     figure.supxlabel("fidelity.tolerance [m]; hollow: more than 1 % of the ticks are flagged")
     file = io.BytesIO()
     figure.savefig(file, dpi=120, format="png")
     write_complete({path: file.getvalue()})
-
-
-def draw_panel(axis: Any, settings: Sequence[Setting], name: str, title: str) -> None:
-    """Draw one figure of the settings over the tolerance; hollow marks are settings that flag ticks."""
-    for level, colour in zip(NAMES, ("#e69f00", "#0072b2"), strict=True):
-        own = [each for each in settings if each.level == level]
-        values = [getattr(each, name) for each in own]
-        axis.plot(TOLERANCES, values, color=colour, linewidth=1.8, label=level)
-        for each, value in zip(own, values, strict=True):
-            face = "white" if each.flagged > FLAGGED else colour
-            axis.plot(each.tolerance, value, "o", color=colour, markerfacecolor=face, markersize=6)
-    axis.set(xscale="log", title=title)
-    axis.set_xlim(2.0 * TOLERANCES[0], 0.5 * TOLERANCES[-1])
-    if name == "microseconds":
-        axis.set_ylim(bottom=0.0)
-    elif any(getattr(each, name) > 0.0 for each in settings):
-        axis.set_yscale("log")
-    else:
-        axis.text(0.5, 0.6, "0 at every setting", transform=axis.transAxes, ha="center")
-    axis.grid(visible=True, color="0.92")
-    axis.set_axisbelow(True)

@@ -11,6 +11,7 @@ import difflib
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from numbers import Real
 from operator import attrgetter
@@ -39,7 +40,7 @@ STREAMS = {
     "femoral_height": ("heights", "m"),
 }  # fmt: skip
 """Inputs of a tick that may be uncertain: their fields of `Recording`, and units"""
-SECTIONS = ("load.", "femur.", "tibia.", "contact.", "lateral.", "body_weight")
+SECTIONS = ("load.", "femur.", "tibia.", "contact.", "body_weight", LATERAL)
 """Beginnings of the names of the parameters that may be uncertain"""
 UNIT = re.compile(r"\[([^\]]+)\]")
 """The unit at the beginning of a parameter's description"""
@@ -49,7 +50,7 @@ DEPTH_AND_FORCE = ("penetration_depth", "contact_force")
 LEVEL = 0.95
 """Default probability of an interval"""
 TRIES = 100
-"""Largest number of draws of a sample until all parameters lie in their ranges"""
+"""Number of draws of which at least one in this many must lie in the parameters' ranges"""
 
 
 class Deviation(NamedTuple):
@@ -83,68 +84,43 @@ class Deviation(NamedTuple):
         return unit[1] if unit else ""
 
 
-Moved = Mapping[Deviation, float]
-"""Errors of inputs and parameters, in standard deviations of each"""
-
-
-def read_deviations(path: Path) -> Mapping[str, Any]:
-    """Read the mapping of names to standard deviations in a YAML file.
-
-    Raises:
-        UsageError: the file cannot be read, or holds no mapping.
-    """
-    return dotted(read_mapping(path, "file of standard deviations", "names to standard deviations"))
-
-
-def deviations_of(given: Mapping[str, Any], parameters: Parameters) -> tuple[Deviation, ...]:
+def deviations_of(given: Mapping[str, Any] | Name, parameters: Parameters) -> tuple[Deviation, ...]:
     """Check standard deviations by name (of `STREAMS`, or of parameters that are real numbers), and keep their order.
 
     Each is a number in SI units, or a text in percent of the value, as `"10 %"`; that of an angle, a share or a height
-    is a number.
+    is a number. They may be in a YAML file.
 
     Raises:
-        UsageError: a name is unknown or has no effect in this drive, or its value is no standard deviation.
+        UsageError: the file cannot be read, a name is unknown or has no effect, or a value is no standard deviation.
     """
+    if not isinstance(given, Mapping):
+        given = read_mapping(expanded(str(given)), "file of standard deviations", "names to standard deviations")
     if not given:
         raise UsageError("uncertainty: no standard deviation is given; as contact.stiffness: 10 %")
-    values = all_values(parameters)
-    return tuple(_deviation(name, size, values, parameters) for name, size in given.items())
-
-
-def _deviation(name: str, given: Any, values: Mapping[str, Any], parameters: Parameters) -> Deviation:
-    """Check a standard deviation; `values` are those of all parameters by name."""
-    real = [key for key, value in values.items() if key.startswith(SECTIONS) and isinstance(value, float)]
-    if name not in STREAMS and name not in real:
-        near = difflib.get_close_matches(name, [*STREAMS, *real], n=1, cutoff=0.75)
-        allowed = (
-            f"{', '.join(STREAMS)}, or a parameter that is a real number, of load, femur, tibia, contact, lateral, or "
-            "body_weight"
-        )
-        hint = f"did you mean {near[0]}?" if near else allowed
-        raise UsageError(f"uncertainty: {name or repr(name)} is not allowed; {hint}")
-    displaced = parameters.drive == "displacement"
-    if name in STREAMS and name != "flexion_angle" and (name == "femoral_height") != displaced:
-        raise UsageError(f"uncertainty: {name} moves nothing with drive {parameters.drive}")
-    if name.startswith(LATERAL) and not has_both(parameters):
-        raise UsageError(f"uncertainty: {name} moves nothing with load.compartment {parameters.load.compartment}")
-    relative = isinstance(given, str)
-    size = _number(given)
-    if not 0.0 < size < math.inf or (relative and size > LARGEST):
-        raise UsageError(f"uncertainty: {name}: {given!r} is not allowed; a number > 0 in SI units, or up to '100 %'")
-    if relative and name in STREAMS and name != "axial_load":
-        raise UsageError(f"uncertainty: {name}: {given!r} is not allowed; in {STREAMS[name][1] or 'parts of 1'}")
-    return Deviation(name, size, relative)
-
-
-def _number(given: Any) -> float:
-    """Return a number, or a text in percent as a part of 1; NaN if it is neither."""
-    try:
-        if isinstance(given, str):
-            number, percent, rest = given.partition("%")
-            return float(number) / 100.0 if percent and not rest.strip() else math.nan
-        return float(given) if isinstance(given, Real) and not isinstance(given, bool) else math.nan
-    except (ValueError, OverflowError):
-        return math.nan
+    left_out = ("axial_load", "medial_share") if parameters.drive == "displacement" else ("femoral_height",)
+    sections = SECTIONS if has_both(parameters) else SECTIONS[:-1]
+    values = all_values(parameters).items()
+    known = [name for name, value in values if name.startswith(sections) and isinstance(value, float)]
+    streams, found = [name for name in STREAMS if name not in left_out], []
+    for name, size in dotted(given).items():
+        if name not in (*streams, *known):
+            near = difflib.get_close_matches(name, [*streams, *known], n=1, cutoff=0.75)
+            where = f"with drive {parameters.drive} and load.compartment {parameters.load.compartment}"
+            allowed = f"{', '.join(streams)}, or a real number of {', '.join(sections)}"
+            hint = f"did you mean {near[0]}?" if near else f"{where} {allowed}"
+            raise UsageError(f"uncertainty: {name or repr(name)} is not allowed; {hint}")
+        relative, number = isinstance(size, str), math.nan
+        with suppress(ValueError, OverflowError):
+            if relative and size.strip().endswith("%"):
+                number = float(size.strip()[:-1]) / 100.0
+            elif isinstance(size, Real) and not isinstance(size, bool):
+                number = float(size)
+        part = name == "axial_load" or name not in STREAMS
+        if not 0.0 < number < math.inf or (relative and (number > LARGEST or not part)):
+            percent = ", or up to '100 %'" if part else ""
+            raise UsageError(f"uncertainty: {name}: {size!r} is not allowed; a number > 0 in SI units{percent}")
+        found.append(Deviation(name, number, relative))
+    return tuple(found)
 
 
 class Given(NamedTuple):
@@ -154,16 +130,14 @@ class Given(NamedTuple):
     """Inputs of all ticks (`recording`), and the parameters they were computed with (`parameters`)"""
     rows: tuple[Rows, ...]
     """Answers of each compartment, arrays of shape (n,)"""
-    replays: int
-    """Number of runs that are to be expected: for many, the model is compiled"""
     compiled: bool | None
     """Whether the compiled model is to be used; None: if it is quicker, with its compilation"""
 
-    def answers(self, moved: Moved) -> list[Rows]:
-        """Return the answers of each compartment to inputs and parameters with errors.
+    def answers(self, moved: Mapping[Deviation, float], replays: int = 1) -> list[Rows]:
+        """Return the answers of each compartment to inputs and parameters with errors, in standard deviations of each.
 
         A lateral parameter that follows its medial one has the same error, unless it is in `moved` itself. Without
-        errors the answers are those of the recording, bit for bit.
+        errors the answers are those of the recording, bit for bit. For many `replays`, the model is compiled.
 
         Raises:
             UsageError: a parameter leaves its range, or an input the range of a knee.
@@ -177,33 +151,12 @@ class Given(NamedTuple):
             else:
                 values[deviation.name] = deviation.moved(float(attrgetter(deviation.name)(parameters)), times)
         knees = Knees(recording._replace(**inputs), parameters, self.knees.files)
-        ticks = self.replays * sum(map(len, self.rows))
+        ticks = replays * sum(map(len, self.rows))
         compiled = worth_compiling(ticks) if self.compiled is None else self.compiled
         found = compute(knees, [values], series=True, compiled=compiled)
         if found.failed[0]:
             raise UsageError(found.failed[0])
         return [rows[0] for rows in found.series]
-
-
-def given_in(
-    bag: Path, basis: Parameters | Provenance, advance: Callable[[int, int], None], names: Names = OWN_NAMES,
-    *, replays: int, compiled: bool | None = None,
-) -> Given:  # fmt: skip
-    """Read the inputs of the model from a bag, to be answered `replays` times; other arguments are those of `solve`.
-
-    All answers are held in memory: 300 B for each tick and compartment.
-
-    Raises:
-        UsageError: the bag cannot be used, see `solve`; or parameters changed while the recording was made.
-    """
-    if isinstance(basis, Provenance) and basis.changes:
-        raise UsageError(
-            f"bag {bag}: its parameters changed, or the model was reset; uncertainty needs a constant model"
-        )
-    parameters, texts = parameters_in(basis), texts_of(basis)
-    files = {name: texts[parameter] for parameter, name in curve_files(parameters).items()}
-    recording, rows = read_recording(bag, basis, texts, names, advance, compiled=compiled)
-    return Given(Knees(recording, parameters, files), rows, replays, compiled)
 
 
 class Propagated(NamedTuple):
@@ -234,24 +187,28 @@ class Propagated(NamedTuple):
 
     def depth_interval(self, level: float = LEVEL) -> tuple[Floats, Floats]:
         """Return the bounds between which the depth [m] lies with a probability, if errors are normal; not below 0."""
-        return self._interval(0, level)
+        return self._interval(self.rows["penetration_depth"], self.depth, level)
 
     def force_interval(self, level: float = LEVEL) -> tuple[Floats, Floats]:
         """Return the bounds between which the contact force [N] lies with a probability, if errors are normal.
 
         They are not below 0, unless the force itself is because the contact law allows tension.
         """
-        return self._interval(1, level)
+        return self._interval(self.rows["contact_force"], self.force, level)
 
-    def _interval(self, which: int, level: float) -> tuple[Floats, Floats]:
-        reach, values = factor(level) * self._combined(which), np.asarray(self.rows[DEPTH_AND_FORCE[which]])
-        least = np.minimum(values, 0.0)
-        return np.maximum(values - reach, least), values + reach
+    def by_stamp(self) -> Propagated:
+        """Give the same in the order of the stamps, which is that of the ticks in recordings."""
+        order = np.argsort(self.rows["stamp"], kind="stable")
+        parts = {one: (depth[order], force[order]) for one, (depth, force) in self.parts.items()}
+        return Propagated(self.rows[order], parts)
+
+    def _interval(self, values: Any, deviation: Floats, level: float) -> tuple[Floats, Floats]:
+        reach = factor(level) * deviation
+        return np.maximum(values - reach, np.minimum(values, 0.0)), values + reach
 
     def _combined(self, which: int) -> Floats:
         """Return the standard deviation that all inputs make together, of the depth (0) or the force (1)."""
-        squares = [part[which] ** 2 for part in self.parts.values()]
-        return np.asarray(np.sqrt(np.sum(squares, axis=0)))
+        return np.asarray(np.sqrt(np.sum([part[which] ** 2 for part in self.parts.values()], axis=0)))
 
 
 class Sampled(NamedTuple):
@@ -288,70 +245,47 @@ def factor(level: float) -> float:
     return NormalDist().inv_cdf(0.5 + 0.5 * level)
 
 
-def propagated(given: Given, deviations: Sequence[Deviation], advance: Callable[[int, int], None]) -> list[Propagated]:
-    """Propagate deviations linearly, for each compartment; `advance` is called with the inputs done and in all.
+def propagated(
+    bag: Path, basis: Parameters | Provenance, sizes: Mapping[str, Any] | Name, names: Names = OWN_NAMES,
+    advance: Callable[[int, int], None] = lambda _done, _total: None, *, compiled: bool | None = None,
+) -> Uncertainty:  # fmt: skip
+    """Propagate standard deviations linearly; see `deviations_of` for `sizes`, and `solve` for the other arguments.
+
+    All answers are held in memory: 300 B for each tick and compartment.
 
     Raises:
-        UsageError: an input or a parameter leaves its range by one deviation both upwards and downwards.
+        UsageError: an argument cannot be used, parameters changed while the recording was made, or an input or a
+            parameter leaves its range by one deviation both upwards and downwards.
     """
-    found = [Propagated(rows, {}) for rows in given.rows]
+    parameters, texts = parameters_in(basis), texts_of(basis)
+    deviations = deviations_of(sizes, parameters)
+    if isinstance(basis, Provenance) and basis.changes:
+        raise UsageError(
+            f"bag {bag}: its parameters changed, or the model was reset; uncertainty needs a constant model"
+        )
+    files = {name: texts[parameter] for parameter, name in curve_files(parameters).items()}
+    recording, rows = read_recording(bag, basis, texts, names, compiled=compiled)
+    given = Given(Knees(recording, parameters, files), rows, compiled)
+    found = [Propagated(each, {}) for each in rows]
     for done, deviation in enumerate(deviations, start=1):
         ends: list[Sequence[Rows]] = []
         for times in (-1.0, 1.0):
             # All are named, as a named lateral parameter does not follow its medial one: it has its own deviation.
             moved = {other: times * (other == deviation) for other in deviations}
             try:
-                ends.append(given.answers(moved))
+                ends.append(given.answers(moved, 2 * len(deviations)))
             except UsageError:
-                ends.append(given.rows)  # the difference is that of the other side
-        low, high = ends
-        width = 2.0 - sum(end is given.rows for end in ends)
+                ends.append(rows)  # the difference is that of the other side
+        width = 2.0 - sum(end is rows for end in ends)
         if not width:
             raise UsageError(
                 f"uncertainty: {deviation.name}: {deviation.text} leaves the range of what it is of both ways"
             )
-        for one, below, above in zip(found, low, high, strict=True):
+        for one, below, above in zip(found, *ends, strict=True):
             depth, force = ((above[name] - below[name]) / width for name in DEPTH_AND_FORCE)
             one.parts[deviation] = depth, force
         advance(done, len(deviations))
-    return found
-
-
-def sampled(
-    given: Given, linear: Sequence[Propagated], samples: int, seed: int, advance: Callable[[int, int], None]
-) -> list[Sampled]:
-    """Draw samples of all inputs at once, normal and independent, and compare them with `linear`, for each compartment.
-
-    A sample with a parameter out of its range is drawn again. `advance` is called with the samples done and in all.
-    """
-    random = np.random.default_rng(seed)
-    deviations = list(linear[0].parts)
-    before = [np.stack([one.rows[name] for name in DEPTH_AND_FORCE]) for one in linear]
-    bounds = [np.stack([one.depth_interval(), one.force_interval()], axis=1) for one in linear]
-    sums = [np.zeros((3, *one.shape)) for one in before]
-    for done in range(1, samples + 1):
-        for place, rows in enumerate(_drawn(given, deviations, random)):
-            now = np.stack([rows[name] for name in DEPTH_AND_FORCE])
-            off, (low, high) = now - before[place], bounds[place]
-            sums[place] += np.stack([off, off * off, (low <= now) & (now <= high)])
-        advance(done, samples)
-    results = []
-    for base, (first, second, inside) in zip(before, sums, strict=True):
-        mean = first / samples
-        spread = np.sqrt(np.maximum(second - samples * mean**2, 0.0) / max(samples - 1, 1))
-        depth, force = zip(base + mean, spread, strict=True)
-        results.append(Sampled(samples, *depth, *force, *inside / samples))
-    return results
-
-
-def _drawn(given: Given, deviations: Sequence[Deviation], random: np.random.Generator) -> list[Rows]:
-    """Return the answers to a random sample of the inputs, in which all parameters are in their ranges."""
-    for _ in range(TRIES):
-        try:
-            return given.answers(dict(zip(deviations, random.standard_normal(len(deviations)).tolist(), strict=True)))
-        except UsageError as error:
-            last = error
-    raise UsageError(f"uncertainty: of {TRIES} samples none lies in the parameters' ranges: {last}")
+    return Uncertainty(found[0], found[1] if len(found) > 1 else None, given)
 
 
 @dataclass(frozen=True)
@@ -375,15 +309,40 @@ class Uncertainty:
     def sampled(self, samples: int = 200, seed: int = 0) -> list[Sampled]:
         """Compare the linear propagation with random samples of all inputs at once, for each compartment.
 
+        A sample with a parameter out of its range is drawn again.
+
         Raises:
-            UsageError: fewer than 2 samples, or none of them lies in the parameters' ranges.
+            UsageError: fewer than 2 samples, or the first `TRIES` are all out of the parameters' ranges.
         """
         if samples < 2:
             raise UsageError(f"samples: {samples} is not allowed; 2 or more")
-        linear = [self.medial, *([self.lateral] if self.lateral else [])]
+        linear, random = [self.medial, *([self.lateral] if self.lateral else [])], np.random.default_rng(seed)
+        before = [np.stack([one.rows[name] for name in DEPTH_AND_FORCE]) for one in linear]
+        bounds = [np.stack([one.depth_interval(), one.force_interval()], axis=1) for one in linear]
+        sums, done, left_out = [np.zeros((3, *one.shape)) for one in before], 0, 0
         with progress("Sampling") as advance:
-            given = self.given._replace(replays=max(samples, self.given.replays))
-            return sampled(given, linear, samples, seed, advance)
+            while done < samples:
+                drawn = random.standard_normal(len(self.medial.parts)).tolist()
+                try:
+                    several = self.given.answers(dict(zip(self.medial.parts, drawn, strict=True)), samples)
+                except UsageError as error:
+                    left_out += 1
+                    if left_out >= TRIES * (done + 1):
+                        raise UsageError(f"uncertainty: of {TRIES} samples none lies in the ranges: {error}") from None
+                    continue
+                for place, rows in enumerate(several):
+                    now = np.stack([rows[name] for name in DEPTH_AND_FORCE])
+                    off, (low, high) = now - before[place], bounds[place]
+                    sums[place] += np.stack([off, off * off, (low <= now) & (now <= high)])
+                done += 1
+                advance(done, samples)
+        results = []
+        for base, (first, second, inside) in zip(before, sums, strict=True):
+            mean = first / samples
+            spread = np.sqrt(np.maximum(second - samples * mean**2, 0.0) / (samples - 1))
+            depth, force = zip(base + mean, spread, strict=True)
+            results.append(Sampled(samples, *depth, *force, *inside / samples))
+        return results
 
 
 def uncertainty(
@@ -411,11 +370,5 @@ def uncertainty(
     """
     with in_python_words():
         path, basis, names = solve_inputs(bag, params, values, subject, remap, namespace)
-        sizes = deviations or {}
-        sizes = dotted(sizes) if isinstance(sizes, Mapping) else read_deviations(Path(expanded(str(sizes))))
-        wanted = deviations_of(sizes, parameters_in(basis))
-        with progress("Solving") as advance:
-            given = given_in(path, basis, advance, names, replays=2 * len(wanted), compiled=compiled)
         with progress("Propagating") as advance:
-            medial, *lateral = propagated(given, wanted, advance)
-    return Uncertainty(medial, lateral[0] if lateral else None, given)
+            return propagated(path, basis, deviations or {}, names, advance, compiled=compiled)

@@ -9,7 +9,7 @@ import pytest
 
 pytest.importorskip("tabulate", reason="the studies' tables")
 
-from knee_contact_ros.lab.study import read_study
+from knee_contact_ros.lab.study import Study, read_study
 from studies import osteoarthritis
 from studies.osteoarthritis import FIRST, HEADER, LAYER, SECOND, SHARE, SHIPPED, STUDY, Knees, compute, limit, sections
 from tests import ROOT
@@ -46,7 +46,7 @@ def test_on_the_healthy_path_bone_presses_more_and_what_is_soft_less(knees: Knee
 
 
 def test_the_table_is_of_the_study_file() -> None:
-    grid = read_study(STUDY).grid
+    grid = read_study(STUDY, Study).grid
     layers, seconds = len(grid[LAYER]), len(grid[SECOND])
     assert 2 * len(grid[SHARE]) * layers * seconds == 10_000
     assert grid[SECOND][15] == pytest.approx(SHIPPED.stiffness_2, rel=1e-4)  # four digits in the file

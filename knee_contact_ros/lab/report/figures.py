@@ -8,20 +8,19 @@ from __future__ import annotations
 import io
 import math
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.lab.report.runs import CURVES, FIRST, MEGA, MM, PERCENT, SECOND, Floats, Moment, Run
+from knee_contact_ros.lab.report.runs import CURVES, FIRST, MEGA, MM, PERCENT, SECOND, Floats, Run
 from knee_contact_ros.lab.uncertainty import LEVEL, Propagated
 from knee_contact_ros.model.readouts import OWN_PRESSURE
 from knee_contact_ros.parameters.schema import Parameters, has_both
 from knee_contact_ros.streams.gait_events import HEEL_STRIKE, TOE_OFF
 from knee_contact_ros.streams.topics import NANOSECONDS, is_lateral
 from knee_contact_ros.view import picture
-from knee_contact_ros.view.anatomy import cartilage_of
 
 MICRO = 1e6
 HUES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7B3294", "#66C2A5")
@@ -37,18 +36,11 @@ WIDTH, CYCLE, TIME, UNCERTAIN = 4.4, 2.9, 5.2, 6.0
 so that their letters can be read on a telephone"""
 KNEE, CONTACT = 3.1, 1.45
 """Height of a knee and of a magnified contact [in]"""
-TOGETHER = 1.5
-"""Percent of the cycle within which toe-offs of several runs are marked once"""
 LEAST_WAY = 0.01
 """Smallest motion of the contact point [mm] for which it is drawn"""
-FEW = 12
-"""Largest number of single cycles that are drawn"""
-FEW_EVENTS = 60
-"""Largest number of heel strikes and toe-offs that are marked: more cannot be distinguished in a picture"""
-FINE = 20_000_000
-"""Largest width of a bucket [ns] that is drawn as a point of a line, and not as a range"""
-FEW_POINTS = 20
-"""Number of points below which each is marked: a line alone may not be seen"""
+FEW, FEW_EVENTS, FEW_POINTS = 12, 60, 20
+"""Largest numbers of single cycles that are drawn and of gait events that are marked: more cannot be distinguished; and
+the number of points below which each is marked: a line alone may not be seen"""
 MARKS = {HEEL_STRIKE: {"color": "0.25", "linestyle": "-"}, TOE_OFF: {"color": "0.25", "linestyle": ":"}}
 AROUND, LEAST = 1.0, 1e-3
 """Time [s] that a figure of uncertainty shows on either side of the largest load or contact force, and the smallest
@@ -110,7 +102,7 @@ class Figure(NamedTuple):
 
 
 class Quantity(NamedTuple):
-    """Quantity that a figure over the gait cycle shows."""
+    """Quantity that a figure shows."""
 
     name: str
     title: str
@@ -121,10 +113,13 @@ class Quantity(NamedTuple):
     factor: float | None
     """Factor from SI units to the unit of the axis; None: the quantity is a force in body weights"""
 
-    def of(self, run: Run, curves: Floats | None = None) -> Floats:
-        """Values in the unit of the axis, shape (101,), of a run's mean or other `curves`, shape (101, `CURVES`)."""
-        values = (run.gathered.mean if curves is None else curves)[:, CURVES.index(self.field)]
+    def scaled(self, run: Run, values: Floats) -> Floats:
+        """Values of a run in the unit of the axis."""
         return values / run.parameters.body_weight if self.factor is None else self.factor * values
+
+    def of(self, run: Run) -> Floats:
+        """Values in the unit of the axis of all cycles of a run, shape (cycles, 101)."""
+        return self.scaled(run, run.gathered.curves[:, :, CURVES.index(self.field)])
 
 
 FLEXION = Quantity("flexion", "Flexion angle", "flexion angle [°]", "flexion_angle", math.degrees(1.0))
@@ -135,8 +130,6 @@ POINT = Quantity(
 )
 PRESSURE = Quantity("peak_pressure", "Peak contact pressure", "peak pressure [MPa]", "peak_pressure", MEGA)
 PATCH = Quantity("patch_half_width", "Half-width of the contact patch", "half-width [mm]", "half_width", MM)
-ROWS = ((FLEXION, "flexion [°]"), (FORCE, "contact force [BW]"), (DEPTHS, "depth [mm]"))
-"""Quantities over time, with the labels of their axes"""
 
 
 def draw(size: tuple[float, float], paint: Callable[[Any], None]) -> bytes:
@@ -154,11 +147,8 @@ def draw(size: tuple[float, float], paint: Callable[[Any], None]) -> bytes:
 
 def with_comparisons(runs: Sequence[Run]) -> list[list[Run]]:
     """Group runs: each run that is no comparison, followed by the comparisons with it."""
-    return [
-        [run, *(other for other in runs if other.beside == place)]
-        for place, run in enumerate(runs)
-        if run.beside is None
-    ]
+    bases = [place for place, run in enumerate(runs) if run.beside is None]
+    return [[runs[place], *(other for other in runs if other.beside == place)] for place in bases]
 
 
 def has_bone(run: Run) -> bool:
@@ -176,12 +166,10 @@ def which_load(parameters: Parameters) -> str:
     """Describe the load of a run by its parameters, for the page and its tables."""
     if is_total(parameters):
         return "total: the whole axial joint reaction"
-    rest = "; lateral: the rest" if has_both(parameters) else ""
-    if parameters.load.rule == "moment_balance":
-        return f"medial compartment: what balances the frontal moment of the joint reaction{rest}"
-    if parameters.load.rule == "measured_share":
-        return f"medial compartment: the share of the axial joint reaction that {parameters.load.share_file} has{rest}"
-    return f"medial compartment: {parameters.load.share:g} of the axial joint reaction{rest}"
+    parts = {"moment_balance": "what balances the frontal moment of the joint reaction",
+             "measured_share": f"the share of the axial joint reaction that {parameters.load.share_file} has",
+             "fixed_share": f"{parameters.load.share:g} of the axial joint reaction"}  # fmt: skip
+    return f"medial compartment: {parts[parameters.load.rule]}{'; lateral: the rest' * has_both(parameters)}"
 
 
 def pressure_of(run: Run) -> str:
@@ -194,129 +182,92 @@ def pressure_of(run: Run) -> str:
     return spread if own else f"none of the law's own; its force at rest is spread as {spread}"
 
 
-def over_cycle(runs: Sequence[Run], cyclic: Sequence[Run]) -> list[Figure]:
-    """Draw all figures over percent of the gait cycle; `cyclic` are those of `runs` that have gait cycles."""
-    several = any(len(run.gathered.cycles) > 1 for run in cyclic)
-    lines = "Thick: mean over the cycles, with one standard deviation; thin: single ones." if several else ""
-    depth = (
-        f"Grey: peak deformations in vivo, {DEPTH.lowest:.2f} to {DEPTH.highest:.2f} mm if the cartilage is "
-        f"{CARTILAGE_THICKNESS:g} mm thick. A depth here is what the contact law makes of the force, "
-        "no measured deformation."
-    )
-    bone = " Dotted: where the second layer, bone, begins." if any(map(has_bone, cyclic)) else ""
-    captions = {FORCE: _force_caption(cyclic), DEPTHS: depth + bone, FLEXION: ""}
-    if all(run.gathered.reads_off for run in cyclic):
-        laws = dict.fromkeys(f"{run.parameters.contact.law}: {pressure_of(run)}" for run in cyclic)
-        captions[PRESSURE] = f"In the middle of the patch. {'; '.join(laws)}."
-        captions[PATCH] = "Of a round patch, from the depth and the radii of the law."
-    if moves(cyclic):
-        captions[POINT] = "Position on the tibial plateau, from the tibia frame's origin, anterior positive."
-    figures = []
-    for quantity, caption in captions.items():
-        drawn = [run for run in cyclic if run.beside is None] if quantity is FLEXION else cyclic  # the same inputs
-        drawn = [run for run in drawn if np.isfinite(quantity.of(run)).any()]  # earlier recordings lack some fields
-        if not drawn:
-            continue
-        text = _sentences(lines, caption)
-        png = draw((WIDTH, CYCLE), partial(_panel, runs=runs, cyclic=drawn, what=quantity))
-        figures.append(Figure(quantity.name, f"{quantity.title} over the gait cycle", text, png))
-    if moves(cyclic):
-        png = draw((WIDTH, CYCLE), partial(_path_panel, runs=runs, cyclic=cyclic))
-        way = "Its way over the gait cycle: dot at heel strike, triangle at toe-off."
-        figures.append(Figure("contact_point_flexion", "Contact point over flexion", way, png))
-    return figures
-
-
 def moves(cyclic: Sequence[Run]) -> bool:
     """Whether the contact point moves along the plateau in any of the runs."""
-    return any(float(np.ptp(POINT.of(run))) > LEAST_WAY for run in cyclic)
+    return any(float(np.ptp(POINT.of(run).mean(axis=0))) > LEAST_WAY for run in cyclic)
+
+
+def over_cycle(runs: Sequence[Run], cyclic: Sequence[Run]) -> list[Figure]:
+    """Draw all figures over percent of the gait cycle; `cyclic` are those of `runs` that have gait cycles."""
+    laws = dict.fromkeys(f"{run.parameters.contact.law}: {pressure_of(run)}" for run in cyclic)
+    ranges = "; ".join(dict.fromkeys(each.text for each in _ranges_of(cyclic)))
+    captions = {
+        FORCE: f"Grey, published{' of the medial compartment' * (_ranges_of(cyclic) == MEDIAL)}: {ranges}. They are "
+        "peaks, drawn where peaks are expected; the sources give no curve."
+        if ranges
+        else "No published range is drawn: some of the runs are of the whole joint, and some of one compartment.",
+        DEPTHS: f"Grey: peak deformations in vivo, {DEPTH.lowest:.2f} to {DEPTH.highest:.2f} mm if the cartilage is "
+        f"{CARTILAGE_THICKNESS:g} mm thick. A depth here is what the contact law makes of the force, no measured "
+        f"deformation.{' Dotted: where the second layer, bone, begins.' * any(map(has_bone, cyclic))}",
+        FLEXION: "",
+        PRESSURE: f"In the middle of the patch. {'; '.join(laws)}.",
+        PATCH: "Of a round patch, from the depth and the radii of the law.",
+        POINT: "Position on the tibial plateau, from the tibia frame's origin, anterior positive.",
+    }
+    several = any(len(run.gathered.spans) > 1 for run in cyclic)
+    lines = "Thick: mean over the cycles, with one standard deviation; thin: single ones. " * several
+    figures = []
+    for what, caption in captions.items():
+        drawn = [run for run in cyclic if what is not FLEXION or run.beside is None]  # comparisons: the same inputs
+        drawn = [run for run in drawn if np.isfinite(what.of(run)).any()]  # earlier recordings lack some fields
+        if drawn and (what is not POINT or moves(drawn)):
+            png = draw((WIDTH, CYCLE), partial(_panel, runs=runs, cyclic=drawn, what=what))
+            figures.append(Figure(what.name, f"{what.title} over the gait cycle", lines + caption, png))
+    return figures
 
 
 def over_time(runs: Sequence[Run]) -> list[Figure]:
     """Draw flexion, contact force and depth over time, in a figure for every run and its comparisons."""
     figures = []
     for number, group in enumerate(with_comparisons(runs), start=1):
-        run, looks = group[0], [_look(runs, each) for each in group]
-        marks = [moment for moment in run.gathered.moments if moment.event.kind in MARKS]
-        marks = marks if len(marks) <= FEW_EVENTS else []
-        png = draw((WIDTH, TIME), partial(_rows, runs=group, looks=looks, marks=marks))
-        lines = "Vertical lines: heel strikes (full) and toe-offs (dotted), as found." if marks else ""
-        width = run.gathered.course()[0]
-        course = f"From the smallest to the largest value in each {width / 1e9:g} s." if width > FINE else ""
-        caption = _sentences(lines, course)
-        figures.append(Figure(f"over_time_{number}", f"{run.name} over time", caption, png))
+        png = draw((WIDTH, TIME), partial(_rows, runs=group, looks=[_look(runs, each) for each in group]))
+        caption = "Vertical lines: heel strikes (full) and toe-offs (dotted), as found." * bool(len(_marks(group[0])))
+        figures.append(Figure(f"over_time_{number}", f"{group[0].name} over time", caption, png))
     return figures
 
 
 def knees(runs: Sequence[Run]) -> list[Figure]:
     """Draw the knee at its peaks, for every run and its comparisons as far as their surfaces are known."""
-    figures, drawn = [], {}
+    figures, drawn = [], dict[str, dict[str, picture.Moment]]()
     for run in runs:
         if model := run.model:
-            weight = run.parameters.body_weight
-            drawn[run.label] = [
-                picture.Moment(model, each.flexion_angle, each.femoral_height, each.contact_force, weight)
-                for _, each in _drawn_peaks(run)
-            ]
-    window = picture.Window.around([each for moments in drawn.values() for each in moments]) if drawn else None
+            columns, weight = run.gathered.columns, run.parameters.body_weight
+            angles, heights, forces = (columns[name] for name in ("flexion_angle", "femoral_height", "contact_force"))
+            drawn[run.label] = {
+                title: picture.Moment(model, float(angles[tick]), float(heights[tick]), float(forces[tick]), weight)
+                for title, tick in _drawn_peaks(run)
+            }
+    every = [each for moments in drawn.values() for each in moments.values()]
     for number, group in enumerate(with_comparisons(runs), start=1):
-        if window is None or any(run.label not in drawn for run in group):
+        if any(run.label not in drawn for run in group):
             continue
-        columns = list(zip(*(drawn[run.label] for run in group), strict=True))
-        titles, labels = [title for title, _ in _drawn_peaks(group[0])], [run.label for run in group]
-        size = (WIDTH, KNEE + CONTACT * len(group))
-        png = draw(size, partial(_knees, labels=labels, titles=titles, columns=columns, window=window))
-        assumed = any(cartilage_of(run.model)[1] for run in group if run.model)
+        several = {run.label: list(drawn[run.label].values()) for run in group}
+        size, window = (WIDTH, KNEE + CONTACT * len(group)), picture.Window.around(every)
+        png = draw(size, partial(_knees, titles=list(drawn[group[0].label]), several=several, window=window))
         caption = (
             "Side view; the arrow is the contact force on the femur. Below, the contact with its heights "
             "magnified: dark is where the surfaces would overlap if neither gave way; the number is the depth. The "
-            "surfaces that touch are the model's; the shafts are drawn around them"
-            f"{', and so is cartilage whose thickness the contact law does not know' if assumed else ''}."
+            "surfaces that touch are the model's; the shafts are drawn around them, and so is cartilage whose "
+            "thickness the contact law does not know."
         )
-        title = f"The knee at the peaks: {group[0].name}"
-        figures.append(Figure(f"knee_{number}", title, caption, png))
+        figures.append(Figure(f"knee_{number}", f"The knee at the peaks: {group[0].name}", caption, png))
     return figures
 
 
-def uncertainty_figures(runs: Sequence[Run]) -> list[Figure]:
-    """Draw a figure for every run that has its uncertainty."""
+def uncertainty_figure(number: int, run: Run, of: Propagated) -> Figure:
+    """Draw the figure of a run's uncertainty."""
     caption = (
         f"Depth and contact force with their {100.0 * LEVEL:.0f} % intervals. Below: what one standard "
         "deviation of each input does to the depth alone, all together, and the bound of the numerical error."
     )
-    figures = []
-    for number, (run, of) in enumerate(((run, run.uncertain) for run in runs if run.uncertain), start=1):
-        png = draw((WIDTH, UNCERTAIN), partial(_uncertainty, of=of, of_largest=run.gathered.of_largest))
-        figures.append(Figure(f"uncertainty_{number}", f"Uncertainty: {run.label}", caption, png))
-    return figures
-
-
-def _sentences(*parts: str) -> str:
-    """Join the parts of a caption that are not empty."""
-    return " ".join(filter(None, parts))
-
-
-def _force_caption(cyclic: Sequence[Run]) -> str:
-    """Caption of the contact force: what the published ranges behind the curves are."""
-    ranges = _ranges_of(cyclic)
-    if not ranges:
-        return "No published range is drawn: some of the runs are of the whole joint, and some of one compartment."
-    about = "total" if ranges == TOTAL else "medial"
-    lateral = any(is_lateral(run.topic) for run in cyclic)
-    return (
-        f"The load of these runs is the {about} one{', in the lateral compartment the rest' if lateral else ''}. Grey, "
-        f"published{f' of the {about} one' if lateral else ''}: "
-        f"{'; '.join(dict.fromkeys(each.text for each in ranges))}. They are peaks, drawn where peaks are expected; "
-        "the sources give no curve."
-    )
+    png = draw((WIDTH, UNCERTAIN), partial(_uncertainty, of=of, driving=run.gathered.driving))
+    return Figure(f"uncertainty_{number}", f"Uncertainty: {run.label}", caption, png)
 
 
 def _ranges_of(cyclic: Sequence[Run]) -> tuple[Range, ...]:
     """Published ranges to show behind contact forces; none where runs of the whole joint and of a compartment mix."""
     kinds = {is_total(run.parameters) for run in cyclic if not is_lateral(run.topic)}
-    if len(kinds) != 1:
-        return ()
-    return TOTAL if kinds.pop() else MEDIAL
+    return () if len(kinds) != 1 else TOTAL if kinds.pop() else MEDIAL
 
 
 def _look(runs: Sequence[Run], run: Run) -> dict[str, Any]:
@@ -346,21 +297,28 @@ def _plain(label: str) -> str:
 def _panel(canvas: Any, runs: Sequence[Run], cyclic: Sequence[Run], what: Quantity) -> None:
     """Draw a quantity of the runs `cyclic` over the gait cycle; `runs` are all of the report, for the colours."""
     axis = canvas.subplots()
-    if what is FORCE:
-        for each, shade in zip(_ranges_of(cyclic), ("0.88", "0.76", "0.76"), strict=False):
-            if each.lowest == each.highest:
-                axis.plot(each.window, (each.lowest,) * 2, color="0.5", linewidth=3.0, zorder=0, label=each.text)
-            else:
-                box = {"facecolor": shade, "edgecolor": "none", "zorder": 0, "alpha": 0.7}
-                axis.fill_between(each.window, each.lowest, each.highest, label=each.text, **box)
-    if what is DEPTHS:
-        axis.axhspan(DEPTH.lowest, DEPTH.highest, color="0.93", zorder=0, label=DEPTH.text)
-        for layer in sorted({run.parameters.contact.layer_depth for run in cyclic if has_bone(run)}):
-            axis.axhline(MM * layer, color="0.35", linestyle=":", linewidth=1.2)
-            axis.annotate(f"bone from {MM * layer:g} mm", (99.0, MM * layer), ha="right", va="bottom", fontsize=8.5)
+    for each in _ranges_of(cyclic) if what is FORCE else (DEPTH,) if what is DEPTHS else ():
+        if each.lowest == each.highest:
+            axis.plot(each.window, (each.lowest,) * 2, color="0.5", linewidth=3.0, zorder=0, label=each.text)
+        else:
+            shade: Any = {"facecolor": "0.85", "edgecolor": "none", "zorder": 0, "alpha": 0.6}
+            axis.fill_between(each.window, each.lowest, each.highest, label=each.text, **shade)
+    for layer in sorted({run.parameters.contact.layer_depth for run in cyclic if what is DEPTHS and has_bone(run)}):
+        axis.axhline(MM * layer, color="0.35", linestyle=":", linewidth=1.2)
+        axis.annotate(f"bone from {MM * layer:g} mm", (99.0, MM * layer), ha="right", va="bottom", fontsize=8.5)
     for run in cyclic:
-        _curve(axis, run, _look(runs, run), what)
-    _toe_offs(axis, runs, [run for run in cyclic if run.beside is None])
+        values, look = what.of(run), _look(runs, run)
+        mean = values.mean(axis=0)
+        if len(values) > 1:
+            spread = values.std(axis=0, ddof=1)
+            axis.fill_between(PERCENT, mean - spread, mean + spread, color=look["color"], alpha=0.15, linewidth=0)
+            axis.plot(PERCENT, values[:FEW].T, **look | {"linewidth": 0.5, "alpha": 0.5})
+        axis.plot(PERCENT, mean, **look, label=_plain(run.label))
+    stances = list({run.gathered.strides["stance_percent"].mean() for run in cyclic})  # a comparison's is the same
+    for stance in stances:
+        axis.axvline(stance, color="0.45", linewidth=1.0, linestyle=(0, (1, 2)), zorder=0.5)
+    axis.annotate("toe-off", (float(np.mean(stances)), 1.0), (0, 2), ha="center", va="bottom", fontsize=8,
+                  color="0.35", xycoords=("data", "axes fraction"), textcoords="offset points")  # fmt: skip
     axis.set(xlabel="gait cycle [%]", ylabel=what.axis, xlim=(0.0, 100.0))
     if what in {FORCE, DEPTHS, PRESSURE, PATCH}:
         pulls = min(float(what.of(run).min()) for run in cyclic) < 0.0  # as a contact law with tension does
@@ -368,106 +326,66 @@ def _panel(canvas: Any, runs: Sequence[Run], cyclic: Sequence[Run], what: Quanti
     _legend(canvas, axis)
 
 
-def _curve(axis: Any, run: Run, look: dict[str, Any], what: Quantity) -> None:
-    """Draw mean, standard deviation and single cycles of a run."""
-    values, deviation, cycles = what.of(run), run.gathered.deviation, run.gathered.cycles
-    if deviation is not None:
-        spread = what.of(run, deviation)
-        axis.fill_between(PERCENT, values - spread, values + spread, color=look["color"], alpha=0.15, linewidth=0)
-        for cycle in cycles if len(cycles) <= FEW else ():
-            axis.plot(PERCENT, what.of(run, cycle.curves), **look | {"linewidth": 0.5, "alpha": 0.5})
-    axis.plot(PERCENT, values, **look, label=_plain(run.label))
+def _marks(run: Run) -> Any:
+    """Heel strikes and toe-offs of a run that are drawn: time [s] and kind; none if there are too many."""
+    events = run.gathered.events
+    marks = events[events["event"].isin(list(MARKS))][["time_s", "event"]]
+    return marks if len(marks) <= FEW_EVENTS else marks[:0]
 
 
-def _stance(run: Run) -> float:
-    """Mean percent of a run's cycles at which the toe goes off."""
-    return float(np.mean([cycle.span.stance for cycle in run.gathered.cycles]))
-
-
-def _toe_offs(axis: Any, runs: Sequence[Run], bases: Sequence[Run]) -> None:
-    """Mark the mean end of stance of each run, or once if all are close together."""
-    stances = [_stance(run) for run in bases]
-    middle = float(np.mean(stances))
-    if max(stances) - min(stances) <= TOGETHER:
-        marks = [(middle, "0.45")]
-    else:
-        marks = [(stance, _look(runs, run)["color"]) for stance, run in zip(stances, bases, strict=True)]
-    for place, hue in marks:
-        axis.axvline(place, color=hue, linewidth=1.0, linestyle=(0, (1, 2)), zorder=0.5)
-    axis.annotate("toe-off", (middle, 1.0), (0, 2), ha="center", va="bottom", xycoords=("data", "axes fraction"),
-                  textcoords="offset points", fontsize=8, color="0.35")  # fmt: skip
-
-
-def _path_panel(canvas: Any, runs: Sequence[Run], cyclic: Sequence[Run]) -> None:
-    """Draw the contact point over the flexion angle."""
-    axis = canvas.subplots()
-    for run in cyclic:
-        angle, point, toe_off, look = FLEXION.of(run), POINT.of(run), round(_stance(run)), _look(runs, run)
-        axis.plot(angle, point, **look, label=_plain(run.label))
-        for at, marker, size in ((0, "o", 6), (toe_off, "^", 7)):
-            axis.plot(angle[at], point[at], marker, color=look["color"], ms=size, markeredgecolor="black", zorder=3)
-    axis.set(xlabel=FLEXION.axis, ylabel=POINT.axis)
-    _legend(canvas, axis)
-
-
-def _rows(canvas: Any, runs: Sequence[Run], looks: Sequence[dict[str, Any]], marks: Sequence[Moment]) -> None:
+def _rows(canvas: Any, runs: Sequence[Run], looks: Sequence[dict[str, Any]]) -> None:
     """Draw flexion, contact force and depth over time, one above the other, for a run and its comparisons."""
-    axes = canvas.subplots(len(ROWS), 1, sharex=True)
-    for axis, (what, text) in zip(axes, ROWS, strict=True):
+    axes = canvas.subplots(3, 1, sharex=True)
+    for axis, what in zip(axes, (FLEXION, FORCE, DEPTHS), strict=True):
         for run, look in zip(runs[:1] if what is FLEXION else runs, looks, strict=False):  # flexion: the same inputs
-            factor = what.factor or 1.0 / run.parameters.body_weight
-            course_width, time, ranges = run.gathered.course()
-            low, high = (factor * values for values in ranges[what.field])
-            label = _plain(run.label) if what is FORCE else None
-            if course_width <= FINE:
-                marker = "." if len(time) < FEW_POINTS else None
-                axis.plot(time, high, **look | {"linewidth": 0.7 * look["linewidth"]}, marker=marker, label=label)
-            else:
-                axis.fill_between(time, low, high, color=look["color"], alpha=0.5, linewidth=0.3, label=label)
+            time, values = run.gathered.elapsed / NANOSECONDS, what.scaled(run, run.gathered.columns[what.field])
+            style = look | {"linewidth": 0.7 * look["linewidth"], "marker": "." if len(time) < FEW_POINTS else None}
+            axis.plot(time, values, **style, label=_plain(run.label))
             if what is DEPTHS and has_bone(run):
                 axis.axhline(MM * run.parameters.contact.layer_depth, color="0.35", linestyle=":", linewidth=1.2)
-        for moment in marks:
-            axis.axvline(moment.elapsed, linewidth=0.9, zorder=1.5, **MARKS[moment.event.kind])
-        axis.set_ylabel(text)
+        for time, kind in _marks(runs[0]).itertuples(index=False):
+            axis.axvline(time, linewidth=0.9, zorder=1.5, **MARKS[kind])
+        axis.set_ylabel(what.axis.removeprefix("penetration "))
     axes[-1].set_xlabel("time since the first tick [s]")
     if len(runs) > 1:
         canvas.legend(*axes[1].get_legend_handles_labels(), loc="outside lower center")
 
 
-def _drawn_peaks(run: Run) -> list[tuple[str, Moment]]:
-    """Largest first and largest second peak of stance of a run; without any, its largest load or contact force."""
-    drawn = []
+def _drawn_peaks(run: Run) -> list[tuple[str, int]]:
+    """Titles and ticks of the largest first and second peak of stance; without any, of the largest load or force."""
+    drawn, of = [], run.gathered
     for which in (FIRST, SECOND):
-        if same := [peak for peak in run.gathered.peaks if peak.which == which]:
-            largest = max(same, key=lambda peak: peak.load)
-            drawn.append((f"{which} peak, {largest.percent:.0f} % of the cycle", largest))
-    moment = run.gathered.largest
-    return drawn or [(f"{moment.event.kind}, {moment.elapsed:.2f} s", moment)]
+        same = of.peaks[of.peaks["peak"] == which]
+        if len(same):
+            largest = same.loc[same["load"].idxmax()]
+            drawn.append((f"{which} peak, {largest['gait_cycle_percent']:.0f} % of the cycle", int(largest["tick"])))
+    what, time = of.driving.replace("_", " "), of.elapsed[of.largest] / NANOSECONDS
+    return drawn or [(f"largest {what}, {time:.2f} s", of.largest)]
 
 
 def _knees(
-    canvas: Any, labels: Sequence[str], titles: Sequence[str], columns: Sequence[Sequence[picture.Moment]],
-    window: picture.Window,
-) -> None:  # fmt: skip
+    canvas: Any, titles: Sequence[str], several: Mapping[str, Sequence[picture.Moment]], window: picture.Window
+) -> None:
     """Draw a column for every peak: the knee of the first run, and below it the contact of every run."""
-    axes = canvas.subplots(1 + len(labels), len(columns), squeeze=False, height_ratios=(KNEE, *[CONTACT] * len(labels)))
-    for column, (title, moments) in enumerate(zip(titles, columns, strict=True)):
-        picture.draw_knee(axes[0, column], moments[0])
-        bent = f"{math.degrees(moments[0].flexion_angle):.0f}° of flexion"
-        axes[0, column].set_title(f"{title}\n{bent}", fontsize=9.5)
-        for axis, label, moment in zip(axes[1:, column], labels, moments, strict=True):
+    heights = (KNEE, *[CONTACT] * len(several))
+    axes = canvas.subplots(len(heights), len(titles), squeeze=False, height_ratios=heights)
+    for column, title in enumerate(titles):
+        moments = {label: own[column] for label, own in several.items()}
+        first = next(iter(moments.values()))
+        picture.draw_knee(axes[0, column], first)
+        axes[0, column].set_title(f"{title}\n{math.degrees(first.flexion_angle):.0f}° of flexion", fontsize=9.5)
+        for axis, (label, moment) in zip(axes[1:, column], moments.items(), strict=True):
             picture.draw_contact(axis, moment, window)
-            if len(labels) > 1:
+            if len(several) > 1:
                 axis.set_title(_plain(label), fontsize=8.5, loc="left", pad=3)
 
 
-def _uncertainty(canvas: Any, of: Propagated, of_largest: str) -> None:
-    """Draw depth, force and the effects of the inputs around the tick where the field `of_largest` is largest."""
+def _uncertainty(canvas: Any, of: Propagated, driving: str) -> None:
+    """Draw depth, force and the effects of the inputs around the tick where the field `driving` is largest."""
     stamps = of.rows["stamp"]
     since = (stamps - stamps[0]) / NANOSECONDS
-    shown = np.abs(since - since[int(of.rows[of_largest].argmax())]) <= AROUND
-    time = since[shown]
-    above, middle, below = canvas.subplots(3, 1, sharex=True)
+    shown = np.abs(since - since[int(of.rows[driving].argmax())]) <= AROUND
+    time, (above, middle, below) = since[shown], canvas.subplots(3, 1, sharex=True)
     bands = ((above, of.depth_interval(), of.rows["penetration_depth"], MM, "depth [mm]"),
              (middle, of.force_interval(), of.rows["contact_force"], 1.0, "contact force [N]"))  # fmt: skip
     for axis, edges, values, unit, text in bands:
@@ -476,15 +394,14 @@ def _uncertainty(canvas: Any, of: Propagated, of_largest: str) -> None:
         axis.plot(time, unit * values[shown], color=HUES[0], linewidth=1.8)
         axis.set_ylabel(text)
         axis.set_ylim(bottom=min(0.0, float(low.min())))
-
-    def effect(depth: Floats, style: str, **look: Any) -> None:  # on the depth, in µm
-        below.plot(time, np.maximum(MICRO * np.abs(depth[shown]), LEAST), style, **look)
-
-    for number, (deviation, (part, _)) in enumerate(of.parts.items()):
-        if MICRO * np.abs(part[shown]).max() > LEAST:
-            style, label = "-" if number < len(HUES) else "--", f"{deviation.name}, {deviation.text}"
-            effect(part, style, color=HUES[number % len(HUES)], linewidth=1.4, label=label)
-    effect(of.depth, "-", color="black", linewidth=3.0, zorder=1.5, label=ALL_OF_THEM)  # under what makes most of it
-    effect(of.rows["error_estimate"], ":", color="0.35", linewidth=1.6, label=NUMERICAL)
+    looks: list[tuple[Floats, str, Any]] = [
+        (part, f"{deviation.name}, {deviation.text}", {"color": HUES[place % len(HUES)], "linewidth": 1.4})
+        for place, (deviation, (part, _)) in enumerate(of.parts.items())
+        if MICRO * np.abs(part[shown]).max() > LEAST
+    ]
+    looks.append((of.depth, ALL_OF_THEM, {"color": "black", "linewidth": 3.0, "zorder": 1.5}))  # under the others
+    looks.append((of.rows["error_estimate"], NUMERICAL, {"color": "0.35", "linewidth": 1.6, "linestyle": ":"}))
+    for effect, label, look in looks:
+        below.plot(time, np.maximum(MICRO * np.abs(effect[shown]), LEAST), label=label, **look)
     below.set(yscale="log", ylabel="effect on the depth [µm]", xlabel="time since the first tick [s]")
     _legend(canvas, below)

@@ -3,26 +3,25 @@
 from __future__ import annotations
 
 import base64
-import csv
-import io
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import pandas as pd
 
 from knee_contact_ros import __version__
 from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT
 from knee_contact_ros.lab.report import figures, runs
-from knee_contact_ros.lab.report.runs import CURVES, LARGEST, MEGA, MM, NONE, PERCENT, Moment, Run
-from knee_contact_ros.lab.uncertainty import LEVEL, Propagated, factor
-from knee_contact_ros.model.types import Status
+from knee_contact_ros.lab.report.runs import CURVES, FIRST, MEGA, MM, NONE, PERCENT, SECOND, Run
+from knee_contact_ros.lab.uncertainty import LEVEL, Propagated
+from knee_contact_ros.model.types import ContactState, Status
 from knee_contact_ros.parameters.files import flat_parameters, known_parameters
 from knee_contact_ros.parameters.schema import constants_of
 from knee_contact_ros.streams.topics import NANOSECONDS, is_lateral
 from knee_contact_ros.system.errors import IncompleteError, UsageError, in_a_line
-from knee_contact_ros.system.files import how_to_get, require
+from knee_contact_ros.system.files import how_to_get
 from knee_contact_ros.system.output_files import replace, work_folder
 from knee_contact_ros.system.terminal import progress, warn
 
@@ -31,15 +30,13 @@ OLDEST = (3, 7)
 EXTRA, PAGE, TEMPLATE, UNCERTAINTY = "report", "report.html", "report.html.jinja", "uncertainty.csv"
 PICTURES = (
     "knee_[0-9]*", "flexion", "contact_force", "depth", "peak_pressure", "patch_half_width", "contact_point",
-    "contact_point_flexion", "over_time_[0-9]*", "uncertainty_[0-9]*",
+    "over_time_[0-9]*", "uncertainty_[0-9]*",
 )  # fmt: skip
 """Patterns of the names of the pictures, without their suffix"""
 EARLIER = (*(f"{name}.png" for name in PICTURES), UNCERTAINTY)
 """Patterns of the files of an earlier report that are removed"""
 DOUBTFUL = " (implausible)"
 """Mark of what comes from a tick that is `IMPLAUSIBLE`"""
-SHOWN = 12
-"""Number of peaks of a run whose intervals the page lists"""
 MICRO = 1e6
 CURVE_COLUMNS = {
     "flexion_angle_deg": ("flexion_angle", math.degrees(1.0)), "load_N": ("load", 1.0), "load_BW": ("load", None),
@@ -50,22 +47,23 @@ CURVE_COLUMNS = {
     "peak_pressure_MPa": ("peak_pressure", MEGA), "cartilage_strain_percent": ("strain", 100.0),
 }  # fmt: skip
 """Name of a quantity in cycles.csv → field of the answers and factor from SI units; None: in body weights"""
+CYCLE_COLUMNS = ("run", "gait_cycle_percent", "cycles",
+                 *(f"{name}_{kind}" for name in CURVE_COLUMNS for kind in ("mean", "sd")))  # fmt: skip
+UNCERTAINTY_COLUMNS = ("run", "input", "standard_deviation", "depth_at_largest_load_um", "force_at_largest_load_N",
+                       "depth_rms_um", "force_rms_N")  # fmt: skip
+# "at_largest_load": where the femoral height drives, at the largest contact force
 CONTACT_COLUMNS = ("load_N", "load_BW", "contact_force_N", "contact_force_BW", "penetration_depth_mm")
 EVENT_COLUMNS = ("run", "event", "stamp_s", "time_s", *CONTACT_COLUMNS, "text")
 PEAK_COLUMNS = ("run", "peak", "stamp_s", "time_s", "cycle", "gait_cycle_percent", *CONTACT_COLUMNS,
                 "contact_force_error_N", "penetration_depth_error_mm")  # fmt: skip
 STRIDE_COLUMNS = ("run", "cycle", "heel_strike_s", *runs.NUMBERS)
-# "at_largest_load": where the femoral height drives, at the largest contact force
-UNCERTAINTY_COLUMNS = ("run", "input", "standard_deviation", "depth_at_largest_load_um", "force_at_largest_load_N",
-                       "depth_rms_um", "force_rms_N")  # fmt: skip
 QUANTITIES = (("load", "load [BW]", ".2f"), ("contact_force", "contact force [BW]", ".2f"),
               ("penetration_depth", "depth [mm]", ".3f"))  # fmt: skip
 """Fields of a moment that the first table shows, with their names there and the digits"""
 CYCLE_ROWS = (
     ("cycle [s]", "duration_s", ".3f"), ("stance [% of the cycle]", "stance_percent", ".1f"),
     ("largest contact force [BW]", "largest_contact_force_N", ".2f"),
-    ("… at [% of the cycle]", "force_at_percent", ".1f"),
-    ("largest depth [mm]", "largest_penetration_depth_mm", ".3f"), ("… at [% of the cycle]", "depth_at_percent", ".1f"),
+    ("largest depth [mm]", "largest_penetration_depth_mm", ".3f"),
     ("impulse of stance [BW s]", "stance_impulse_N_s", ".3f"), ("impulse of stance [N s]", "stance_impulse_N_s", ".1f"),
     ("impulse of the cycle [BW s]", "impulse_N_s", ".3f"), ("impulse of the cycle [N s]", "impulse_N_s", ".1f"),
     ("loading rate [BW/s]", "loading_rate_N_per_s", ".1f"),
@@ -73,7 +71,7 @@ CYCLE_ROWS = (
     ("largest mean pressure [MPa]", "largest_mean_pressure_MPa", ".2f"),
     ("largest peak pressure [MPa]", "largest_peak_pressure_MPa", ".2f"),
     ("largest nominal strain [%]", "largest_cartilage_strain_percent", ".1f"),
-    ("bone contact [s]", "bone_contact_s", ".3f"), ("bone contact [% of the cycle]", "bone_contact_percent", ".1f"),
+    ("bone contact [s]", "bone_contact_s", ".3f"),
     ("lifted off [s]", "lifted_off_s", ".3f"), ("sliding distance [mm]", "sliding_distance_mm", ".1f"),
     ("largest sliding velocity [mm/s]", "largest_sliding_velocity_mm_per_s", ".0f"),
 )  # fmt: skip
@@ -95,7 +93,6 @@ def run_report(options: runs.ReportOptions, output: Path) -> list[Path]:
         UsageError: a file, parameter or the folder cannot be used, or a library is missing.
         IncompleteError: the report is there, but a bag was damaged and could be taken in part only.
     """
-    require(EXTRA, "matplotlib", "jinja2")
     import matplotlib as mpl
 
     if mpl.__version_info__[:2] < OLDEST:
@@ -104,14 +101,13 @@ def run_report(options: runs.ReportOptions, output: Path) -> list[Path]:
         raise UsageError(f"--label: {len(options.labels)} given for {len(options.files)} FILEs; give one each, or none")
     with work_folder(output) as work:
         with progress("Reading") as bar:
-            found = runs.with_uncertainty(runs.collect(options, work, bar), options, bar)
+            found = runs.collect(options, work, bar)
             bar.describe("Drawing")
             files = contents(found)
         for name, content in files.items():
             (work / name).write_bytes(content if isinstance(content, bytes) else content.encode())
-        for pattern in EARLIER:
-            for earlier in output.glob(pattern):
-                earlier.unlink()
+        for earlier in [path for pattern in EARLIER for path in output.glob(pattern)]:
+            earlier.unlink()
         for name in files:
             replace(work / name, output / name)
     damage = [sentence for run in found if run.beside is None for sentence in run.damage]
@@ -124,33 +120,30 @@ def run_report(options: runs.ReportOptions, output: Path) -> list[Path]:
 
 def contents(found: Sequence[Run]) -> dict[str, str | bytes]:
     """Contents of all files of the report by name, the page first."""
-    cyclic = [run for run in found if run.gathered.cycles]
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    cyclic = [run for run in found if run.gathered.spans]
+    uncertain = [
+        (run, figures.uncertainty_figure(number, run, run.uncertain), contribution_table(run, run.uncertain))
+        for number, run in enumerate((run for run in found if run.uncertain), start=1)
+        if run.uncertain
+    ]
     drawn = {
         "knees": figures.knees(found),
         "cycle": figures.over_cycle(found, cyclic) if cyclic else [],
         "time": figures.over_time(found),
-        "uncertain": figures.uncertainty_figures(found),
+        "uncertain": [figure for _, figure, _ in uncertain],
     }
-    pictures = {f"{figure.name}.png": figure.png for several in drawn.values() for figure in several}
-    return {PAGE: page(found, drawn), **tables(found), **pictures}
-
-
-def page(found: Sequence[Run], drawn: Mapping[str, Sequence[figures.Figure]]) -> str:
-    """Render the page as HTML text from the runs and their figures."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
     environment = Environment(
         loader=PackageLoader(__package__ or "", ""), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
         keep_trailing_newline=True,
     )  # fmt: skip
     environment.filters["base64"] = lambda data: base64.b64encode(data).decode("ascii")
-    cyclic = [run for run in found if run.gathered.cycles]
     bases = [run for run in found if run.beside is None]
-    uncertain = [(run, run.uncertain) for run in found if run.uncertain]
     loads = (figures.which_load(run.parameters) for run in found if not runs.prescribed(run.parameters))
-    return environment.get_template(TEMPLATE).render(
+    page = environment.get_template(TEMPLATE).render(
         title=f"Knee contact: {', '.join(run.name for run in bases)}",
-        lead=lead(found),
+        lead=lead(bases),
         loads="; ".join(dict.fromkeys(loads)),
         version=__version__,
         found=found,
@@ -160,118 +153,109 @@ def page(found: Sequence[Run], drawn: Mapping[str, Sequence[figures.Figure]]) ->
         overview=_side_by_side([list(summary(run).items()) for run in found], found),
         cycles=_side_by_side([cycle_summary(run) for run in cyclic], cyclic),
         still=bool(cyclic) and not figures.moves(cyclic),
-        uncertain=[
-            (run, figure, interval_table(run, of), contribution_table(run, of))
-            for figure, (run, of) in zip(drawn["uncertain"], uncertain, strict=True)
-        ],
+        uncertain=uncertain,
         runs=[(run, parameter_table(run)) for run in found],
     )
+    pictures = {f"{figure.name}.png": figure.png for several in drawn.values() for figure in several}
+    return {PAGE: page, **tables(found), **pictures}
 
 
-def lead(found: Sequence[Run]) -> str:
+def lead(bases: Sequence[Run]) -> str:
     """Summarise the page in a sentence; both compartments of a knee have the same ticks and cycles, counted once."""
-    knees = [run for run in found if run.beside is None and not is_lateral(run.topic)]
-    cycles = sum(len(run.gathered.cycles) for run in knees)
-    files = len({run.source for run in found})
-    each = ", each" if files > 1 else ","
-    compared = f"{each} computed again with another contact law" if any(run.beside is not None for run in found) else ""
+    knees = [run.gathered for run in bases if not is_lateral(run.topic)]
+    cycles, files = sum(len(of.spans) for of in knees), len({run.source for run in bases})
     return (
-        f"Tibiofemoral contact in {files} recording{'s' * (files != 1)}{compared}: "
-        f"{sum(run.gathered.ticks for run in knees)} ticks, {cycles} whole gait cycle{'s' * (cycles != 1)}."
+        f"Tibiofemoral contact in {files} recording{'s' * (files != 1)}: {sum(of.ticks for of in knees)} ticks, "
+        f"{cycles} whole gait cycle{'s' * (cycles != 1)}."
     )
 
 
 def what_differs(found: Sequence[Run]) -> list[str]:
     """List the parameters that differ, a line for each: of comparisons, and of the recordings among themselves."""
-    changes = {run.name: run.differences for run in found if run.beside is not None}
+    changes = {
+        run.name: run.differences or ["the comparison changes nothing"] for run in found if run.beside is not None
+    }
     if len(set(map(tuple, changes.values()))) == 1:
-        lines = list(next(iter(changes.values()))) or ["the comparison changes nothing"]
+        lines = list(next(iter(changes.values())))
     else:
-        lines = [f"{name}: {line}" for name, several in changes.items() for line in several or ["nothing"]]
+        lines = [f"{name}: {line}" for name, several in changes.items() for line in several]
     return lines + runs.between([run.parameters for run in found if run.beside is None and run.known])
 
 
 def first_table(found: Sequence[Run]) -> Table:
     """Compare the largest values of each run, which `solve` prints too, and the means of its peaks of stance."""
-    kinds = sorted({peak.which for run in found for peak in run.gathered.peaks} - {""})
-    columns, notes, count = [], ["Largest: anywhere in the recording."], 0
+    kinds = [which for which in (FIRST, SECOND) if any((run.gathered.peaks["peak"] == which).any() for run in found)]
+    columns, notes = [], ["Largest: anywhere in the recording."]
+    notes += ["First and second peak: of the stances in whole gait cycles, mean ± standard deviation."] if kinds else []
     for run in found:
         of, weight, cells = run.gathered, run.parameters.body_weight, []
         units = {"load": 1.0 / weight, "contact_force": 1.0 / weight, "penetration_depth": MM}
         for field, name, digits in QUANTITIES:
             at = int(np.argmax(of.columns[field]))
             mark = DOUBTFUL * bool(int(of.columns["status"][at]) & Status.IMPLAUSIBLE)
-            value = f"{units[field] * of.columns[field][at]:{digits}}{mark}"
             driven = field != "load" or not runs.prescribed(run.parameters)
+            value = f"{units[field] * of.columns[field][at]:{digits}}{mark}"
             cells.append((f"largest {name}", value if driven else NONE))
         for which in kinds:
-            group = [peak for peak in of.peaks if peak.which == which]
-            count, mark = max(count, len(group)), DOUBTFUL * any(peak.implausible for peak in group)
-            for field, name, digits in QUANTITIES:
-                values = [units[field] * getattr(peak, field) for peak in group]
-                cells.append((f"{which} peak: {name}", _spread(values, digits) + mark))
+            group = of.peaks[of.peaks["peak"] == which]
+            mark = DOUBTFUL * bool((group["status"].to_numpy(int) & Status.IMPLAUSIBLE).any())
+            cells += [(f"{which} peak: {name}", _spread(units[field] * group[field], digits) + mark)
+                      for field, name, digits in QUANTITIES]  # fmt: skip
         columns.append(cells)
-        if not any(cycle.span.start <= of.largest.event.stamp < cycle.span.end for cycle in of.cycles) and kinds:
-            where = f"{of.largest.event.kind} of {run.label}, at {of.largest.event.stamp / NANOSECONDS:.3f} s,"
-            notes += [] if run.beside is not None else [f"The {where} lies in no whole gait cycle."]
-    several = f", mean ± standard deviation of up to {count}" if count > 1 else ""
-    notes[1:1] = [f"First and second peak: of the stances in whole gait cycles{several}."] if kinds else []
+        stamp, what = int(of.columns["stamp"][of.largest]), of.driving.replace("_", " ")
+        if run.beside is None and kinds and not any(span.start <= stamp < span.end for span in of.spans):
+            where = f"{run.label}, at {stamp / NANOSECONDS:.3f} s,"
+            notes.append(f"The largest {what} of {where} lies in no whole gait cycle.")
     return _side_by_side(columns, found, " ".join(notes))
 
 
 def cycle_summary(run: Run) -> list[tuple[str, str]]:
     """Names of the rows of the table of cycles, with mean and spread of the characteristic values."""
-    weight, rows = run.parameters.body_weight, [("cycles", str(len(run.gathered.cycles)))]
+    weight, strides = run.parameters.body_weight, run.gathered.strides
+    rows = [("cycles", str(len(strides)))]
     for name, key, digits in CYCLE_ROWS:
-        cycles = run.gathered.cycles if figures.has_bone(run) or not name.startswith("bone") else ()
-        values = [cycle.numbers[key] / (weight if "[BW" in name else 1.0) for cycle in cycles]
-        rows.append((name, _spread(values, digits)))
+        own = strides[key][: 0 if name.startswith("bone") and not figures.has_bone(run) else None]
+        rows.append((name, _spread(own / (weight if "[BW" in name else 1.0), digits)))
     return rows
 
 
 def summary(run: Run) -> dict[str, str]:
     """Whole run and its accuracy, by the names of the table's rows."""
     of = run.gathered
-    stamps = of.columns["stamp"]
+    stamps, state = of.columns["stamp"], of.columns["contact_state"]
     rate = f"{(of.ticks - 1) / of.time:.0f} Hz" if of.time else "one tick"
-    missing = of.strikes - len(of.cycles)
+    apart, missing = state == ContactState.SEPARATED, of.strikes - len(of.spans)
     left_out = f" ({missing} more between heel strikes left out: too long, too short, or not one toe-off)"
-    longest = f", at most {of.longest_apart:.3f} s at one go" if of.apart_time else ""
+    groups = np.flatnonzero(np.diff(apart, prepend=~apart[:1]))
+    longest = np.add.reduceat(of.seconds, groups)[apart[groups]].max(initial=0.0)
+    flags = ", ".join(f"{count} × {name}" for name, count in of.flagged.items() if name != "NOT_CONVERGED")
+    refused = ", ".join(f"{count} × {name}" for name, count in run.refused.items())
     return {
         "file": run.source.name + ("" if run.topic == "/knee_contact" else f" {run.topic}"),
         "load": figures.which_load(run.parameters),
         "from … to [s]": f"{stamps[0] / NANOSECONDS:.3f} … {stamps[-1] / NANOSECONDS:.3f}",
         "ticks": f"{of.ticks} in {of.time:.2f} s ({rate})",
-        "gait cycles": f"{len(of.cycles)}{left_out if missing > 0 else ''}",
+        "gait cycles": f"{len(of.spans)}{left_out if missing > 0 else ''}",
         "pressure": figures.pressure_of(run),
-        "in bone contact": _time(of.bone_time, of.time) if figures.has_bone(run) else "the contact law has one layer",
-        "lifted off": _time(of.apart_time, of.time) + longest,
+        "in bone contact": _time(of, state == ContactState.BONE)
+        if figures.has_bone(run)
+        else "the contact law has one layer",
+        "lifted off": _time(of, apart) + (f", at most {longest:.3f} s at one go" if apart.any() else ""),
         "error bound of the depth": _bounds(of.columns["error_estimate"], _length),
         "error bound of the contact force": _bounds(of.columns["force_error_estimate"], _newtons),
         "ticks not converged": str(of.flagged["NOT_CONVERGED"]),
-        "ticks flagged otherwise": _counts(
-            {k: n for k, n in of.flagged.items() if k != "NOT_CONVERGED"}, of.flagged_otherwise
-        ),
-        "samples refused": _counts(run.refused),
+        "ticks flagged otherwise": f"{of.flagged_otherwise}" + (f" ({flags})" if flags else ""),
+        "samples refused": f"{sum(run.refused.values())}" + (f" ({refused})" if refused else ""),
         "levels of the model": ", ".join(f"{k} {100.0 * n / of.ticks:.1f} %" for k, n in sorted(of.levels.items())),
         "contact law evaluations": f"{of.columns['evaluations'].mean():.1f} a tick",
     }
 
 
 def parameter_table(run: Run) -> Table:
-    """List the parameters of a run that matter for its answers, beside their defaults.
-
-    These are all constants that the contact law uses, those that determine the load, and what differs from a default.
-    """
-    values, contact, load = flat_parameters(run.parameters), run.parameters.contact, run.parameters.load
-    shown = {"contact.law", "load.compartment", "body_weight", "femur.geometry", "tibia.geometry"}
-    shown |= {
-        "contact.femoral_radius",
-        "contact.tibial_radius",
-        *(f"contact.{name}" for name in constants_of(contact.law)),
-    }
-    shown |= set() if figures.has_bone(run) else {"contact.foundation_thickness"}
-    shown |= {{"measured_share": "load.share_file", "fixed_share": "load.share"}.get(load.rule, "load.compartment")}
+    """List the parameters of a run beside their defaults: all that its contact law uses, and what differs."""
+    values, law = flat_parameters(run.parameters), run.parameters.contact.law
+    shown = {"contact.law", "load.compartment", "load.share", "body_weight", "femur.geometry", "tibia.geometry"}
+    shown |= {f"contact.{name}" for name in ("femoral_radius", "tibial_radius", *constants_of(law))}
     rows = [
         (name, _value(values[name]), "default" if values[name] == default else f"default {_value(default)}", meaning)
         for name, (default, meaning, _) in known_parameters().items()
@@ -282,13 +266,19 @@ def parameter_table(run: Run) -> Table:
 
 def contribution_table(run: Run, of: Propagated) -> Table:
     """List the effect of each input's standard deviation, of all together, and the numerical error."""
-    head = ("input", "± SD", "depth [µm]", "force [N]", "RMS [µm]")
     rows = [
         (name, deviation, *(f"{number:.3g}" for number in numbers[:3]))
         for name, deviation, *numbers in contributions(run, of)
     ]
-    where = LARGEST[run.gathered.of_largest]
-    return Table(head, rows, f"At the {where}, with sign: what one standard deviation more does. RMS: over all ticks.")
+    at, where = int(of.rows[run.gathered.driving].argmax()), run.gathered.driving.replace("_", " ")
+    low, high = (MM * edge[at] for edge in of.depth_interval())
+    least, most = (edge[at] for edge in of.force_interval())
+    note = (
+        f"At the largest {where}, with sign: what one standard deviation more does; together the depth lies between "
+        f"{low:.3f} and {high:.3f} mm, and the contact force between {least:.0f} and {most:.0f} N ({LEVEL:.0%}). "
+        "RMS: over all ticks."
+    )
+    return Table(("input", "± SD", "depth [µm]", "force [N]", "RMS [µm]"), rows, note)
 
 
 def contributions(run: Run, of: Propagated) -> Iterator[tuple[Any, ...]]:
@@ -297,7 +287,7 @@ def contributions(run: Run, of: Propagated) -> Iterator[tuple[Any, ...]]:
     Each item has a name, the standard deviation as text, the effects on depth [µm] and force [N] at the largest load
     (or contact force) with their signs, and the RMS of these effects over all ticks, in the same units.
     """
-    at = int(of.rows[run.gathered.of_largest].argmax())
+    at = int(of.rows[run.gathered.driving].argmax())
     effects = [(deviation.name, deviation.text, *part) for deviation, part in of.parts.items()]
     effects.append((figures.ALL_OF_THEM, "", of.depth, of.force))
     effects.append((figures.NUMERICAL, "", of.rows["error_estimate"], of.rows["force_error_estimate"]))
@@ -306,87 +296,56 @@ def contributions(run: Run, of: Propagated) -> Iterator[tuple[Any, ...]]:
         yield name, deviation, MICRO * float(depth[at]), float(force[at]), MICRO * rms[0], rms[1]
 
 
-def interval_table(run: Run, of: Propagated) -> Table:
-    """List force and depth with their intervals at the first peaks of stance, or else at the largest load or force."""
-    reach, weight, level = factor(LEVEL), run.parameters.body_weight, f"{100.0 * LEVEL:.0f} %"
-    largest, rows = run.gathered.largest, []
-    for moment in run.gathered.peaks[:SHOWN] or [largest._replace(which=largest.event.kind)]:
-        at = int(np.searchsorted(of.rows["stamp"], moment.event.stamp, "right")) - 1
-        force, depth = moment.contact_force, MM * moment.penetration_depth
-        low, high = (MM * edge[at] for edge in of.depth_interval())
-        rows.append((
-            moment.which or NONE, f"{moment.event.stamp / NANOSECONDS:.3f}", f"{moment.load:.0f}",
-            f"{force:.0f} ± {reach * of.force[at]:.0f}", f"{force / weight:.2f} ± {reach * of.force[at] / weight:.2f}",
-            f"{depth:.3f} ± {reach * MM * of.depth[at]:.3f}", f"{low:.3f} … {high:.3f}",
-            f"{MICRO * of.rows['error_estimate'][at]:.2g}",
-        ))  # fmt: skip
-    head = ("peak", "stamp [s]", "load [N]", f"contact force [N] ({level})", f"[BW] ({level})",
-            f"depth [mm] ({level})", "from … to [mm]", "numerical [µm]")  # fmt: skip
-    return Table(head, rows)
-
-
 def tables(found: Sequence[Run]) -> dict[str, str]:
     """Contents of the report's CSV files, by file name."""
-    statistics = [f"{name}_{kind}" for name in CURVE_COLUMNS for kind in ("mean", "sd")]
     files = {
-        "cycles.csv": _csv(("run", "gait_cycle_percent", "cycles", *statistics), curve_rows(found)),
-        "events.csv": _csv(EVENT_COLUMNS, (
-            (run.label, moment.event.kind, *_when(moment), *_contact(moment, run), moment.event.text)
-            for run in found for moment in run.gathered.moments
-        )),
-        "peaks.csv": _csv(PEAK_COLUMNS, (
-            (run.label, peak.which, *_when(peak), None if peak.cycle is None else peak.cycle + 1, peak.percent,
-             *_contact(peak, run), peak.force_error, MM * peak.depth_error)
-            for run in found for peak in run.gathered.peaks
-        )),
-        "strides.csv": _csv(STRIDE_COLUMNS, (
-            (run.label, number, _seconds(cycle.span.start), *(cycle.numbers[name] for name in runs.NUMBERS))
-            for run in found for number, cycle in enumerate(run.gathered.cycles, start=1)
-        )),
+        "cycles.csv": _csv(CYCLE_COLUMNS, [(run, curves_of(run)) for run in found if run.gathered.spans]),
+        "events.csv": _csv(EVENT_COLUMNS, [(run, with_units(run, run.gathered.events)) for run in found]),
+        "peaks.csv": _csv(PEAK_COLUMNS, [(run, with_units(run, run.gathered.peaks)) for run in found]),
+        "strides.csv": _csv(STRIDE_COLUMNS, [
+            (run, run.gathered.strides.assign(
+                cycle=range(1, len(run.gathered.spans) + 1),
+                heel_strike_s=[_seconds(span.start) for span in run.gathered.spans],
+            )) for run in found
+        ]),
     }  # fmt: skip
     if any(run.uncertain for run in found):
-        files[UNCERTAINTY] = _csv(UNCERTAINTY_COLUMNS, (
-            (run.label, *row) for run in found if run.uncertain for row in contributions(run, run.uncertain)
-        ))  # fmt: skip
+        files[UNCERTAINTY] = _csv(UNCERTAINTY_COLUMNS, [
+            (run, pd.DataFrame(contributions(run, run.uncertain), columns=UNCERTAINTY_COLUMNS[1:]))
+            for run in found if run.uncertain
+        ])  # fmt: skip
     return files
 
 
-def curve_rows(found: Sequence[Run]) -> Iterator[tuple[Any, ...]]:
-    """Rows of cycles.csv: mean and standard deviation at every percent; a single cycle has no standard deviation."""
-    for run in found:
-        mean, deviation = run.gathered.mean, run.gathered.deviation
-        spread = np.full_like(mean, np.nan) if deviation is None else deviation
-        columns = [CURVES.index(field) for field, _ in CURVE_COLUMNS.values()]
-        factors = [each or 1.0 / run.parameters.body_weight for _, each in CURVE_COLUMNS.values()]
-        both = np.stack([mean[:, columns] * factors, spread[:, columns] * factors], axis=2)
-        for percent, values in zip(PERCENT, both.reshape(-1, 2 * len(columns)).tolist(), strict=False):
-            yield (run.label, int(percent), len(run.gathered.cycles), *values)
+def _csv(columns: Sequence[str], several: Sequence[tuple[Run, pd.DataFrame]]) -> str:
+    """Write the rows of several runs as CSV text: floats with nine significant digits, NaN as an empty cell."""
+    parts = [rows.assign(run=run.label)[[*columns]] for run, rows in several if len(rows)]
+    joined = pd.concat(parts) if parts else pd.DataFrame(columns=[*columns])
+    text: str = joined.to_csv(index=False, float_format="%.9g", lineterminator="\n")
+    return text
 
 
-def _csv(columns: Sequence[str], rows: Iterable[Sequence[Any]]) -> str:
-    """Write a table as CSV text: floats with nine significant digits, None and NaN as empty cells."""
-    file = io.StringIO()
-    writer = csv.writer(file, lineterminator="\n")
-    writer.writerow(columns)
-    for row in rows:
-        writer.writerow([f"{v:.9g}".replace("nan", "") if isinstance(v, float) else v for v in row])
-    return file.getvalue()
+def with_units(run: Run, events: pd.DataFrame) -> pd.DataFrame:
+    """Give events with the columns of events.csv and peaks.csv."""
+    weight = run.parameters.body_weight
+    return events.assign(
+        stamp_s=[_seconds(stamp) for stamp in events["stamp"]], load_N=events["load"], load_BW=events["load"] / weight,
+        contact_force_N=events["contact_force"], contact_force_BW=events["contact_force"] / weight,
+        penetration_depth_mm=MM * events["penetration_depth"], contact_force_error_N=events["force_error_estimate"],
+        penetration_depth_error_mm=MM * events["error_estimate"],
+    )  # fmt: skip
 
 
-def _when(moment: Moment) -> tuple[str, float]:
-    """Stamp [s] and time since the first tick [s] of a moment."""
-    return _seconds(moment.event.stamp), moment.elapsed
-
-
-def _contact(moment: Moment, run: Run) -> tuple[float, ...]:
-    """Values of `CONTACT_COLUMNS` at a moment."""
-    load, force, depth = _in_weights(moment, run.parameters.body_weight)
-    return moment.load, load, moment.contact_force, force, depth
-
-
-def _in_weights(moment: Moment, weight: float) -> tuple[float, float, float]:
-    """Load [BW], contact force [BW] and depth [mm] at a moment; `weight` is the body's [N]."""
-    return moment.load / weight, moment.contact_force / weight, MM * moment.penetration_depth
+def curves_of(run: Run) -> pd.DataFrame:
+    """Give the columns of cycles.csv: mean and standard deviation, which a single cycle has not, at every percent."""
+    curves, weight = run.gathered.curves, run.parameters.body_weight
+    spread = curves.std(axis=0, ddof=1) if len(curves) > 1 else np.full(curves.shape[1:], np.nan)
+    columns = {
+        f"{name}_{kind}": values[:, CURVES.index(field)] * (factor or 1.0 / weight)
+        for name, (field, factor) in CURVE_COLUMNS.items()
+        for kind, values in (("mean", curves.mean(axis=0)), ("sd", spread))
+    }
+    return pd.DataFrame({"gait_cycle_percent": PERCENT.astype(int), "cycles": len(curves), **columns})
 
 
 def _seconds(stamp: int) -> str:
@@ -400,16 +359,18 @@ def _side_by_side(columns: Sequence[Sequence[tuple[str, str]]], found: Sequence[
     return Table(("", *(run.label for run in found)), [row for row in rows if {*row[1:]} != {NONE}], note)
 
 
-def _spread(values: Any, digits: str) -> str:
+def _spread(values: pd.Series[float], digits: str) -> str:
     """Mean and sample standard deviation of some values in a number format; a dash where one is not finite."""
     if not len(values) or not np.isfinite(values).all():
         return NONE
-    mean = f"{np.mean(values):{digits}}"
-    return mean if len(values) == 1 else f"{mean} ± {np.std(values, ddof=1):{digits}}"
+    mean = f"{values.mean():{digits}}"
+    return mean if len(values) == 1 else f"{mean} ± {values.std():{digits}}"
 
 
-def _time(time: float, whole: float) -> str:
-    return f"{time:.3f} s ({100.0 * time / whole if whole else 0.0:.1f} %)"
+def _time(of: runs.Gathered, which: Any) -> str:
+    """Time of some ticks, and its part of the whole."""
+    time = float(of.seconds[which].sum())
+    return f"{time:.3f} s ({100.0 * time / of.time if of.time else 0.0:.1f} %)"
 
 
 def _bounds(errors: Any, text: Callable[[float], str]) -> str:
@@ -429,11 +390,6 @@ def _length(error: float) -> str:
 
 def _newtons(error: float) -> str:
     return f"{error:.2g} N" if math.isfinite(error) else "no bound"
-
-
-def _counts(counts: Mapping[str, int], total: int | None = None) -> str:
-    reasons = ", ".join(f"{count} × {name}" for name, count in counts.items())
-    return f"{sum(counts.values()) if total is None else total}" + (f" ({reasons})" if reasons else "")
 
 
 def _value(value: Any) -> str:

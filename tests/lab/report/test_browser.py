@@ -41,7 +41,7 @@ def test_a_browser_shows_all_of_it(browser: Any, page: Path, width: int) -> None
         ".then(done, error => done(String(error)));"
     )
     assert isinstance(pictures, list), pictures
-    assert len(pictures) == 11
+    assert len(pictures) == 10
     for natural, shown in pictures:
         assert natural > 800
         assert 300 <= shown <= width

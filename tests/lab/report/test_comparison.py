@@ -79,19 +79,6 @@ def test_what_differs_is_told_as_far_as_it_is_used(values: dict[str, object], li
     assert between([load_parameters({}), load_parameters(values)], " → ") == lines
 
 
-def test_what_is_not_known_differs() -> None:
-    assert between([None, load_parameters({})], " → ")[0] == "contact.law: not told → kelvin_voigt"
-
-
-def test_a_person_gave_the_names_and_what_differs_stands_once(bags: tuple[Path, Path], tmp_path: Path) -> None:
-    path = tmp_path / "stiffer.yaml"
-    path.write_text("/**/knee_contact: {ros__parameters: {contact: {stiffness: 9.0e+7}}}\n")
-    asked = ["report", str(bags[0]), "--label", "Ann", "--compare", str(path), "--output", str(tmp_path / "out")]
-    assert main(asked) == 0
-    assert list(runs_of(tmp_path / "out" / "peaks.csv")) == ["Ann", "Ann, stiffer"]
-    assert text_of(tmp_path / "out").count("contact.stiffness: 7.90569e+07 → 9e+07 N/m^n") == 1
-
-
 def test_files_of_one_name_are_told_apart_also_when_their_laws_differ(
     bags: tuple[Path, Path], config: Path, tmp_path: Path
 ) -> None:

@@ -15,8 +15,7 @@ from typing import Any
 
 import pandas as pd
 
-from knee_contact_ros.lab.run_study import Done, run_study
-from knee_contact_ros.lab.study import Study
+from knee_contact_ros.lab.study import Done, Study, run_study
 from tests import ROOT
 
 DAMPINGS = [1e3, 2e3, 3e3, 4e3, 5e3]
@@ -24,7 +23,7 @@ DAMPINGS = [1e3, 2e3, 3e3, 4e3, 5e3]
 
 def study(bag: Path | str, **content: Any) -> Study:
     """A study of one bag."""
-    return Study({"bags": [str(bag)], **content})
+    return Study(bags=[str(bag)], **content)
 
 
 def computed(asked: Study, output: Path | str, **how: Any) -> Done:
@@ -42,11 +41,6 @@ def table(folder: Path) -> pd.DataFrame:
 def assert_same(one: pd.DataFrame, other: pd.DataFrame) -> None:
     """The same bits in two tables."""
     pd.testing.assert_frame_equal(one, other, check_exact=True)
-
-
-def left_over(folder: Path) -> list[str]:
-    """Unfinished files in a folder of results."""
-    return [path.name for path in folder.rglob("_unfinished-*")]
 
 
 def started(*arguments: str, cwd: Path = ROOT, **options: Any) -> subprocess.Popen[Any]:

@@ -14,10 +14,10 @@ from pathlib import Path
 import pandas as pd
 import pytest
 
-from knee_contact_ros.lab.study import read_study
+from knee_contact_ros.lab.study import Study, read_study
 from knee_contact_ros.system.errors import IncompleteError
 from tests.helpers.disks import remount
-from tests.lab.sweep.studies import Cluster, assert_same, computed, end, left_over, started, table, wait_until
+from tests.lab.sweep.studies import Cluster, assert_same, computed, end, started, table, wait_until
 
 pytestmark = pytest.mark.xdist_group("cluster of cohorts")
 CASES = 1280
@@ -39,7 +39,7 @@ def asked(tmp_path_factory: pytest.TempPathFactory, right_bag: Path) -> Path:
 def expected(asked: Path, cluster: Cluster, tmp_path_factory: pytest.TempPathFactory) -> pd.DataFrame:
     """Its table, when nothing happens."""
     folder = tmp_path_factory.mktemp("expected")
-    assert computed(read_study(asked), folder, scheduler=cluster.address).computed == CASES
+    assert computed(read_study(asked, Study), folder, scheduler=cluster.address).computed == CASES
     return table(folder)
 
 
@@ -64,7 +64,7 @@ def begun(asked: Path, out: Path, *options: str, files: int = 2) -> subprocess.P
 
 def assert_goes_on(asked: Path, out: Path, address: str, expected: pd.DataFrame, files: int = 1) -> None:
     """The next run computes the rest."""
-    again = computed(read_study(asked), out, scheduler=address)
+    again = computed(read_study(asked, Study), out, scheduler=address)
     assert again.there >= A_BLOCK * files
     assert again.there + again.computed == CASES
     assert_same(table(out), expected)
@@ -73,7 +73,7 @@ def assert_goes_on(asked: Path, out: Path, address: str, expected: pd.DataFrame,
 def test_killed_workers(asked: Path, expected: pd.DataFrame, own: Cluster, tmp_path: Path) -> None:
     out = tmp_path / "out"
     with ThreadPoolExecutor() as pool:
-        client = pool.submit(computed, read_study(asked), out, scheduler=own.address)
+        client = pool.submit(computed, read_study(asked, Study), out, scheduler=own.address)
         for files in sorted(random.sample(range(1, 13), 2)):
             wait_until(lambda files=files: len(list(out.glob("cases-*"))) >= files or client.done())
             time.sleep(random.uniform(0.0, 0.1))
@@ -99,13 +99,6 @@ def test_a_killed_scheduler(asked: Path, expected: pd.DataFrame, own: Cluster, t
     assert_goes_on(asked, out, own.address, expected, files)
 
 
-def test_a_killed_client(asked: Path, expected: pd.DataFrame, cluster: Cluster, tmp_path: Path) -> None:
-    client = begun(asked, tmp_path / "out", "--scheduler", cluster.address)
-    time.sleep(random.uniform(0.0, 0.5))
-    end(client)
-    assert_goes_on(asked, tmp_path / "out", cluster.address, expected)
-
-
 def in_group(leader: int) -> list[str]:
     """Processes of a group that still run."""
     told = subprocess.run(["/bin/ps", "-eo", "pgid,stat,pid"], capture_output=True, text=True, check=True).stdout
@@ -113,20 +106,21 @@ def in_group(leader: int) -> list[str]:
     return [pid for group, state, pid in rows if group == str(leader) and not state.startswith("Z")]
 
 
-def test_a_killed_client_with_workers_of_its_own_leaves_no_process(asked: Path, tmp_path: Path) -> None:
-    client = begun(asked, tmp_path / "out", "--workers", "1")
-    client.kill()
-    client.communicate()
-    wait_until(lambda: not in_group(client.pid))
-
-
-def test_ctrl_c(asked: Path, expected: pd.DataFrame, cluster: Cluster, tmp_path: Path) -> None:
+@pytest.mark.parametrize("interrupted", [True, False])
+def test_a_client_that_ends_leaves_no_process(
+    asked: Path, expected: pd.DataFrame, cluster: Cluster, tmp_path: Path, interrupted: bool
+) -> None:
+    """A terminal's Ctrl-C reaches the workers, too; or the client alone is killed."""
     out = tmp_path / "out"
     client = begun(asked, out, "--workers", "2")
-    os.killpg(client.pid, signal.SIGINT)  # a terminal's Ctrl-C reaches the workers, too
+    if interrupted:
+        os.killpg(client.pid, signal.SIGINT)
+    else:
+        client.kill()
     said, errors = client.communicate(timeout=60)
-    assert (client.returncode, said, errors.strip()) == (130, "", "knee-contact: interrupted")
-    assert left_over(out) == []
+    if interrupted:
+        assert (client.returncode, said, errors.strip()) == (130, "", "knee-contact: interrupted")
+        assert list(out.glob("_*")) == []
     wait_until(lambda: not in_group(client.pid))
     assert len(table(out)) < CASES
     assert_goes_on(asked, out, cluster.address, expected)
@@ -136,8 +130,8 @@ def test_a_full_disk(asked: Path, expected: pd.DataFrame, cluster: Cluster, smal
     remount(small_disk, "size=300k")
     out = small_disk / "out"
     with pytest.raises(IncompleteError, match=f"output {out}: No space left on device"):
-        computed(read_study(asked), out, scheduler=cluster.address)
-    wait_until(lambda: not left_over(out))  # what the workers had begun
+        computed(read_study(asked, Study), out, scheduler=cluster.address)
+    assert list(out.glob("_*")) == []
     assert len(table(out)) < CASES
     remount(small_disk, "size=20m")
     assert_goes_on(asked, out, cluster.address, expected)

@@ -1,99 +1,301 @@
-"""What a study may ask, how its cases are numbered, and what is refused."""
+"""A study: what it may ask; on a real scheduler one table, however it came about; what is refused, in a line."""
 
 from __future__ import annotations
 
 import itertools
+import re
+import shutil
+import socket
+import zipfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from knee_contact_ros.lab.study import LARGEST, Study, read_study
-from knee_contact_ros.system.errors import UsageError
+import knee_contact_ros
+from knee_contact_ros.commands.main import main
+from knee_contact_ros.lab import study as studies
+from knee_contact_ros.lab.study import MOST, Group, Shards, Study, read_study
+from knee_contact_ros.lab.sweep import OUTCOMES
+from knee_contact_ros.system import files
+from knee_contact_ros.system.errors import IncompleteError, UsageError
+from tests import ROOT
+from tests.lab.sweep.studies import DAMPINGS, assert_same, computed, study, table
 
-VALUES = {"contact.damping": (0.0, 1e3, 2e3), "femur.mass": (1.0, 2.0, 3.0), "fidelity.tolerance": (1e-8, 1e-7, 1e-6)}
-grids = st.dictionaries(st.sampled_from(list(VALUES)), st.integers(1, 3), max_size=3)
-
-
-@settings(max_examples=30)
-@given(bags=st.integers(1, 3), knees=st.integers(1, 2), grid=grids, points=st.integers(0, 5))
-def test_every_case_stands_once_and_the_last_name_changes_soonest(
-    bags: int, knees: int, grid: dict[str, int], points: int
-) -> None:
-    allowed = {name: list(VALUES[name][:number]) for name, number in grid.items()}
-    content: dict[str, Any] = {
-        "bags": [f"{i}.mcap" for i in range(bags)], "params": ["healthy", "osteoarthritis"][:knees], "grid": allowed,
-    }  # fmt: skip
-    if points:
-        content["sample"] = {"n": points, "ranges": {"contact.stiffness": [5e7, 1e8]}}
-    asked = Study(content)
-    cases = [asked.case(number) for number in range(asked.number)]
-    drawn = [case.values["contact.stiffness"] for case in cases[:points]] if points else [None]
-    found = [
-        (case.bag, *case.params, *(case.values[name] for name in allowed), case.values.get("contact.stiffness"))
-        for case in cases
-    ]
-    assert found == list(itertools.product(content["bags"], content["params"], *allowed.values(), drawn))
+pytestmark = pytest.mark.xdist_group("cluster of cohorts")
+GRID = {"contact.damping": DAMPINGS, "contact.layer_depth": [3e-4, 5e-4, 7e-4, 9e-4]}
+TWO = {"contact.damping": DAMPINGS[:2]}
+RANGES = {"contact.damping": [1e3, 1e4], "femur.mass": {"from": 1.0, "to": 10.0, "scale": "log"}}
+Capture = pytest.CaptureFixture[str]
 
 
-def drawn(**sample: Any) -> np.ndarray:
-    """The points of a sample."""
-    asked = Study({"bags": ["a"], "sample": sample})
-    return np.array([list(asked.case(i).values.values()) for i in range(asked.number)])
+def test_every_case_stands_once_and_the_last_name_changes_soonest() -> None:
+    grid = {"contact.damping": [0.0, 1e3, 2e3], "femur.mass": {"from": 1.0, "to": 3.0, "number": 3}}
+    sample = {"n": 4, "ranges": {"contact.stiffness": [5e7, 1e8]}}
+    asked = Study(bags=["a", "b"], params=["healthy", ["healthy", "osteoarthritis"]], grid=grid, sample=sample)
+    assert asked.knees == list(itertools.product("ab", [("healthy",), ("healthy", "osteoarthritis")]))
+    found = [tuple(values.values()) for values in asked.variants()]
+    assert len(found) == asked.number / 4 == 36
+    drawn = [values[2] for values in found[:4]]
+    assert found == list(itertools.product((0.0, 1e3, 2e3), (1.0, 2.0, 3.0), drawn))
 
 
 @pytest.mark.parametrize("method", ["sobol", "random"])
 @settings(max_examples=30)
 @given(few=st.integers(1, 40), more=st.integers(1, 40), seed=st.integers(0, 2**31))
 def test_a_sample_that_has_grown_begins_with_the_same_points(method: str, few: int, more: int, seed: int) -> None:
-    ranges = {"contact.damping": [1e3, 1e4], "femur.mass": {"from": 1.0, "to": 10.0, "scale": "log"}}
-    longer = drawn(method=method, n=few + more, seed=seed, ranges=ranges)
-    assert (longer[:few] == drawn(method=method, n=few, seed=seed, ranges=ranges)).all()
+    def drawn(n: int) -> np.ndarray:
+        design = studies.Sample(method=method, n=n, seed=seed, ranges=RANGES)
+        return design.points()
+
+    longer = drawn(few + more)
+    assert (longer[:few] == drawn(few)).all()
     assert (longer >= [1e3, 1.0]).all()
     assert (longer <= [1e4, 10.0]).all()
 
 
-GRID = {"contact.damping": [0.0, 1.0]}
-REFUSED: dict[str, dict[str, Any]] = {
-    "bags: is missing": {"bags": None},
-    "bags: a is given twice": {"bags": ["a", "a"]},
-    "params: ['healthy'] is given twice": {"params": ["healthy", "healthy"]},
-    "nonsense: is not known": {"nonsense": 1},
-    "unknown parameter contact.dampin; did you mean contact.damping?": {"grid": {"contact.dampin": [1]}},
-    "contact.damping: [] is not allowed": {"grid": {"contact.damping": []}},
-    "contact.damping: 7 is not allowed": {"grid": {"contact.damping": 7}},
-    "contact.damping: -1.0 is not allowed": {"grid": {"contact.damping": [-1.0, 1.0]}},
-    "a value stands there twice": {"grid": {"contact.damping": [1.0, 1.0]}},
-    "contact.damping is given twice": {"grid": GRID, "values": {"contact.damping": 1.0}},
-    "record.path is not allowed": {"grid": {"record.path": ["a.mcap", "b.mcap"]}},
-    "from 2 to 1: from < to is asked": {"grid": {"femur.mass": {"from": 2, "to": 1}}},
-    "n: 0 is not allowed": {"sample": {"n": 0, "ranges": {"femur.mass": [1, 2]}}},
-    "ranges: {} is not allowed": {"sample": {"n": 2, "ranges": {}}},
-    "femur.mass: [1] is not allowed": {"sample": {"n": 2, "ranges": {"femur.mass": [1]}}},
-    "method: 'dice' is not allowed": {"sample": {"n": 2, "method": "dice", "ranges": {"femur.mass": [1, 2]}}},
-    f"{LARGEST} at most": {"bags": ["a", "b"], "sample": {"n": LARGEST, "ranges": {"femur.mass": [1, 2]}}},
-    "nobody.yaml: cannot read": {"params": ["nobody.yaml"]},
+def test_the_table_is_that_of_single_runs_on_any_workers(right_bag: Path, address: str, tmp_path: Path) -> None:
+    asked = study(right_bag, params=["healthy", "osteoarthritis"], grid=GRID)
+    assert computed(asked, tmp_path / "theirs", scheduler=address) == (0, 40, 0, ())
+    assert computed(asked, tmp_path / "ours", workers=1) == (0, 40, 0, ())
+    found = table(tmp_path / "theirs")
+    assert_same(found, table(tmp_path / "ours"))
+    for _, row in found.iloc[::13].iterrows():
+        alone = knee_contact_ros.solve(right_bag, row["params"], {name: row[name] for name in GRID})
+        assert row["peak_force"] == alone.contact_force.max()
+        assert row["peak_depth"] == alone.penetration_depth.max()
+        assert row["bag"] == str(right_bag)
+    assert pd.read_parquet(tmp_path / "ours").attrs == {"varied": sorted(GRID)}
+
+
+def test_only_what_is_new_is_computed(right_bag: Path, address: str, tmp_path: Path) -> None:
+    """A study that has grown, one that nobody is asked for, and a bag under two names."""
+    small = study(right_bag, grid={"contact.damping": DAMPINGS[:3]})
+    large = study(right_bag, grid={"femur.mass": [8.0, 9.3014], "contact.damping": DAMPINGS})
+    assert computed(small, tmp_path / "out", scheduler=address)[:2] == (0, 3)
+    assert computed(large, tmp_path / "out", scheduler=address)[:2] == (3, 7)
+    assert computed(small, tmp_path / "out", scheduler="tcp://127.0.0.1:1")[:2] == (3, 0)
+    computed(large, tmp_path / "at once", scheduler=address)
+    assert_same(table(tmp_path / "out"), table(tmp_path / "at once"))
+    shutil.copytree(right_bag, tmp_path / "copy")
+    twice = Study(bags=[str(right_bag), str(tmp_path / "copy")], grid=TWO)
+    assert computed(twice, tmp_path / "twice", scheduler=address)[:2] == (2, 2)
+
+
+def test_failed_cases_are_rows_with_a_reason(right_bag: Path, address: str, tmp_path: Path) -> None:
+    asked = study(right_bag, values={"tibia.geometry": "circle"}, grid={"tibia.radius": [0.02, 0.03, 0.09]})
+    assert computed(asked, tmp_path / "out", scheduler=address)[:3] == (0, 3, 2)
+    found = table(tmp_path / "out").sort_values("tibia.radius", ignore_index=True)
+    assert found["failed"][0] == "parameter tibia.radius: 0.02 is not allowed; it must exceed femur.radius, 0.034"
+    assert list(found["failed"] == "") == [False, False, True]
+    assert list(found["peak_force"].isna()) == [True, True, False]
+    assert computed(asked, tmp_path / "out", scheduler=address)[:2] == (3, 0)
+
+
+def test_series_of_both_compartments(address: str, right_bag: Path, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    asked = study(right_bag, series=True, grid=TWO, params=["both_compartments"])
+    assert computed(asked, out, scheduler=address)[:2] == (0, 2)
+    assert computed(asked, out, scheduler=address)[:2] == (2, 0)
+    series = pd.read_parquet(out / "_series")
+    for _, row in table(out).iterrows():
+        medial = knee_contact_ros.solve(right_bag, "both_compartments", {"contact.damping": row["contact.damping"]})
+        for side, alone in (("medial", medial), ("lateral", medial.lateral)):
+            own = series[(series["case"] == row["case"]) & (series["compartment"] == side)]
+            assert (own["contact_force"].to_numpy() == alone.contact_force).all()
+            assert (own["stamp"].to_numpy() == np.asarray(alone["stamp"])).all()
+        assert row["lateral_peak_force"] == medial.lateral.contact_force.max()
+    computed(study(right_bag, grid=GRID), tmp_path / "without", scheduler=address)
+    with pytest.raises(UsageError, match="holds cases without their series; begin a new folder"):
+        computed(study(right_bag, grid=GRID, series=True), tmp_path / "without", scheduler=address)
+
+
+def test_data_are_read_where_they_lie(right_bag: Path, address: str, tmp_path: Path) -> None:
+    (file,) = right_bag.glob("*.mcap")
+    with zipfile.ZipFile(tmp_path / "gait.zip", "w") as archive:
+        archive.write(file, "gait.mcap")
+    for i, (there, plain) in enumerate(
+        ((f"file://{right_bag}", right_bag), (f"zip://gait.mcap::file://{tmp_path}/gait.zip", file))
+    ):
+        out, other = tmp_path / f"out{i}", tmp_path / f"plain{i}"
+        assert computed(study(there, grid=TWO), f"file://{out}", scheduler=address)[:2] == (0, 2)
+        computed(study(plain, grid=TWO), other, scheduler=address)
+        assert_same(table(out).drop(columns="bag"), table(other).drop(columns="bag"))
+    assert computed(study(right_bag, grid=TWO), "memory://cohorts/out", scheduler=address)[:2] == (0, 2)
+    assert len(Shards("memory://cohorts/out").read("peak_force")) == 2
+
+
+def test_workers_need_no_file_but_the_bag(
+    config: Path, right_bag: Path, address: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """All names are relative to the client's folder, where no worker is; bag and output are told in full."""
+    shutil.copytree(right_bag, tmp_path / "gait")
+    for name in ("femur_medial.csv", "tibia_medial.csv"):
+        shutil.copy(config / name, tmp_path / f"my_{name}")
+    (tmp_path / "mine.yaml").write_text(
+        "knee_contact: {ros__parameters: {femur: {geometry: profile, profile: my_femur_medial.csv}}}"
+    )
+    monkeypatch.chdir(tmp_path)
+    grid = {"contact.damping": DAMPINGS[:2], "femur.profile": ["my_femur_medial.csv", "femur_medial.csv"]}
+    assert computed(study("gait", params=["mine.yaml"], grid=grid), "out", scheduler=address)[:3] == (2, 2, 0)
+    grid = {"tibia.geometry": ["circle", "profile"], "tibia.profile": ["my_tibia_medial.csv"]}
+    assert computed(study("gait", grid=grid), "tibia", scheduler=address)[:3] == (0, 2, 0)
+    assert table(tmp_path / "out")["peak_force"].gt(1000.0).all()
+
+
+def divide(_block: Any) -> float:
+    """Fails on the worker."""
+    return 1 / len("")
+
+
+@pytest.mark.parametrize(
+    ("patched", "output", "error", "said"),
+    [
+        (("what_answers", lambda: "another"), "out", UsageError, r"worker tcp://127\.0\.0\.1:\d+: another version of"),
+        (("bag_digest", lambda _path: "another"), "out", UsageError, r"worker tcp://\S+ finds another content"),
+        (("compute_block", divide), "out", IncompleteError, "a worker failed: ZeroDivisionError: "),
+        (("LEAST", 8), "nothing://out", UsageError, "output nothing://out: "),
+    ],
+)
+def test_what_workers_cannot_do_is_told_in_a_line(
+    patched: tuple[str, Any], output: str, error: type[Exception], said: str, right_bag: Path, address: str,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(studies, *patched)
+    with pytest.raises(error, match=said):
+        computed(study(right_bag, grid=GRID), output, scheduler=address)
+    assert list(tmp_path.rglob("cases-*")) == []
+
+
+def test_a_folder_of_others_a_foreign_table_and_a_damaged_one(right_bag: Path, address: str, tmp_path: Path) -> None:
+    asked, out = study(right_bag, grid=GRID), tmp_path / "out"
+    computed(asked, out, scheduler=address)
+    expected, first = table(out), min(out.glob("cases-*"))
+    whole = first.read_bytes()
+    foreign = tmp_path / "foreign.parquet"
+    pd.DataFrame({"a": [1]}).to_parquet(foreign)
+    for name, content, said in (
+        ("holiday.jpg", b"", r"holds holiday\.jpg, which is none of a study's results"),
+        ("cases-mine.parquet", foreign.read_bytes(), r"cases-mine\.parquet is damaged, or none of a study's results"),
+        *((first.name, whole[:size], f"{first.name} is damaged") for size in (0, 100, len(whole) // 2)),
+    ):
+        (out / name).write_bytes(content)
+        with pytest.raises(UsageError, match=said) as told:
+            computed(asked, out, scheduler=address)
+        assert "\n" not in str(told.value)
+        (out / name).unlink()
+    (out / "_unfinished").write_bytes(whole[:100])  # of one that was killed
+    assert computed(asked, out, scheduler=address)[1] > 0
+    assert_same(table(out), expected)
+    with pytest.raises(UsageError, match=r"holds foreign\.parquet, which is none of"):
+        computed(asked, foreign, scheduler=address)
+
+
+def keys_of(bag: Path, **content: Any) -> list[str]:
+    """The keys of all cases."""
+    asked = study(bag, **content)
+    return [Group(*knee, asked.values).key(values) for knee in asked.knees for values in asked.variants()]
+
+
+def test_what_a_knee_is_and_no_name_or_spelling_makes_the_key(right_bag: Path, config: Path, tmp_path: Path) -> None:
+    mri, other = (config / "femur_medial.csv").read_text(), tmp_path / "copy"
+    shutil.copytree(right_bag, other)
+    for name, text in (("a.csv", mri), ("b.csv", mri), ("c.csv", mri.rstrip("\n") + "\n\n")):
+        (tmp_path / name).write_text(text)
+    curve: dict[str, Any] = {"params": ["mri_femur"]}
+    same: list[list[dict[str, Any]]] = [  # in each list all are the same case, and those of two lists are not
+        [{}, {"values": {"record.path": "a.mcap"}}, {"values": {"rerun.mode": "serve"}}, {"bag": other},
+         {"values": {"lateral.contact.damping": 1.0}}],
+        [{"values": {"contact.damping": 4000.0}}, {"grid": {"contact.damping": [4000]}}],
+        [curve, *({**curve, where: {"femur.profile": value}} for name in ("a.csv", "b.csv")
+                  for where, value in (("values", str(tmp_path / name)), ("grid", [str(tmp_path / name)])))],
+        [{**curve, "values": {"femur.profile": str(tmp_path / "c.csv")}}],
+        [{"values": {"load.compartment": "both"}}],
+        *([{"values": {name: value}}] for name, value in (
+            ("contact.damping", 4000.000000000001), ("drive", "displacement"), ("load.share", 0.6),
+            ("body_weight", 700.0), ("contact.law", "hertz"), ("pairing.max_gap", 0.02))),
+    ]  # fmt: skip
+    found = [{keys_of(content.pop("bag", right_bag), **content)[0] for content in contents} for contents in same]
+    assert list(map(len, found)) == [1] * len(same)
+    assert len(set.union(*found)) == len(same)
+    (file,) = other.glob("*.mcap")
+    file.write_bytes(file.read_bytes() + b"\0")
+    assert keys_of(other) != keys_of(right_bag)
+
+
+BAD = {
+    "bags: is missing": "grid: {femur.mass: [1.0]}",
+    "a with ['healthy'] is given twice": "bags: [a, a]",
+    "unknown parameter contact.dampin; did you mean contact.damping?": "bags: [a]\ngrid: {contact.dampin: [1]}",
+    "grid.contact.damping: 7 is not allowed": "bags: [a]\ngrid: {contact.damping: 7}",
+    "contact.damping 1.0 is given twice": "bags: [a]\ngrid: {contact.damping: [1.0, 1.0]}",
+    "contact.damping is given twice": "bags: [a]\ngrid: {contact.damping: [0.0]}\nvalues: {contact: {damping: 1.0}}",
+    "record.path is not allowed": "bags: [a]\ngrid: {record.path: [a.mcap, b.mcap]}",
+    "'to': 1} is not allowed; from < to": "bags: [a]\ngrid: {femur.mass: {from: 2, to: 1}}",
+    "ranges.femur.mass: [1] is not allowed; a list of": "bags: [a]\nsample: {n: 2, ranges: {femur.mass: [1]}}",
+    "method: 'dice' is not allowed": "bags: [a]\nsample: {n: 2, method: dice, ranges: {femur.mass: [1, 2]}}",
+    f"{MOST} at most": f"bags: [a, b]\nsample: {{n: {MOST}, ranges: {{femur.mass: [1, 2]}}}}",
+    "/nobody.mcap: No such file or directory": "bags: [nobody.mcap]",
+    "bag file:///nobody.mcap: cannot be fetched: ": "bags: ['file:///nobody.mcap']",
+    "bag nothing://a: cannot be fetched: Protocol not known: nothing": "bags: ['nothing://a']",
+    "it must map bags, params, grid or sample": "- a",
+    "parameter femur.profile: cannot read nobody.csv": "bags: [{bag}]\nparams: [mri_femur]\nvalues: "
+    "{femur.profile: nobody.csv}",
 }
 
 
-@pytest.mark.parametrize("said", REFUSED)
-def test_what_is_refused_is_named(said: str) -> None:
-    content = {name: value for name, value in ({"bags": ["a"]} | REFUSED[said]).items() if value is not None}
-    with pytest.raises(UsageError) as told:
-        Study(content, "my.yaml")
-    assert said in str(told.value)
-    assert str(told.value).startswith("my.yaml: ")
-    assert "\n" not in str(told.value)
-
-
-def test_a_study_file_that_is_none(tmp_path: Path) -> None:
+@pytest.fixture
+def file(tmp_path: Path, right_bag: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A study file; names are as from the project's folder."""
+    monkeypatch.chdir(ROOT)
     path = tmp_path / "study.yaml"
-    for text in ("", "- a", "{", "bags: &a [*a]"):
-        path.write_text(text)
-        with pytest.raises(UsageError, match=r"study\.yaml: "):
-            read_study(path)
-    with pytest.raises(UsageError, match=r"nobody\.yaml: cannot read the study"):
-        read_study(tmp_path / "nobody.yaml")
+    path.write_text(f"bags: [{right_bag}]\ngrid: {{contact.damping: [1.0e3, 2.0e3]}}\n")
+    return path
+
+
+def refused(capfd: Capture, study: Path, *options: str) -> str:
+    """What the command says that ends with code 2: one line; nothing is written."""
+    assert main(["sweep", str(study), "--output", str(study.parent / "out"), *options]) == 2
+    said, errors = capfd.readouterr()
+    assert said == ""
+    assert re.fullmatch(r"knee-contact: [^\n]+\n", errors)
+    assert list(study.parent.iterdir()) == [study]
+    return errors
+
+
+@pytest.mark.parametrize("said", BAD)
+def test_bad_studies(said: str, address: str, right_bag: Path, file: Path, capfd: Capture) -> None:
+    file.write_text(BAD[said].replace("{bag}", str(right_bag)))
+    assert said in refused(capfd, file, "--scheduler", address)
+
+
+def test_a_scheduler_that_cannot_be_reached(file: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(studies, "PATIENCE", 1.0)
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))  # not listening
+        for address in (f"tcp://127.0.0.1:{taken.getsockname()[1]}", "nonsense", "gopher://a:1", "tcp://127.0.0.1"):
+            assert f"scheduler {address}: cannot be reached" in refused(capfd, file, "--scheduler", address)
+
+
+@pytest.mark.parametrize("library", ["pyarrow", "distributed", "fsspec"])
+def test_a_missing_extra_is_named(library: str, file: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(files, "find_spec", lambda name: None if name == library else name)
+    assert re.search(rf"{library} is not installed; .*\[sweep\]", refused(capfd, file))
+
+
+def test_the_example_of_the_page_runs(address: str, file: Path, capfd: Capture) -> None:
+    page = (ROOT / "docs" / "how-to" / "many-knees.md").read_text(encoding="utf-8")
+    assert all(f"| `{name}` | {unit} |" in page for name, unit in OUTCOMES.items())
+    example = re.search(r"```yaml\n(.*?)```", page, re.DOTALL)
+    assert example
+    file.write_text(example[1])
+    out = str(file.parent / "out")
+    assert main(["sweep", str(file), "--output", out, "--scheduler", address]) == 0
+    said = f"32 cases: 32 computed, 0 were there, 0 failed\ntable: {out} (pandas.read_parquet)\n"
+    assert capfd.readouterr() == (said, "")
+    assert len(table(Path(out))) == read_study(file, Study).number
