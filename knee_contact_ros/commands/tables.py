@@ -88,15 +88,8 @@ def peak_table(summary: Summary) -> Table:
     begin = begin_of(summary.first_stamp)
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     table.add_column("", no_wrap=True)
-    for heading in (
-        "load [N]",
-        "[BW]",
-        "contact force [N]",
-        "[BW]",
-        "depth [mm]",
-        "at [s]",
-        *(["run"] if summary.runs > 1 else []),
-    ):
+    headings = ["load [N]", "[BW]", "contact force [N]", "[BW]", "depth [mm]", "at [s]"] + ["run"] * (summary.runs > 1)
+    for heading in headings:
         table.add_column(escape(heading), justify="right", no_wrap=True)
 
     def moment(peak: Peak | LoadPeak) -> tuple[str, ...]:

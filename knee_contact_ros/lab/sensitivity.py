@@ -33,7 +33,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, ValidationError, ValidationInfo, field_validator
 
-from knee_contact_ros.lab.study import Design, Floats, Group, Shards, Spaced, Study, compute_all, read_study
+from knee_contact_ros.lab.study import Design, Floats, Shards, Spaced, Study, compute_all, groups_of, read_study
 from knee_contact_ros.lab.sweep import LATERAL, OUTCOMES, Cohort, sweep
 from knee_contact_ros.offline.notebooks import Name
 from knee_contact_ros.parameters.files import Source, first_error
@@ -393,11 +393,13 @@ def gather(study: SensitivityStudy, shards: Shards) -> list[Combination]:
     table = shards.read(*dict.fromkeys([*study.outcomes, *BOUNDS.values(), *NOTED]))
     found, several = [], {name for name, values in study.grid.items() if len(values) > 1}
     several |= {name for name, own in (("bag", study.bags), ("params", study.params)) if len(own) > 1}
-    for bag, params in study.knees:
-        group, variants = Group(bag, params, study.values), study.variants()
+    for group in groups_of(study):
+        variants = study.variants()
         while cases := list(islice(variants, study.design.number)):
             rows = table.loc[[group.key(values) for values in cases]]
-            columns = {"bag": bag, "params": " + ".join(params)} | {name: str(cases[0][name]) for name in study.grid}
+            columns = {"bag": group.bag.name, "params": " + ".join(group.params)} | {
+                name: str(cases[0][name]) for name in study.grid
+            }
             parts = [own if name in ("bag", "params") else f"{name} {own}"
                      for name, own in columns.items() if name in (several or ("bag", "params"))]  # fmt: skip
             doubtful = [f"{count} {text}" for name, text in zip(NOTED, ("missed a tolerance", "are implausible",

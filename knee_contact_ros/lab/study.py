@@ -90,7 +90,8 @@ PATIENCE = 10.0
 WAITING = 4
 """Blocks that are submitted for each thread of the workers: so a cluster that scales itself sees that there is work"""
 REST = "what is finished stays, and the rest is computed by the same command"
-DASK: dict[str, object] = {f"logging.{name}": "critical" for name in ("distributed", "tornado", "asyncio")} | {
+LOGS = ("distributed", "tornado", "asyncio")
+DASK: dict[str, object] = {f"logging.{name}": "critical" for name in LOGS} | {
     f"distributed.{part}.http.routes": [] for part in ("scheduler", "worker", "nanny")
 } | {
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None, "distributed.worker.profile.enabled": False
@@ -310,20 +311,48 @@ def _digest(content: str) -> str:
     return hashlib.sha256(content.encode()).hexdigest()[:32]
 
 
+class Bag(NamedTuple):
+    """A bag of a study."""
+
+    name: str
+    """As the study names it"""
+    place: str
+    """Absolute path or address"""
+    digest: str
+    """SHA-256 of the content"""
+    ticks: int
+    """Approximate number of ticks"""
+    weight: float | None
+    """Body weight [N] that it was imported with"""
+
+
+def groups_of(study: Study) -> list[Group]:
+    """Read bags and parameters of a study.
+
+    Raises:
+        UsageError: a bag, a parameter file or a file that one names cannot be used.
+    """
+    bags = {}
+    for name in study.bags:
+        place = name if ADDRESS.search(name) else str(expanded(name).absolute())
+        with here(place) as (path, digest):
+            files = [file for file in path.rglob("*") if file.is_file()] if path.is_dir() else [path]
+            ticks = max(1, sum(file.stat().st_size for file in files) // BYTES_A_TICK)
+            bags[name] = Bag(name, place, digest, ticks, weight_of(path))
+    return [Group(bags[bag], params, study.values) for bag, params in study.knees]
+
+
 class Group:
     """Cases of a bag and a set of parameter files, and how they are known by what they are and not by names."""
 
-    def __init__(self, bag: str, params: tuple[str, ...], values: Values) -> None:
-        """Read the bag's digest and the parameters.
+    def __init__(self, bag: Bag, params: tuple[str, ...], values: Values) -> None:
+        """Read the parameters.
 
         Raises:
-            UsageError: the bag, a parameter file or a file that one names cannot be used.
+            UsageError: a parameter file or a file that one names cannot be used.
         """
-        self.bag, self.params, self.place = bag, params, bag if ADDRESS.search(bag) else str(expanded(bag).absolute())
-        with here(self.place) as (path, self.digest):
-            files = [file for file in path.rglob("*") if file.is_file()] if path.is_dir() else [path]
-            self.ticks = max(1, sum(file.stat().st_size for file in files) // BYTES_A_TICK)
-            self.parameters: Parameters = with_weight([*params, values], weight_of(path))
+        self.bag, self.params = bag, params
+        self.parameters: Parameters = with_weight([*params, values], bag.weight)
         self.files: dict[str, str] = {}
         """Contents of the files that parameters name"""
         file_texts(self.parameters, self.files)
@@ -339,7 +368,7 @@ class Group:
         left_out = NOT_OF_THE_RESULT if has_both(parameters) else (*NOT_OF_THE_RESULT, LATERAL_KNEE)
         counted = {name: own for name, own in all_values(parameters).items() if not name.startswith(left_out)}
         counted |= {name: _digest(text) for name, text in texts.items()}
-        return _digest(repr((what_answers(), self.digest, counted, rest)))
+        return _digest(repr((what_answers(), self.bag.digest, counted, rest)))
 
 
 class Block(NamedTuple):
@@ -371,11 +400,11 @@ def blocks_of(study: Study, groups: Sequence[Group], known: set[str]) -> Iterato
                     known.add(key)
                     yield key, values
 
-        size, left = max(1, min(max(-(-variants // PARTS), LEAST), TICKS // group.ticks)), missing()
+        size, left = max(1, min(max(-(-variants // PARTS), LEAST), TICKS // group.bag.ticks)), missing()
         while cases := list(itertools.islice(left, size)):
-            inputs = group.place, group.digest, group.parameters, tuple(sorted(group.files.items()))
+            inputs = group.bag.place, group.bag.digest, group.parameters, tuple(sorted(group.files.items()))
             yield Block(
-                group.bag, group.params, inputs, what_answers(), study.number, study.series,
+                group.bag.name, group.params, inputs, what_answers(), study.number, study.series,
                 *zip(*cases, strict=True),
             )  # fmt: skip
 
@@ -564,8 +593,10 @@ def workers_of(number: int, scheduler: str) -> Iterator[Any]:
 
     with ExitStack() as opened:
         opened.enter_context(config.set(DASK))
-        from distributed import Client, LocalCluster  # which read the settings of their logs
+        from distributed import Client, LocalCluster
 
+        for name in [name for name in logging.root.manager.loggerDict if name.startswith(LOGS)]:
+            logging.getLogger(name).setLevel(logging.CRITICAL)
         try:
             with _ignoring_interrupts():
                 cluster = scheduler or opened.enter_context(LocalCluster(
@@ -662,7 +693,7 @@ def run_study(
         UsageError: bag, parameters, folder or scheduler cannot be used.
         IncompleteError: a disk is full, or workers died again and again.
     """
-    groups, shards = [Group(*knee, study.values) for knee in study.knees], Shards(output)
+    groups, shards = groups_of(study), Shards(output)
     known, count, failed, damage = set(shards.read().index), 0, 0, dict[str, None]()
     if study.series and set(shards.names()) - set(shards.names(SERIES)):
         raise UsageError(f"output {output}: holds cases without their series; begin a new folder")

@@ -25,11 +25,6 @@ from tests.helpers.messages import raw_inputs
 CUBE = {name: [-math.pi, math.pi] for name in ("a", "b", "c")}
 A, B = 7.0, 0.1
 """Constants of Ishigami's function, as SALib has them"""
-ALONE, FOURTH = 0.5 * (1.0 + B * math.pi**4 / 5.0) ** 2, 8.0 * B**2 * math.pi**8 / 225.0
-VARIANCE = ALONE + A**2 / 8.0 + FOURTH
-"""Parts and the whole: Ishigami & Homma 1990, doi:10.1109/ISUMA.1990.151285"""
-KNOWN = {"S1": (ALONE / VARIANCE, A**2 / 8.0 / VARIANCE, 0.0),
-         "ST": ((ALONE + FOURTH) / VARIANCE, A**2 / 8.0 / VARIANCE, FOURTH / VARIANCE)}  # fmt: skip
 EXPONENT = 1.5
 RANGES = {"contact.stiffness": [5e7, 1e8], "contact.layer_depth": {"from": 2e-4, "to": 8e-4, "scale": "log"}}
 QUICK = {"fidelity.level": "quasi_static"}
@@ -39,20 +34,6 @@ Capture = pytest.CaptureFixture[str]
 def ishigami(design: SalibDesign) -> np.ndarray:
     """The function at the points of a design."""
     return np.asarray(Ishigami.evaluate(design.points(), A, B))
-
-
-def test_ishigami_is_found_within_the_intervals() -> None:
-    design = SalibDesign(n=1024, second_order=True, ranges=CUBE)
-    found = analyse(design, "peak_depth", ishigami(design))
-    for kind, known in KNOWN.items():
-        indices = found.final(kind).loc[list(CUBE)]
-        assert (indices["low"] <= np.array(known)).all()
-        assert (indices["high"] >= np.array(known)).all()
-        assert (indices["high"] - indices["low"] < 0.2).all()
-    pair = found.final("S2").iloc[0]
-    assert pair.name == "a x c"
-    assert pair["low"] <= FOURTH / VARIANCE <= pair["high"]
-    assert set(found.table["n"]) == {1024}
 
 
 def test_morris_finds_what_bends_and_what_is_straight() -> None:

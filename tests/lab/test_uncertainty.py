@@ -54,15 +54,10 @@ def test_numbers_and_percents(tmp_path: Path) -> None:
     ("params", "name", "size", "said"),
     [
         (HEALTHY, "load", 3.0, "load is not allowed; with drive force and load.compartment fixed_share flexion_angle"),
-        (HEALTHY, "contact.law", 1.0, "contact.law is not allowed"),
         (HEALTHY, "contact.stifness", "5 %", "contact.stifness is not allowed; did you mean contact.stiffness?"),
-        (HEALTHY, "axial_loads", 3.0, "axial_loads is not allowed; did you mean axial_load?"),
-        (HEALTHY, "", 3.0, "'' is not allowed; with drive"),
         (HEALTHY, "fidelity.tolerance", 1e-6, "fidelity.tolerance is not allowed"),
-        (HEALTHY, "knee.flexion_offset", 0.1, "knee.flexion_offset is not allowed; with"),
         (HEALTHY, "contact.stiffness", "ten", "contact.stiffness: 'ten' is not allowed; a number > 0 in SI units"),
         (HEALTHY, "contact.stiffness", "120 %", "'120 %' is not allowed; a number > 0 in SI units, or up to '100 %'"),
-        (HEALTHY, "contact.stiffness", "5 % of it", "'5 % of it' is not allowed"),
         *((HEALTHY, "contact.stiffness", size, f"contact.stiffness: {size!r} is not allowed")
           for size in (0.0, -1.0, math.nan, math.inf, 10**400, np.True_, True, None)),
         (HEALTHY, "flexion_angle", "5 %", "flexion_angle: '5 %' is not allowed; a number > 0 in SI units"),

@@ -12,13 +12,11 @@ import numpy as np
 import pandas as pd
 
 from knee_contact_ros import __version__
-from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT
 from knee_contact_ros.lab.report import figures, runs
 from knee_contact_ros.lab.report.runs import CURVES, FIRST, MEGA, MM, NONE, PERCENT, SECOND, Run
 from knee_contact_ros.lab.uncertainty import LEVEL, Propagated
 from knee_contact_ros.model.types import ContactState, Status
-from knee_contact_ros.parameters.files import flat_parameters, known_parameters
-from knee_contact_ros.parameters.schema import constants_of
+from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.topics import NANOSECONDS, is_lateral
 from knee_contact_ros.system.errors import IncompleteError, UsageError, in_a_line
 from knee_contact_ros.system.files import how_to_get
@@ -154,7 +152,7 @@ def contents(found: Sequence[Run]) -> dict[str, str | bytes]:
         cycles=_side_by_side([cycle_summary(run) for run in cyclic], cyclic),
         still=bool(cyclic) and not figures.moves(cyclic),
         uncertain=uncertain,
-        runs=[(run, parameter_table(run)) for run in found],
+        runs=[(run, runs.between([run.parameters, Parameters()], " instead of ")) for run in found],
     )
     pictures = {f"{figure.name}.png": figure.png for several in drawn.values() for figure in several}
     return {PAGE: page, **tables(found), **pictures}
@@ -249,19 +247,6 @@ def summary(run: Run) -> dict[str, str]:
         "levels of the model": ", ".join(f"{k} {100.0 * n / of.ticks:.1f} %" for k, n in sorted(of.levels.items())),
         "contact law evaluations": f"{of.columns['evaluations'].mean():.1f} a tick",
     }
-
-
-def parameter_table(run: Run) -> Table:
-    """List the parameters of a run beside their defaults: all that its contact law uses, and what differs."""
-    values, law = flat_parameters(run.parameters), run.parameters.contact.law
-    shown = {"contact.law", "load.compartment", "load.share", "body_weight", "femur.geometry", "tibia.geometry"}
-    shown |= {f"contact.{name}" for name in ("femoral_radius", "tibial_radius", *constants_of(law))}
-    rows = [
-        (name, _value(values[name]), "default" if values[name] == default else f"default {_value(default)}", meaning)
-        for name, (default, meaning, _) in known_parameters().items()
-        if name in values and not name.startswith(NOT_OF_THE_RESULT) and (name in shown or values[name] != default)
-    ]
-    return Table(("parameter", "value", "", "meaning"), rows)
 
 
 def contribution_table(run: Run, of: Propagated) -> Table:
@@ -390,9 +375,3 @@ def _length(error: float) -> str:
 
 def _newtons(error: float) -> str:
     return f"{error:.2g} N" if math.isfinite(error) else "no bound"
-
-
-def _value(value: Any) -> str:
-    if isinstance(value, float):
-        return f"{value:.7g}" if math.isfinite(value) else str(value)
-    return str(value) if value != "" else "none"

@@ -7,9 +7,8 @@ from pathlib import Path
 import pytest
 
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.lab.report.runs import between, kept, overlay
+from knee_contact_ros.lab.report.runs import between
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.system.errors import UsageError
 from tests.lab.report.pages import numbers, runs_of, text_of
 
 pytest.importorskip("matplotlib", minversion="3.7", reason="needs the extra report: matplotlib 3.7")
@@ -46,22 +45,6 @@ def test_a_heavy_subject_stays_itself(bags: tuple[Path, Path], tmp_path: Path, w
     assert own[1]["penetration_depth_mm"] != other[1]["penetration_depth_mm"]
     told = "body_weight 931.6 (not 700)"
     assert (told in text_of(tmp_path / "out")) == (told in capsys.readouterr().err) == (file == "WHOLE")
-
-
-def test_only_the_contact_law_is_taken(whole: Path, config: Path) -> None:
-    before = load_parameters(HEAVY)
-    over = overlay([whole])
-    assert {name: over[name] for name in over if "contact" in name} == {
-        "contact.law": "hertz", "contact.stiffness": 5.0e7
-    }  # fmt: skip
-    assert kept(before, over) == [
-        "body_weight 931.6 (not 700)", "load.share 0.6 (not 0.5)", "femur.radius 0.036 (not 0.03)",
-        "fidelity.tolerance 1e-06 (not 1e-07)",
-    ]  # fmt: skip
-    same = {"body_weight": 700, "load.share": 0.5, "femur.radius": 0.03, "fidelity.tolerance": 1e-7}
-    assert kept(load_parameters(same), over) == []
-    with pytest.raises(UsageError, match=r"^--compare .*healthy.yaml is given twice$"):  # under any of its names
-        overlay([Path("healthy"), config / "healthy.yaml"])
 
 
 @pytest.mark.parametrize(

@@ -181,7 +181,7 @@ def test_a_recording_says_its_parameters_itself(recording: Path, tmp_path: Path)
     assert main(["report", str(recording), "--compare", "healthy.yaml", "--output", str(out)]) == 0
     text = text_of(out)
     assert "Recorded with knee_contact_ros" in text
-    assert "700 default 737.068" in text  # stored, and not that of healthy.yaml
+    assert "body_weight: 700 instead of 737.068 N" in text  # stored, and not that of healthy.yaml
     runs = runs_of(out / "peaks.csv")
     assert float(runs["knee, healthy"][1]["penetration_depth_mm"]) == pytest.approx(0.729, abs=0.0005)
     for rows in runs.values():  # healthy.yaml says 737.068 N, and a comparison is no other person

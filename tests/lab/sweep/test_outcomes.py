@@ -10,9 +10,8 @@ import pytest
 
 import knee_contact_ros
 from knee_contact_ros.lab.sweep import OUTCOMES, Knees, Recording, compute, outcomes
-from knee_contact_ros.model.types import FLAT, ROW, ContactState, Status
+from knee_contact_ros.model.types import FLAT, ContactState, Status
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.system.errors import UsageError
 
 TIME = np.cumsum(np.tile([0.004, 0.006, 0.005], 40))
 ANGLE = 0.4 + 0.3 * np.sin(7.0 * TIME)
@@ -61,26 +60,6 @@ def test_outcomes_are_those_of_the_formulas(values: dict[str, Any]) -> None:
     formulas = assert_outcomes(row, series, [0])
     assert formulas["contact_time"] < TIME[-1] - TIME[0]  # it lifts off
     assert (formulas["bone_time"] > 0.0) == bool(values == TWO_LAYERS)
-
-
-@pytest.mark.parametrize("number", [1, 8, 129, 8200])
-def test_what_a_run_comes_to_has_the_same_bits_however_many_are_beside_it(number: int) -> None:
-    """Sums of numbers are taken in an order of their own (pairwise), which must be that of a single row."""
-    random = np.random.default_rng(number)
-    answers, steps = np.zeros((43, number), ROW), random.uniform(0.001, 0.01, number)
-    for name in (name for name in FLAT.names or () if FLAT[name].kind == "f"):
-        answers.view(FLAT)[name] = random.normal(size=answers.shape) * 1e3
-    answers["contact_state"] = random.integers(0, 3, answers.shape)
-    steps[random.integers(0, number, 3)] = 0.0
-    knee = knee_contact_ros.load_model(TWO_LAYERS)
-    laws, patches = [knee.law] * len(answers), [knee.patch] * len(answers)
-    whole = outcomes(answers, steps, laws, patches)
-    for size in (1, 2, 5, 42):
-        parts = [outcomes(answers[i : i + size], steps, laws[i : i + size], patches[i : i + size])
-                 for i in range(0, len(answers), size)]  # fmt: skip
-        assert np.concatenate(parts).tobytes() == whole.tobytes()
-    weights = 0.5 * (steps + np.append(steps[1:], 0.0))
-    assert whole["impulse"].tolist() == [np.sum(one * weights) for one in answers["contact_force"]]
 
 
 def bits(rows: Any) -> dict[str, bytes]:
@@ -146,21 +125,3 @@ def test_a_bag_gives_what_solve_does(params: str, values: dict[str, Any], right_
     assert all((frame[name] == value).all() for name, value in values.items())
     assert ("lateral_peak_force" in frame) == (len(sides) == 2)
     assert knee_contact_ros.sweep(right_bag, varied, params).series is None
-
-
-def test_a_case_that_cannot_be_is_a_case_with_a_reason() -> None:
-    knees = Knees(recording(), load_parameters({"tibia.geometry": "circle"}), {})
-    computed = compute(knees, [{"tibia.radius": 0.02}, {"tibia.radius": 0.09}], compiled=False)
-    assert "tibia.radius: 0.02 is not allowed" in computed.failed[0]
-    assert computed.failed[1] == ""
-    assert computed.has(0).tolist() == [False, True]
-    assert computed.outcomes[0]["peak_force"][1] > 0.0
-
-
-def test_what_no_knee_is_given_is_refused_as_in_a_run() -> None:
-    gait = {"time": TIME, "flexion_angle": ANGLE, "axial_load": LOAD}
-    beyond = np.where(TIME > 0.3, 1e30, 1.0)
-    found = knee_contact_ros.sweep(gait | {"axial_load": beyond}, {"contact.damping": [0.0, 1.0]})
-    assert "load 5e+29 N is not allowed" in found.failed[0]
-    with pytest.raises(UsageError, match=r"flexion angle 1e\+30 rad is not allowed"):
-        knee_contact_ros.sweep(gait | {"flexion_angle": beyond}, {"contact.damping": [0.0, 1.0]})

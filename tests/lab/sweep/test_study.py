@@ -19,7 +19,7 @@ from hypothesis import strategies as st
 import knee_contact_ros
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab import study as studies
-from knee_contact_ros.lab.study import MOST, Group, Shards, Study, read_study
+from knee_contact_ros.lab.study import MOST, Shards, Study, groups_of, read_study
 from knee_contact_ros.lab.sweep import OUTCOMES
 from knee_contact_ros.system import files
 from knee_contact_ros.system.errors import IncompleteError, UsageError
@@ -199,7 +199,7 @@ def test_a_folder_of_others_a_foreign_table_and_a_damaged_one(right_bag: Path, a
 def keys_of(bag: Path, **content: Any) -> list[str]:
     """The keys of all cases."""
     asked = study(bag, **content)
-    return [Group(*knee, asked.values).key(values) for knee in asked.knees for values in asked.variants()]
+    return [group.key(values) for group in groups_of(asked) for values in asked.variants()]
 
 
 def test_what_a_knee_is_and_no_name_or_spelling_makes_the_key(right_bag: Path, config: Path, tmp_path: Path) -> None:
