@@ -10,10 +10,6 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from rich import box
-from rich.console import Console
-from rich.table import Table
-
 from knee_contact_ros.lab import checks, gait_bag
 from knee_contact_ros.lab.gait_bag import Gait, digest
 from knee_contact_ros.lab.opensim import leg as legs
@@ -24,7 +20,7 @@ from knee_contact_ros.lab.tables import Series, read_storage
 from knee_contact_ros.lab.tables import Table as StorageTable
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import work_folder
-from knee_contact_ros.system.terminal import WIDTH, progress, shown
+from knee_contact_ros.system.terminal import progress, say
 
 LOADS = "external_loads_file"
 
@@ -114,7 +110,7 @@ def import_run(
         }
         store(files, settings, bags, work, more)
     took = ", ".join(f"{setup_files.WORDS[step].lower()} {seconds:.1f} s" for step, seconds in run.seconds.items())
-    Console(width=WIDTH, emoji=False).print(f"OpenSim: {took}", highlight=False, markup=False)
+    say(f"OpenSim: {took}", hang=2)
     show_checks(found, fault)
 
 
@@ -228,17 +224,8 @@ def _poses(
 
 def show_checks(found: Sequence[Check], fault: str = "") -> None:
     """Print residuals, reserves and marker errors with their limits and a conclusion, or `fault` if there are none."""
-    console = Console(width=WIDTH, emoji=False)
-    if fault:
-        console.print(fault, soft_wrap=True, highlight=False, markup=False)
-        return
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for heading in ("", "peak", "RMS", "allowed", "", ""):
-        table.add_column(heading, justify="right" if heading else "left", overflow="fold")
     for check in found:
-        numbers = (f"{check.peak:.3g}", f"{check.rms:.3g}", f"{check.allowed:.3g}")
-        table.add_row(shown(check.name), *numbers, check.unit, "" if check.passed else "ABOVE")
-    console.print(table, highlight=False)
+        say(f"- {check.sentence()}", hang=2)
     above = ", ".join(check.name for check in found if not check.passed)
     text = "Residuals, reserves and markers are within what the literature allows (doi:10.1115/1.4029304)."
     if above:
@@ -246,4 +233,4 @@ def show_checks(found: Sequence[Check], fault: str = "") -> None:
             "Do not trust these results before you know why these are above what the literature allows "
             f"(doi:10.1115/1.4029304): {above}."
         )
-    console.print(text, highlight=False, markup=False)
+    say(fault or text, hang=0)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from knee_contact_ros.lab.profiles.fit import GAIT, SLAB, TOLERANCE, Fit, concave, dented, fit
+from knee_contact_ros.lab.profiles.fit import GAIT, SLAB, TOLERANCE, Fit, concave, fit
 from knee_contact_ros.lab.profiles.surfaces import Surface, circle, contact_centre, read_surface
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.system.errors import UsageError
@@ -201,8 +201,6 @@ def _curvature(found: Fit) -> str:
     if not found.femur:
         places = [f"x = {MM * a:.1f} to {MM * b:.1f} mm" for a, b in concave(shape)]
         return f"concave from {', '.join(places)}; convex elsewhere" if places else "convex everywhere"
-    if dents := [f"{np.degrees(b):.0f}° to {np.degrees(a):.0f}°" for a, b in dented(shape)]:
-        return f"not convex at normals of {', '.join(dents)}"
     low, high = float(shape.curvature.min()), float(shape.curvature.max())
     begin, end = sorted(np.degrees(shape.normal[[0, -1]]))
     return (

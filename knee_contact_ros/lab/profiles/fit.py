@@ -50,8 +50,6 @@ TIBIAL_WINDOWS = ((0.15, 0.75), (0.2, 0.8), (0.25, 0.75), (0.3, 0.7))
 """Windows of circles: ranges of the share of the plateau's width, from posterior"""
 LEAST_PLACES = 8
 """The least number of places to which a circle is fitted"""
-STRAIGHT = 1.0
-"""Magnitude of a negative curvature of a femur's profile [1/m] below which it counts as straight"""
 FEMORAL_ZONE, TIBIAL_ZONE = (-15.0, 70.0), (0.25, 0.75)
 """What is in contact in gait: directions of a femur's normal [deg], shares of a tibia's width"""
 MOST_OUTSIDE, THICKEST = 0.1, 0.012
@@ -391,20 +389,11 @@ def _circles(shape: Shape, femur: bool) -> list[FittedCircle]:
     return circles
 
 
-def dented(shape: Shape) -> list[tuple[float, float]]:
-    """Ranges of the normal's direction [rad] in which a femur's profile is not convex."""
-    return _runs(shape.curvature < -STRAIGHT, shape.normal)
-
-
 def concave(shape: Shape) -> list[tuple[float, float]]:
     """Ranges of x [m] in which a tibia's profile is concave."""
-    return _runs(shape.curvature > 0.0, shape.points[:, 0])
-
-
-def _runs(where: Any, values: Floats) -> list[tuple[float, float]]:
-    """First and last value of every run of adjacent places that are marked in `where`."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[0], np.asarray(where, np.int8), [0]])))
-    return [(float(values[a]), float(values[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], shape.curvature > 0.0, [0]]).astype(np.int8)))
+    x = shape.points[:, 0]
+    return [(float(x[a]), float(x[b - 1])) for a, b in zip(edges[::2], edges[1::2], strict=True)]
 
 
 def _thickness(shape: Shape, chart: Chart, bone: Surface, z: float) -> Thickness:
