@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import itertools
 import json
 import shutil
 from pathlib import Path
@@ -23,14 +22,11 @@ from knee_contact_ros.bags.provenance import (
 from knee_contact_ros.bags.reader import others_beside, read_answers
 from knee_contact_ros.bags.recorder import BagWriter, Limits
 from knee_contact_ros.commands.main import knee_contact, main
-from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.streams.contact_stream import ContactStream
-from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.streams.messages import JointState, encode_joint_state
 from knee_contact_ros.streams.output import PROVENANCE
 from knee_contact_ros.system.errors import UsageError
-from tests.helpers.answers import rows_of
 from tests.helpers.recordings_of import recording_with
 
 
@@ -120,19 +116,6 @@ def test_what_happened_to_the_node_happens_again(right_bag: Path, tmp_path: Path
     assert again is not None
     assert again.changes == found.changes
     assert dict(metadata(redone))["reset"] == {"tick": "200"}
-
-
-def test_a_reset_between_two_answers_that_one_message_brings_about_is_in_its_place() -> None:
-    """Forces that wait for the same angle: live, the one before the reset had been answered with the last angle."""
-    pipeline, ms = ContactStream(load_parameters({}), compiled=False), 1_000_000
-    forces = [encode_wrench_stamped(WrenchStamped(i * ms, "", (0.0, -900.0, 0.0), (0.0,) * 3)) for i in range(6)]
-    first, second = (encode_joint_state(JointState(i * ms, "", ("knee",), (0.1,), (), ())) for i in (0, 4))
-    assert not [*pipeline.joint_state(first)]
-    answers = [answer for force in forces[:5] for answer in pipeline.force(force)]
-    answers += itertools.islice(coming := pipeline.joint_state(second), 2)
-    pipeline.reset()
-    answers += coming
-    assert rows_of(answers).status.tolist() == [0, 0, 0, Status.TIME_RESET, 0]
 
 
 BROKEN = {

@@ -226,14 +226,3 @@ def test_a_joint_that_no_sample_has_is_told_with_those_that_are_there(tmp_path: 
         wrong = {"knee.joint_name": "knee_r", "drive": "displacement", "knee.height_joint_name": "h"}
         with pytest.raises(UsageError, match=r"no joint 'h'; .* \(parameter knee.height_joint_name\)"):
             check_joints(reader, load_parameters(wrong).joints())
-
-
-def test_a_joint_may_come_in_some_samples_only(gait: list[RawMessage], tmp_path: Path) -> None:
-    """Two publishers on joint_states: each knows its own joints."""
-    hips = raw_inputs(make_bag(tmp_path / "hip.mcap", [(i * 5_000_000, 0.1, 0.0) for i in range(100)], joint="hip"))
-    mcap = Mcap(tmp_path / "both.mcap")
-    channels = mcap.channels()
-    for message in [*hips, *gait]:
-        mcap.write(channels[message.topic], message)
-    with BagInputs(mcap.close(), load_parameters({}), OWN_NAMES) as reader:
-        check_joints(reader, load_parameters({}).joints())

@@ -15,7 +15,7 @@ from typing import Any
 
 import psutil
 import pytest
-from mcap.records import Message, Metadata
+from mcap.records import Metadata
 from mcap.stream_reader import StreamReader
 
 from knee_contact_ros.bags.reader import BagReader, read_bag
@@ -24,7 +24,7 @@ from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import read_refused
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
-from knee_contact_ros.streams.output import PROVENANCE, Note
+from knee_contact_ros.streams.output import PROVENANCE
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.needs import needs_viewer
 from tests.helpers.processes import has_ended
@@ -69,24 +69,6 @@ def test_a_recording_holds_what_solve_writes(started: Started, right_bag: Path, 
     assert live == offline
     assert read_refused(tmp_path / "live.mcap") == {"undecodable": 2}
     assert sorted(path.name for path in tmp_path.iterdir()) == ["live.mcap", "metadata.yaml", "offline.mcap"]
-
-
-def test_notes_stand_between_the_answers(started: Started, tmp_path: Path) -> None:
-    sink = started.recorder(tmp_path / "out.mcap")
-    sink.put(Note("first", {"damping": "5000"}))
-    put(sink, range(3))
-    sink.put(Note("second", {"damping": "0"}))
-    put(sink, range(3, 4))
-    close(sink)
-    order: list[Any] = []
-    notes = [("first", {"damping": "5000"}), ("second", {"damping": "0"})]
-    with (tmp_path / "out.mcap").open("rb") as file:
-        for record in StreamReader(file).records:
-            if isinstance(record, Metadata) and record.name in dict(notes):
-                order.append((record.name, record.metadata))
-            elif isinstance(record, Message) and (not order or order[-1] != record.log_time // 1_000_000):
-                order.append(record.log_time // 1_000_000)
-    assert order == [notes[0], 0, 1, 2, notes[1], 3]
 
 
 @needs_viewer

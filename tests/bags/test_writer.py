@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import os
-import subprocess
 import sys
 from collections import Counter
 from pathlib import Path
@@ -207,20 +205,6 @@ def test_a_recording_that_is_being_written_is_left_alone(tmp_path: Path, overwri
         with pytest.raises(UsageError, match=r"out\.mcap\.partial is being written by another process"):
             BagWriter(tmp_path / "out.mcap", overwrite=overwrite)
     assert len(read_bag(tmp_path / "out.mcap", {"/knee_contact": MESSAGE_TYPES[KNEE_CONTACT]})) == 1
-
-
-@pytest.mark.parametrize("plant", [os.mkfifo, Path.mkdir, lambda path: path.symlink_to("nowhere")])
-@pytest.mark.parametrize("name", ["metadata.yaml", "metadata.yaml.partial"])
-def test_what_lies_where_metadata_is_to_be_holds_nothing_up(tmp_path: Path, plant: Any, name: str) -> None:
-    plant(tmp_path / name)
-    code = "import sys; from pathlib import Path; from knee_contact_ros.bags.recorder import BagWriter"
-    command = [sys.executable, "-c", f"{code}; BagWriter(Path(sys.argv[1])).close()", tmp_path / "out.mcap"]
-    done = subprocess.run(command, check=False, timeout=180)
-    assert (tmp_path / "out.mcap").exists()
-    if plant is not Path.mkdir:
-        assert done.returncode == 0
-        assert (tmp_path / "metadata.yaml").is_file() == (name != "metadata.yaml")
-    assert not (tmp_path / "nowhere").exists()
 
 
 def test_a_name_that_is_taken_while_a_recording_is_written_is_left_alone(tmp_path: Path) -> None:

@@ -23,11 +23,8 @@ from knee_contact_ros.streams.frames import (
 )
 from knee_contact_ros.streams.messages import (
     JointState,
-    RefusedSampleError,
     WrenchStamped,
     _types,
-    as_joint_state,
-    decode_joint_state,
     encode_joint_state,
     encode_wrench_stamped,
 )
@@ -113,17 +110,6 @@ def test_angles_of_ros2_control_give_the_same_answers(plain: list[bytes], tmp_pa
     assert answers(again) == plain
     with pytest.raises(UsageError, match=r"has no topic /joint_states"):
         solve(bag, load_parameters(SAME), tmp_path / "q", lambda *_: None)
-
-
-@pytest.mark.parametrize("data", [b"", b"\0\1\0\0", dynamic(0, knee=0.1)[:-3], b"\0\1\0\0" + 40 * b"\xff"])
-def test_what_is_no_dynamic_joint_state_is_refused(data: bytes) -> None:
-    with pytest.raises(RefusedSampleError, match=f"{len(data)} bytes are no control_msgs"):
-        as_joint_state(data)
-
-
-def test_a_joint_without_a_position_is_left_out() -> None:
-    state = decode_joint_state(as_joint_state(dynamic(5, hip=0.1, knee=0.2)))
-    assert state == JointState(5, "", ("hip", "knee"), (0.1, 0.2), (), ())
 
 
 def test_forces_in_a_sensors_frame_give_the_same_answers(plain: list[bytes], tmp_path: Path) -> None:

@@ -85,11 +85,6 @@ def test_inputs_may_have_other_names(tmp_path: Path) -> None:
         knee_contact_ros.solve(bag, remap={"joint_states": "/exo/states"})
 
 
-def test_plain_and_compiled_give_the_same_bits(right_bag: Path) -> None:
-    plain, compiled = (knee_contact_ros.solve(right_bag, compiled=way) for way in (False, True))
-    assert plain.tobytes() == compiled.tobytes()
-
-
 def test_what_is_wrong_is_told(right_bag: Path, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="no bag"):
         knee_contact_ros.solve()

@@ -2,24 +2,12 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
-from knee_contact_ros.commands.main import main
 from knee_contact_ros.commands.tables import show_summary
 from knee_contact_ros.model.types import blank
-from knee_contact_ros.offline.summary import Summary, read_summary
-
-
-def test_a_recording_from_before_the_force_error(old_recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    summary = read_summary(old_recording, 737.068)
-    assert (summary.ticks, summary.flagged) == (387, {})
-    assert summary.largest_error < 1e-6
-    assert [round(peak.contact_force / 737.068, 2) for peak in summary.load_peaks] == [1.72, 2.11, 1.82, 2.19]
-    show_summary(summary, {}, {})
-    assert "um of depth at most, no bound of force" in capsys.readouterr().out
+from knee_contact_ros.offline.summary import Summary
 
 
 def test_peaks_are_found_however_the_run_is_cut_and_many_are_told_by_their_mean(
@@ -43,19 +31,6 @@ def test_peaks_are_found_however_the_run_is_cut_and_many_are_told_by_their_mean(
     assert "mean peak     1205.0   1.72              1206.0   1.72        1.205" in told
     assert "peaks            40 of the load" in told
     assert "peak 1 " not in told
-
-
-def test_solve_prints_the_peaks_that_the_demo_does(
-    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    assert main(["solve", str(right_bag), "--output", str(tmp_path / "out.mcap")]) == 0
-    rows = [line.split() for line in capsys.readouterr().out.splitlines() if line.startswith(" peak")]
-    assert [(row[3], row[6]) for row in rows] == [
-        ("1.72", "0.635"),
-        ("2.11", "0.729"),
-        ("1.81", "0.658"),
-        ("2.19", "0.747"),
-    ]
 
 
 def test_stamps_of_today_leave_the_table_whole(capsys: pytest.CaptureFixture[str]) -> None:

@@ -18,7 +18,6 @@ from knee_contact_ros.parameters.build import load_rule
 from knee_contact_ros.parameters.files import curve_texts, load_parameters
 from knee_contact_ros.streams.contact_stream import load_sample
 from knee_contact_ros.streams.messages import RefusedSampleError, WrenchStamped
-from knee_contact_ros.streams.watch import Split
 
 WEIGHT = 737.068
 WRENCH = "geometry_msgs/msg/WrenchStamped"
@@ -63,18 +62,6 @@ def test_a_moment_that_is_no_number_is_refused_where_it_is_needed() -> None:
         part(-1000.0, float("nan"), compartment="moment_balance")
     with pytest.raises(RefusedSampleError, match="makes a load of"):
         part(-1000.0, 1e6, compartment="moment_balance")
-
-
-def test_a_table_of_shares_tells_where_it_was_at_its_ends() -> None:
-    axial, loads = np.array([100.0, 1000.0, 800.0, 900.0]), np.array([0.0, 1000.0, 0.0, 450.0])
-    beyond = np.array([True, False, False, True])
-    one, many = Split(WEIGHT), Split(WEIGHT)
-    many.add_all(axial, loads, beyond)
-    for sample in zip(axial.tolist(), loads.tolist(), beyond.tolist(), strict=True):
-        one.add(*sample)
-    for split in (one, many):
-        assert split.text == "0.00 to 1.00, 0 or 1 in 66.7 %, beyond the table in 33.3 %"
-        assert "lie beyond the table of shares in 33.3 % of the samples under load" in split.problem
 
 
 def test_a_recording_has_the_table_of_shares_that_it_was_made_with(

@@ -51,12 +51,6 @@ def test_numbers_and_arrays_get_the_same_bits_and_no_share_beyond_its_bounds(axi
     assert rule.beyond(np.array([axial]), np.array([flexion])).tolist() == [rule.beyond(axial, flexion)]
 
 
-@given(st.lists(st.sampled_from([0.0, 1.0, 0.1, 1.0 / 3.0]), min_size=6, max_size=6), st.floats(0, 3), st.floats(-1, 2))
-def test_rounding_never_leads_out_of_the_bounds(shares: list[float], load: float, angle: float) -> None:
-    table = ShareTable(np.array([-0.1, 0.7]), np.array([0.3, 1.1, 2.3]), np.reshape(shares, (2, 3)))
-    assert 0.0 <= MeasuredShare(table, 1.0).share(load, angle) <= 1.0
-
-
 def test_rows_in_any_order_with_and_without_names_are_one_table() -> None:
     lines = SMALL.splitlines()
     for text in ("\n".join(lines[1:]), "# of nobody\n" + "\n".join([lines[0], *reversed(lines[1:])])):

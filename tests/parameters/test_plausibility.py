@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import warnings
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ import pytest
 
 import knee_contact_ros
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.model.surfaces import Circle, Profile
+from knee_contact_ros.model.surfaces import Circle
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.build import build_model, load_model
@@ -85,23 +84,6 @@ def test_the_thickness_bounds_where_the_law_has_one() -> None:
     assert model(foundation).plausible_depth == 4.4e-3
     assert model(foundation, geometry=Circle(0.01)).plausible_depth == pytest.approx(2e-3)
     assert model(law("two_layer_elastic")).plausible_depth == pytest.approx(RADIUS / 5.0)  # bone lies below
-
-
-def test_the_radius_is_that_of_the_circle_that_fits() -> None:
-    def radius_of(femur: Circle | Profile) -> float:
-        return model(law("hertz"), geometry=femur).femoral_radius
-
-    assert radius_of(Circle(RADIUS)) == pytest.approx(RADIUS, rel=1e-12)
-    angles = np.linspace(-2.5, -0.5, 30)
-    points = 0.03 * np.stack([np.cos(angles), np.sin(angles)])
-    for shift in ([0.0, 0.0], [0.5, -2.0]):  # wherever the reference point is
-        arc = Profile(*(points + np.array(shift)[:, None]))
-        assert radius_of(arc) == pytest.approx(0.03, rel=1e-5)  # of a spline through its points
-    t = np.linspace(-np.pi - 0.9, 0.9, 160)
-    assert 0.02 < radius_of(Profile(0.034 * np.cos(t), 0.028 * np.sin(t))) < 0.05
-    line = Profile(np.linspace(0.0, 1.0, 5), np.zeros(5))
-    assert radius_of(line) == math.inf
-    assert model(law("hertz"), geometry=Circle(0.05)).plausible_depth == pytest.approx(0.01)
 
 
 @pytest.mark.parametrize("compiled", [False, True])

@@ -60,14 +60,6 @@ def test_a_signal_leaves_the_terminal_as_it_was(number: signal.Signals, code: in
         terminal.wait_for(rf"\[ended with {code}, usual\]")
 
 
-@pytest.mark.parametrize(("keys", "code"), [(b"\x03", -signal.SIGINT), (b"\x1b[B", 1)])
-def test_ctrl_c_and_an_exception_do_so_too(keys: bytes, code: int) -> None:
-    with program() as terminal:
-        terminal.wait_for("<ready>")
-        terminal.press(keys)
-        terminal.wait_for(rf"\[ended with {code}, usual\]")
-
-
 def test_ctrl_z_gives_the_terminal_back_and_fg_takes_it_again() -> None:
     with program() as terminal:
         terminal.wait_for("<ready>")
