@@ -126,24 +126,35 @@ def read_provenance(bag: Path) -> Provenance | None:
                 f"{bag} goes on with {first}, which has the parameters: give the whole folder, or --params"
             )
         return None
-    try:
-        before, values = int(record[TICKS_BEFORE]), json.loads(record["parameters"])
-        package, model = record["package"], record["model_sha256"]
-        if not isinstance(values, dict) or any(isinstance(value, (dict, list)) for value in values.values()):
-            raise TypeError
-    except (KeyError, TypeError, ValueError, RecursionError):
-        if record.get("package", "").startswith(OURS):
-            raise UsageError(
-                f"{bag}: its record {PROVENANCE}, which has the parameters, is damaged: give --params"
-            ) from None
-        return None  # somebody else's record of the same name
+    values = _values_in(bag, PROVENANCE, record)
+    if values is None:
+        return None
+    before = int(record[TICKS_BEFORE])
     changes, damage = _changes(records, before)
     try:
         parameters = load_parameters(values)
     except UsageError as error:
         raise UsageError(f"{bag}, in its record {PROVENANCE}: {error}") from None
     curves = {key.removeprefix(CURVE): text for key, text in record.items() if key.startswith(CURVE)}
+    package, model = record["package"], record.get("model_sha256", "")
     return Provenance(bag, package, model, parameters, curves, before, tuple(changes), tuple(damage))
+
+
+def _values_in(bag: Path, name: str, record: Mapping[str, str]) -> dict[str, Any] | None:
+    """Parameters in the record `name` of a bag; None: somebody else's record has the same name.
+
+    Raises:
+        UsageError: The record is damaged.
+    """
+    if not record.get("package", "").startswith(OURS):
+        return None
+    try:
+        values: dict[str, Any] = dict(json.loads(record["parameters"]))
+        if int(record[TICKS_BEFORE]) >= 0 and not any(isinstance(value, (dict, list)) for value in values.values()):
+            return values
+    except (KeyError, TypeError, ValueError, RecursionError):
+        pass
+    raise UsageError(f"{bag}: its record {name}, which has the parameters, is damaged: give --params")
 
 
 def stored_load(bag: Path) -> tuple[dict[str, Any], int] | None:
@@ -156,14 +167,9 @@ def stored_load(bag: Path) -> tuple[dict[str, Any], int] | None:
     """
     records = list(_metadata(bag))
     record = next((content for name, content in records if name == LOAD_PROVENANCE), None)
-    if record is None or not record.get("package", "").startswith(OURS):
+    values = _values_in(bag, LOAD_PROVENANCE, record) if record else None
+    if values is None:
         return None
-    try:
-        values = dict(json.loads(record["parameters"]))
-    except (KeyError, TypeError, ValueError, RecursionError):
-        raise UsageError(
-            f"{bag}: its record {LOAD_PROVENANCE}, which has the parameters, is damaged: give --params"
-        ) from None
     changes = [content.keys() - {TICK} for name, content in records if name == PARAMETERS_CHANGED]
     return values, sum(any(not name.startswith(NOT_OF_THE_RESULT) for name in names) for names in changes)
 
