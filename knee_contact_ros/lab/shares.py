@@ -29,7 +29,7 @@ from knee_contact_ros import __version__
 from knee_contact_ros.joint_reaction.compartments import MeasuredShare, ShareTable
 from knee_contact_ros.joint_reaction.estimator import LEAST_PEAK, MOST_PEAK, STIFF
 from knee_contact_ros.lab.tables import TableFormat, TimeColumn, header_of, read_columns
-from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_LOAD
+from knee_contact_ros.model.knee import LARGEST_ANGLE
 from knee_contact_ros.model.types import NANOSECOND, Floats
 from knee_contact_ros.parameters.files import SHARE_COLUMNS
 from knee_contact_ros.system.errors import UsageError
@@ -44,9 +44,9 @@ FEWEST = 20
 """The least number of samples of a trial"""
 LEAST_FLEXION = -10.0
 """The least mean flexion [deg] of a trial: no knee is straighter on average"""
-LEAST_TOTAL, LARGEST_EXCESS = 50.0, 0.15
-"""The least peak [N] of the axial force; and the part of that peak by which a medial force may be above the axial one
-or below 0: load cells have noise, and in swing one implant's medial side pulled by a tenth"""
+LARGEST_EXCESS = 0.15
+"""The part of the axial force's peak by which a medial force may be above it or below 0: load cells have noise, and in
+swing one implant's medial side pulled by a tenth"""
 SMOOTHINGS = tuple(10.0 ** (0.5 * power) for power in range(-8, 3))
 """Penalties [BW^2] of a step of 1 between neighbours that are tried, relative to the mean square error of the force"""
 EARNED = 0.95
@@ -211,8 +211,6 @@ def _refuse_impossible(trial: str, flexion: Floats, axial: Floats, medial: Float
          "sign in --flexion"),
         (span < math.degrees(STIFF), f"flexion moves by {span:.3g} degrees in all, which is no knee's that walks: is "
          "--angle-unit right?"),
-        (np.abs(axial).max() > LARGEST_LOAD or most < LEAST_TOTAL, f"the axial force reaches {most:g} N; allowed: "
-         f"{LEAST_TOTAL:g} to {LARGEST_LOAD:g} N of compression"),
         (not LEAST_PEAK <= most / weight <= MOST_PEAK, f"the axial force reaches {most / weight:.3g} body weights, and "
          f"a knee that bears its body {LEAST_PEAK:g} to {MOST_PEAK:g}: are both in N, and --body-weight no mass?"),
         (excess > LARGEST_EXCESS * most, f"the medial force is {excess:g} N beyond 0 or the whole; look at --axial and "
