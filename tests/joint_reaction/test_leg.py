@@ -93,18 +93,6 @@ def test_standing_on_a_straight_leg() -> None:
     assert found == pytest.approx((foot, -foot, compression, frontal), abs=FEW)
 
 
-@given(draw=draws, ahead=st.just(0.0) | st.floats(-0.2, 0.2))
-def test_a_force_that_passes_behind_the_knee_asks_for_extension(draw: Random, ahead: float) -> None:
-    """And one ahead of the ankle for plantarflexion; without weight the shank bears the force's part along it."""
-    joints = angles(draw)
-    weightless = LEG._replace(shank_mass=0.0, shank_inertia=0.0, foot_mass=0.0, foot_inertia=0.0)
-    shank = joints.hip - joints.flexion
-    arm = ahead - LEG.shank_length * math.sin(shank)
-    found = still(joints, Ground((0.0, 800.0, 0.0), (0.0, 0.0, 800.0 * arm)), weightless)
-    expected = (-800.0 * ahead, 800.0 * arm, 800.0 * math.cos(shank))
-    assert found[:3] == pytest.approx(expected, abs=FEW)
-
-
 @given(draw=draws)
 def test_the_frontal_moment_is_that_of_all_the_grounds_wrench_about_the_knee(draw: Random) -> None:
     joints, (force, torque) = angles(draw), ground(draw)

@@ -203,6 +203,3 @@ def test_a_persons_constants() -> None:
     assert PERSON.weight == pytest.approx(WEIGHT, rel=ROUNDINGS)
     for vertical, floor in ((1000.0, 200.0 + 0.05 * WEIGHT), (0.0, 0.05 * WEIGHT), (-5.0, 0.05 * WEIGHT)):
         assert PERSON.floor(vertical) == pytest.approx(floor, rel=ROUNDINGS)  # the ground does not pull
-    weak, strong = (PERSON._replace(moment_arm_scale=scale, co_contraction=0.0, tone=0.0) for scale in (0.8, 1.6))
-    one, other = (reaction_of(person, Joints(0.4, 0.1, 0.1), net(30.0, 60.0), 0.0).muscles for person in (weak, strong))
-    assert tuple(one) == pytest.approx([2.0 * force for force in other], rel=ROUNDINGS)
