@@ -1,9 +1,9 @@
 """`knee-contact demo`: the real nodes in processes of their own, fed over real topics in a private ROS graph.
 
-A `Source` says what is played to which nodes: a recorded joint reaction to the contact node (`Recorded`), or a leg's
-sensors to the load node before it (`Sensors`, `--from-sensors`). With a companion the loop of the sensors is closed
-through the estimate: the torque that it commands is the `effort` in the joint states that are played, the load node
-subtracts it from the net moment, and load and contact, to which the companion listens, follow.
+`Recorded` plays a recorded joint reaction to the contact node, `Sensors` (`--from-sensors`) a leg's sensors to the load
+node before it. With a companion the loop of the sensors is closed through the estimate: the torque that it commands is
+the `effort` in the joint states that are played, the load node subtracts it from the net moment, and load and contact,
+to which the companion listens, follow.
 
 The results appear under their names when all is done; an interrupted demo leaves nothing behind.
 """
@@ -12,11 +12,11 @@ from __future__ import annotations
 
 import os
 import sys
-from abc import ABC, abstractmethod
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, suppress
 from pathlib import Path
-from typing import NamedTuple
+from types import MappingProxyType
+from typing import Any, NamedTuple
 
 import click
 import numpy as np
@@ -60,32 +60,48 @@ RESULTS = (
 """Names of the results of all demos: a demo replaces those of an earlier one"""
 
 
-class Source(ABC):
-    """What a demo plays, to which nodes, and what it reports of it."""
+class Recorded:
+    """What a demo plays, to which nodes, and what it reports of it: a recorded joint reaction, to the contact node."""
 
-    inputs: Sequence[str]
+    inputs: Sequence[str] = INPUTS
     """Names of the topics of the bag that are played, angles first"""
-    heard: Sequence[str]
+    heard: Sequence[str] = tuple(f"knee_contact: {topic}" for topic in INPUTS)
     """Inputs that the nodes must hear before the demo begins, as in `stage.Listener.heard`"""
+    companion_values: Mapping[str, str] = MappingProxyType({})
+    """Parameters of the companion"""
 
-    def __init__(self, bag: Path, companion: bool, parameters: Parameters) -> None:
-        """Play `bag`, with the example of an assist controller listening too if there is a `companion`.
+    def __init__(self, bag: Path, files: list[Path], companion: bool, **values: Any) -> None:
+        """Play a bag, with the example of an assist controller listening too if there is a `companion`.
 
-        `parameters` are those of the contact node.
+        Parameters of the contact node are those of `files` and further `values`.
+
+        Raises:
+            UsageError: a parameter file cannot be used.
         """
-        self.bag, self.companion, self.parameters = bag, companion, parameters
+        self.bag, self.companion, self._files, self._values = bag, companion, files, values
+        self.parameters: Parameters = load_parameters([*files, values])
 
-    @abstractmethod
     def check(self) -> Doubts:
-        """Refuse what a node could only refuse; return the doubts about the parameters.
+        """Refuse what a node could only refuse; return the doubts about the parameters. The first angle is tried.
 
         Raises:
             UsageError: a profile cannot be used, a joint is missing from the bag, and the like.
         """
+        pipeline = ContactStream(self.parameters, compiled=False)
+        with BagReader(self.bag) as reader:
+            angle = next(message.data for message in reader.raw_messages() if message.topic == f"/{JOINT_STATES}")
+        try:
+            message, _ = JOINT_STATE.read(angle, JOINT_STATES)
+            angle_sample(message, pipeline.parameters.knee, pipeline.model.height_prescribed)
+        except RefusedSampleError as refused:
+            raise UsageError(f"bag {self.bag}: {refused} (parameters knee.*)") from None
+        return pipeline.doubts
 
-    @abstractmethod
-    def processes(self, work: Path) -> Sequence[AbstractContextManager[Child]]:
+    def processes(self, work: Path) -> list[AbstractContextManager[Child]]:
         """Make the processes of the nodes and the companion, which leave their files in the folder `work`."""
+        values = {name: str(value) for name, value in self._values.items()}
+        companion = [stage.companion_process(work, self.companion_values)] if self.companion else []
+        return [stage.node_process(self._files, work, values=values), *companion]
 
     def changed(self, message: RawMessage, torque: float) -> RawMessage:  # noqa: ARG002
         """Return an input as it is published while the companion commands a torque [N m]: as a rule unchanged."""
@@ -100,39 +116,7 @@ class Source(ABC):
         return {}
 
 
-class Recorded(Source):
-    """A recorded joint reaction, played to the contact node alone."""
-
-    inputs: Sequence[str] = INPUTS
-    heard: Sequence[str] = tuple(f"knee_contact: {topic}" for topic in INPUTS)
-
-    def __init__(self, bag: Path, parameter_files: list[Path], companion: bool) -> None:
-        """Read the parameter files of the contact node.
-
-        Raises:
-            UsageError: a parameter file cannot be used.
-        """
-        super().__init__(bag, companion, load_parameters(parameter_files))
-        self._files = parameter_files
-
-    def check(self) -> Doubts:
-        """See `Source.check`; the first angle of the bag is tried."""
-        pipeline = ContactStream(self.parameters, compiled=False)
-        with BagReader(self.bag) as reader:
-            angle = next(message.data for message in reader.raw_messages() if message.topic == f"/{JOINT_STATES}")
-        try:
-            message, _ = JOINT_STATE.read(angle, JOINT_STATES)
-            angle_sample(message, pipeline.parameters.knee, pipeline.model.height_prescribed)
-        except RefusedSampleError as refused:
-            raise UsageError(f"bag {self.bag}: {refused} (parameters knee.*)") from None
-        return pipeline.doubts
-
-    def processes(self, work: Path) -> Sequence[AbstractContextManager[Child]]:
-        """See `Source.processes`."""
-        return [stage.node_process(self._files, work), *([stage.companion_process(work, {})] if self.companion else [])]
-
-
-def run_demo(source: Source, output: Path, rate: float) -> None:
+def run_demo(source: Recorded, output: Path, rate: float) -> None:
     """Run the demo and print its table.
 
     Raises:
@@ -235,14 +219,12 @@ class Peak(NamedTuple):
         return f"{self.axial:.1f} N ({self.axial / weight:.2f} BW){deviation}"
 
 
-class Sensors(Source):
+class Sensors(Recorded):
     """A leg's sensors, played to the load node, whose estimate the contact node answers."""
 
-    inputs: Sequence[str] = LOAD_INPUTS
-    heard: Sequence[str] = (
-        *(f"knee_load: {topic}" for topic in LOAD_INPUTS),
-        *(f"knee_contact: {topic}" for topic in INPUTS),
-    )
+    inputs = LOAD_INPUTS
+    heard = (*(f"knee_load: {topic}" for topic in LOAD_INPUTS), *Recorded.heard)
+    companion_values = MappingProxyType({"force_limit": str(FORCE_LIMIT)})
 
     def __init__(self, bag: Path | None, files: list[Path], load_files: list[Path], companion: bool) -> None:
         """Read the parameter files of both nodes.
@@ -256,30 +238,25 @@ class Sensors(Source):
         Raises:
             UsageError: a parameter file cannot be used.
         """
-        self._files, self._load_files = files, load_files
+        self._load_files = load_files
         assisted = {"knee.assisted": True} if companion else {}
         self.load_parameters: LoadParameters = load_parameters([*load_files, assisted], LoadParameters)
         self.weight = self.load_parameters.person.constants.weight
         """Body weight [N] of the person"""
-        parameters = load_parameters([*files, {"body_weight": self.weight}])
-        super().__init__(bag or share_folder() / "bags" / BAG, companion, parameters)
+        super().__init__(bag or share_folder() / "bags" / BAG, files, companion, body_weight=self.weight)
 
     def check(self) -> Doubts:
-        """See `Source.check`; all joints that the nodes need are looked for."""
+        """See `Recorded.check`; all joints that the nodes need are looked for."""
         pipeline = ContactStream(self.parameters, compiled=False)
         with BagInputs(self.bag, self.load_parameters, OWN_NAMES) as inputs:
             check_joints(inputs, self.load_parameters.joints())
             check_joints(inputs, self.parameters.joints())
         return pipeline.doubts
 
-    def processes(self, work: Path) -> Sequence[AbstractContextManager[Child]]:
-        """See `Source.processes`."""
+    def processes(self, work: Path) -> list[AbstractContextManager[Child]]:
+        """See `Recorded.processes`."""
         assisted = {"knee.assisted": "true"} if self.companion else {}
-        return [
-            stage.node_process(self._files, work, values={"body_weight": str(self.weight)}),
-            stage.load_process(self._load_files, work, assisted),
-            *([stage.companion_process(work, {"force_limit": str(FORCE_LIMIT)})] if self.companion else []),
-        ]
+        return [*super().processes(work), stage.load_process(self._load_files, work, assisted)]
 
     def changed(self, message: RawMessage, torque: float) -> RawMessage:
         """Return an input; joint states get the companion's torque as the effort of the knee."""
@@ -298,7 +275,7 @@ class Sensors(Source):
         return rows | (self._assisted_rows(work, summary) if self.companion else {})
 
     def files(self, output: Path) -> dict[str, str]:
-        """See `Source.files`."""
+        """See `Recorded.files`."""
         return {
             "Load's recording": str(output / stage.LOAD_RECORDING.parent),
             "Load's log": str(output / stage.LOAD_LOG),

@@ -69,13 +69,13 @@ def demo(
     if missing_middleware():  # the graph is its own, and what is there will do
         del os.environ["RMW_IMPLEMENTATION"]
     check_ros()
-    from knee_contact_ros.commands.demo import LOAD_FILE, Recorded, Sensors, Source, run_demo
+    from knee_contact_ros.commands.demo import LOAD_FILE, Recorded, Sensors, run_demo
     from knee_contact_ros.system.files import share_folder
 
     if load_files and not from_sensors:
         raise click.UsageError("--load-params is for --from-sensors")
     files = find_parameters(parameter_files)
-    source: Source
+    source: Recorded
     if from_sensors:
         source = Sensors(bag, files, find_parameters(load_files, LOAD_FILE), companion)
     else:

@@ -5,11 +5,12 @@ from __future__ import annotations
 import gc
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack, contextmanager
+from collections import deque
+from collections.abc import Callable, Generator, Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, closing, contextmanager
+from itertools import islice
 from pathlib import Path
-from queue import Full, Queue
-from threading import Event, Thread
 from typing import NamedTuple
 
 import click
@@ -224,7 +225,7 @@ def make_player(replayer: Replayer, timing: Timing, bar: Bar, name: str, opened:
 def play_once(player: Player, reader: BagReader, span: Span, lateness: Lateness, bar: Bar) -> None:
     """Play the span from beginning to end."""
     start, stop = span
-    with ReadAhead(reader.raw_messages(start=start, stop=stop)) as messages:
+    with closing(read_ahead(reader.raw_messages(start=start, stop=stop))) as messages:
         for message, late in player.play(messages):
             lateness.add(late)
             bar(message.log_time - start, stop - start)
@@ -243,10 +244,12 @@ def undisturbed() -> Iterator[None]:
     """Keep other threads and the garbage collector from taking the interpreter for milliseconds."""
     gc.collect()
     gc.freeze()
+    usual = sys.getswitchinterval()
+    sys.setswitchinterval(SWITCH_INTERVAL)
     try:
-        with quick_switching():
-            yield
+        yield
     finally:
+        sys.setswitchinterval(usual)
         gc.unfreeze()
 
 
@@ -254,69 +257,29 @@ BLOCK = 256
 """Number of messages that are handed over at once: each handover wakes the other thread"""
 BLOCKS = 64
 """Largest number of waiting blocks: 8 s of two topics at 1 kHz, some MB"""
-LOOK_PERIOD = 0.1
-"""Time [s] after which a thread that cannot hand over looks whether it is still wanted"""
 SWITCH_INTERVAL = 1e-4
 """Time [s] for which a thread may keep the interpreter while another wants it; Python's default is 5 ms"""
 
-Block = list[RawMessage]
 
+def read_ahead(messages: Iterator[RawMessage]) -> Generator[RawMessage, None, None]:
+    """Yield messages that a thread of its own reads ahead; an error is raised after all that came before it."""
+    errors: list[Exception] = []
 
-class ReadAhead:
-    """Messages of an iterator, which a thread of its own reads ahead."""
-
-    def __init__(self, messages: Iterator[RawMessage]) -> None:
-        self._queue: Queue[Block | Exception | None] = Queue(BLOCKS)
-        self._unwanted = Event()
-        self._thread = Thread(target=self._read, args=(messages,), name="read ahead", daemon=True)
-
-    def __enter__(self) -> ReadAhead:
-        self._thread.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._unwanted.set()
-        self._thread.join()
-
-    def __iter__(self) -> Iterator[RawMessage]:
-        """Yield the messages; an error is raised after all messages that were read before it."""
-        while (block := self._queue.get()) is not None:
-            if isinstance(block, Exception):
-                raise block
-            yield from block
-
-    def _read(self, messages: Iterator[RawMessage]) -> None:
-        block: Block = []
-        ending: Exception | None = None
+    def block() -> list[RawMessage]:
+        found: list[RawMessage] = []
         try:
-            for message in messages:
-                block.append(message)
-                if len(block) == BLOCK:
-                    if not self._hand_over(block):
-                        return
-                    block = []
+            found.extend(islice(messages, BLOCK))  # keeps what came before an error
         except Exception as error:  # whatever it is, it belongs to whoever uses the messages
-            ending = error
-        if self._hand_over(block):
-            self._hand_over(ending)
+            errors.append(error)
+        return found
 
-    def _hand_over(self, item: Block | Exception | None) -> bool:
-        """Hand over a block, an error or the end (None); return False if nobody wants it any more."""
-        while not self._unwanted.is_set():
-            try:
-                self._queue.put(item, timeout=LOOK_PERIOD)
-            except Full:
-                continue
-            return True
-        return False
-
-
-@contextmanager
-def quick_switching() -> Iterator[None]:
-    """Let a thread that wakes up have the interpreter at once while another thread reads."""
-    usual = sys.getswitchinterval()
-    sys.setswitchinterval(SWITCH_INTERVAL)
+    thread = ThreadPoolExecutor(1, "read ahead")
     try:
-        yield
+        waiting = deque(thread.submit(block) for _ in range(BLOCKS))
+        while found := waiting.popleft().result():
+            waiting.append(thread.submit(block))
+            yield from found
     finally:
-        sys.setswitchinterval(usual)
+        thread.shutdown(cancel_futures=True)
+    if errors:
+        raise errors[0]

@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
 from itertools import groupby
-from operator import attrgetter
+from operator import itemgetter
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -30,7 +30,7 @@ from knee_contact_ros.system.output_files import refuse_existing
 from knee_contact_ros.system.processes import LOCALHOST, interrupted_by_sigterm, refuse_taken
 from knee_contact_ros.system.terminal import progress, say
 from knee_contact_ros.view import viewer
-from knee_contact_ros.view.anatomy import KneeOutlines, alike, drawing_of
+from knee_contact_ros.view.anatomy import KneeOutlines, drawings_of
 from knee_contact_ros.view.output import RerunFile
 from knee_contact_ros.view.scene import Pictures, Scene
 
@@ -125,13 +125,8 @@ def recorded_knees(recordings: Mapping[Path, str], parameters: Parameters) -> li
     alone = len({(path, knee_name(topic)) for path, topic, _ in answered}) == 1
     all_topics = {(path, topic) for path, topic, _ in answered}
     names = _distinct([_name(path, topic, name, alone, all_topics) for path, topic, name in answered])
-    knees = [_knee(path, topic, name, parameters) for (path, topic, _), name in zip(answered, names, strict=True)]
-    shown = []
-    for _, group in groupby(knees, key=attrgetter("recording")):
-        together = list(group)
-        drawings = alike([knee.model for knee in together], [knee.drawing for knee in together])
-        shown += [knee._replace(drawing=drawing) for knee, drawing in zip(together, drawings, strict=True)]
-    return shown
+    knees = [(path, topic, name) for (path, topic, _), name in zip(answered, names, strict=True)]
+    return [knee for path, of in groupby(knees, key=itemgetter(0)) for knee in _knees(path, [*of], parameters)]
 
 
 def _name(path: Path, topic: str, recording: str, alone: bool, all_topics: Set[tuple[Path, str]]) -> str:
@@ -150,16 +145,21 @@ def _distinct(names: Sequence[str]) -> list[str]:
     return [f"{name}_{names[: i + 1].count(name)}" if names.count(name) > 1 else name for i, name in enumerate(names)]
 
 
-def _knee(path: Path, topic: str, name: str, parameters: Parameters) -> RecordedKnee:
-    """Build a knee from the parameters in its recording, or from `parameters` if it holds none."""
+def _knees(path: Path, answered: Sequence[tuple[Path, str, str]], parameters: Parameters) -> Iterator[RecordedKnee]:
+    """Build the knees of a recording from the parameters in it, or from `parameters` if it holds none.
+
+    `answered` has recording, topic and name of each.
+    """
     provenance = read_provenance(path)
-    if provenance:
-        parameters = provenance.parameters
-    parameters, texts = answering(topic, parameters, provenance.texts() if provenance else curve_texts(parameters, {}))
-    model = build_model(parameters, curves=texts)
+    parameters = provenance.parameters if provenance else parameters
+    texts = provenance.texts() if provenance else curve_texts(parameters, {})
+    _, topics, names = zip(*answered, strict=True)
+    of_topics = [answering(topic, parameters, texts) for topic in topics]
+    models = [build_model(own, curves=curves) for own, curves in of_topics]
     changes = provenance.changes if provenance else ()
-    drawing = drawing_of(model, name, parameters.body_weight)
-    return RecordedKnee(path, topic, model, drawing, changes, provenance is not None)
+    drawings = drawings_of(models, names, parameters.body_weight)
+    for topic, model, drawing in zip(topics, models, drawings, strict=True):
+        yield RecordedKnee(path, topic, model, drawing, changes, provenance is not None)
 
 
 def _with_answers(paths: Sequence[Path], parameters: Parameters, work: Path) -> dict[Path, str]:

@@ -51,7 +51,7 @@ from knee_contact_ros.streams.topics import (
     recorded_topics,
 )
 from knee_contact_ros.system.processes import OWN_GROUP, python_module, start
-from knee_contact_ros.view.anatomy import drawings_of
+from knee_contact_ros.view.anatomy import compartments_of, drawings_of
 from knee_contact_ros.view.markers import KneeMarkers
 from knee_contact_ros.view.viewer import address
 
@@ -176,7 +176,8 @@ class ContactSession(Session):
         topics = recorded_topics(has_both(parameters))
         self._names = {topic: node.resolve_topic_name(topic) for topic in topics}
         models = [compartment.model for compartment in pipeline.compartments]
-        markers = KneeMarkers(drawings_of(models, knee_name(self._names[KNEE_CONTACT]), parameters.body_weight))
+        knees = compartments_of(knee_name(self._names[KNEE_CONTACT]), models)
+        markers = KneeMarkers(drawings_of(models, knees, parameters.body_weight))
         contacts = [compartment.topic for compartment in pipeline.compartments]
         self._offer(
             {

@@ -8,19 +8,21 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator
-from functools import cache, lru_cache
+from functools import lru_cache
 from struct import Struct
+from xml.sax.saxutils import escape
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.model.types import ROW, Rows, reader
 from knee_contact_ros.streams.messages import HEADER, Bytes, Stamps
-from knee_contact_ros.streams.topics import NANOSECONDS, ROBOT_DESCRIPTION, TF, Record
+from knee_contact_ros.streams.topics import LEG_URDF, NANOSECONDS, ROBOT_DESCRIPTION, SHANK, TF, Record
 from knee_contact_ros.system.files import share_folder
 
 MOVED, DESCRIBED = NANOSECONDS // 50, 10 * NANOSECONDS
 """Periods [ns]: at the first tick of one the thigh is placed, and the leg described again, for snapshots and splits"""
+QUOTE = {'"': "&quot;"}
 SHOWN = reader("flexion_angle", "femoral_height", "femoral_x")
 """Reader of the fields of an answer's row that the pose of the thigh follows from"""
 
@@ -53,10 +55,11 @@ class Leg:
             yield topic, ticks, np.array([np.frombuffer(one, np.uint8) for one in data])
 
 
-@lru_cache(maxsize=16)
+@lru_cache(maxsize=4)
 def description(frame_id: str) -> bytes:
-    """Bytes of a std_msgs/String with the URDF of a leg whose shank is `frame_id`."""
-    text = (share_folder() / "urdf" / "leg.urdf").read_bytes().replace(b"FRAME", frame_id.encode()) + b"\0"
+    """Bytes of a std_msgs/String with the URDF of a leg whose shank is `frame_id`, or `shank` if that is empty."""
+    urdf = (share_folder() / LEG_URDF).read_text(encoding="utf-8")
+    text = urdf.replace(f'"{SHANK}', f'"{escape(frame_id or SHANK, QUOTE)}').encode() + b"\0"
     return HEADER + len(text).to_bytes(4, "little") + text
 
 
@@ -71,9 +74,10 @@ def pose(stamp: int, frame_id: str, row: bytes) -> bytes:
     )
 
 
-@cache
+@lru_cache(maxsize=4)
 def _packer(frame_id: str) -> tuple[Callable[..., bytes], bytes, bytes]:
     """Packer of a message with one transform, and the names of its frames."""
+    frame_id = frame_id or SHANK
     parent, child = f"{frame_id}\0".encode(), f"{frame_id}/thigh\0".encode()
     first = -len(parent) % 4
     second = -(16 + len(parent) + first + 4 + len(child)) % 8

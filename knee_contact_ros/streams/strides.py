@@ -157,6 +157,8 @@ class Strides:
     def __init__(self, body_weight: float) -> None:
         """Begin a stream of a person with this body weight [N]."""
         self._finder = GaitEvents(body_weight)
+        self.events: list[GaitEvent] = []
+        """Events that have become certain since the last `add` began"""
         self._begin()
 
     def _begin(self) -> None:
@@ -170,6 +172,7 @@ class Strides:
         Where stamps do not increase, or leave a gap of more than half a second, everything starts anew.
         """
         strides: list[Stride] = []
+        self.events = []
         before = self._rows["stamp"][-1:] if len(self._rows) else rows["stamp"][:1] - 1
         steps = np.diff(rows["stamp"], prepend=before)
         for part in np.split(rows, np.flatnonzero((steps <= 0) | (steps > GAP))):
@@ -189,6 +192,7 @@ class Strides:
 
     def _told(self, events: Sequence[GaitEvent]) -> list[Stride]:
         strides = []
+        self.events += events
         for event in events:
             if event.kind == LOAD_PEAK:
                 continue

@@ -29,6 +29,8 @@ KNEE_CONTACT_MARKERS = "knee_contact/markers"
 """Markers for RViz; not recorded, as they follow from the answers"""
 ROBOT_DESCRIPTION, TF = "robot_description", "tf"
 """Description of the leg, and where the thigh is; recorded, and not published: on a robot others do that"""
+LEG_URDF, SHANK, THIGH = "urdf/leg.urdf", "shank", "shank/thigh"
+"""Description of the leg, and its links"""
 MESSAGE_TYPES = {
     JOINT_STATES: "sensor_msgs/msg/JointState",
     JOINT_REACTION_FORCE: "geometry_msgs/msg/WrenchStamped",

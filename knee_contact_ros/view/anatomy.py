@@ -152,31 +152,37 @@ class Overlaps(NamedTuple):
     """y [m] on the tibia, shape (n, POINTS)"""
 
 
-def drawings_of(models: Sequence[KneeModel], knee: str, body_weight: float) -> list[KneeOutlines]:
-    """Make the outlines of a knee's compartments, the only one or medial and lateral; see `drawing_of` and `alike`."""
-    names = [compartment_name(knee, of) for of in (MEDIAL, LATERAL)] if len(models) > 1 else [knee]
-    drawings = [drawing_of(model, name, body_weight) for model, name in zip(models, names, strict=True)]
-    return alike(models, drawings)
+def drawings_of(models: Sequence[KneeModel], names: Sequence[str], body_weight: float) -> list[KneeOutlines]:
+    """Make the outlines of the compartments of a knee: with shafts and plateaus of the same size.
+
+    Forces will be shown in units of `body_weight` [N].
+    """
+    ranges = []
+    for model in models:
+        touched = []
+        for angle in WALKING.tolist():
+            x, _ = model.pair.mechanism.translation(angle)
+            height = model.pair.femur.support(angle)[0]
+            touched.append(model.closest(angle, height).point(x, height)[0])
+        ranges.append((min(touched), max(touched)))
+    size = _size_of(models, ranges)
+    return [
+        KneeOutlines(
+            name, model.pair.femur.outline(), model.pair.outline(PLATEAU_REACH), model.cartilage_thickness, reach,
+            body_weight, anatomy_of(model, size), model.law, model.patch, model.height_prescribed,
+        )
+        for model, name, reach in zip(models, names, ranges, strict=True)
+    ]  # fmt: skip
 
 
-def alike(models: Sequence[KneeModel], drawings: Sequence[KneeOutlines]) -> list[KneeOutlines]:
-    """Return the outlines of compartments as those of one knee: with shafts and plateaus of the same size."""
-    size = _size_of(models, [drawing.contact_range for drawing in drawings])
-    return [drawing._replace(anatomy=anatomy_of(model, size)) for model, drawing in zip(models, drawings, strict=True)]
+def compartments_of(knee: str, models: Sequence[KneeModel]) -> list[str]:
+    """Return the names of a knee's compartments: medial and lateral, or the knee's own."""
+    return [compartment_name(knee, of) for of in (MEDIAL, LATERAL)] if len(models) > 1 else [knee]
 
 
 def drawing_of(model: KneeModel, knee: str, body_weight: float) -> KneeOutlines:
-    """Make the outlines of a model; forces will be shown in units of `body_weight` [N]."""
-    touched = []
-    for angle in WALKING.tolist():
-        x, _ = model.pair.mechanism.translation(angle)
-        height = model.pair.femur.support(angle)[0]
-        touched.append(model.closest(angle, height).point(x, height)[0])
-    reach = min(touched), max(touched)
-    return KneeOutlines(
-        knee, model.pair.femur.outline(), model.pair.outline(PLATEAU_REACH), model.cartilage_thickness, reach,
-        body_weight, anatomy_of(model, _size_of([model], [reach])), model.law, model.patch, model.height_prescribed,
-    )  # fmt: skip
+    """Make the outlines of a knee with one compartment; see `drawings_of`."""
+    return drawings_of([model], [knee], body_weight)[0]
 
 
 class Size(NamedTuple):

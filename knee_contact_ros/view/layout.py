@@ -27,6 +27,8 @@ GAIT, CONTACT, LEVEL = "gait", "contact", "level"
 """Paths of the states under `KNEE/states`"""
 CAMERA, BODY = "sagittal", "body"
 """Paths of the entities of the camera, with marks in front of the knee, and of the knee"""
+LEG = "leg"
+"""Path of the leg in space; the robot's name in its URDF"""
 PATH = "contact_path"
 MM, MICRO, MEGA = 1e3, 1e6, 1e-6
 NOISE, LEAST = 3.0, 0.01
@@ -273,6 +275,7 @@ def blueprint(drawings: Sequence[KneeOutlines], latency: bool = False, follow: b
                 name="Knee",
             ),
             rrb.Grid(*details, grid_columns=ABREAST, name="Contact in detail"),
+            rrb.Grid(*map(_leg, drawings), name="Leg"),
             rrb.Horizontal(
                 rrb.Vertical(*solver),
                 rrb.Vertical(*states, *(_events(one.knee) for one in drawings[1:])),
@@ -337,6 +340,13 @@ def _plot(drawings: Sequence[KneeOutlines], plot: Plot, follow: bool) -> rrb.Tim
     return rrb.TimeSeriesView(
         origin="/", contents=contents, name=title_of(drawings, plot), axis_x=_time_axis(follow), plot_legend=legend
     )
+
+
+def _leg(drawing: KneeOutlines) -> rrb.Spatial3DView:
+    """Make the view of a knee's leg in space, from its right side, y up."""
+    eye = rrb.EyeControls3D(position=(0.0, 0.0, 0.9), look_target=(0.0, 0.0, 0.0), eye_up=(0.0, 1.0, 0.0))
+    name = f"{drawing.knee}: leg and contact force"
+    return rrb.Spatial3DView(origin=f"{drawing.knee}/{LEG}", name=name, eye_controls=eye, line_grid=False)
 
 
 def _states(knees: Sequence[str], paths: Sequence[str], name: str, follow: bool) -> rrb.StateTimelineView:

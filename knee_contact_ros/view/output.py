@@ -16,11 +16,11 @@ import numpy as np
 
 from knee_contact_ros.model.types import ROW
 from knee_contact_ros.streams.output import Knee, Sink
-from knee_contact_ros.streams.topics import KNEE_CONTACT, LATERAL, MEDIAL, Ending, compartment_name, knee_name
+from knee_contact_ros.streams.topics import KNEE_CONTACT, Ending, knee_name
 from knee_contact_ros.system import output_files
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.processes import LOCALHOST, refuse_taken
-from knee_contact_ros.view.anatomy import KneeOutlines, drawings_of
+from knee_contact_ros.view.anatomy import KneeOutlines, compartments_of, drawings_of
 from knee_contact_ros.view.viewer import Window, address, executable
 
 if TYPE_CHECKING:
@@ -71,10 +71,11 @@ def sink_for(knee: Knee) -> Sink | None:
             f"parameter rerun.knees: {rerun.knees!r} is not allowed; this knee, {name}, must be one of them"
         )
     path = Path(rerun.path) if rerun.mode == "file" else None
+    own = compartments_of(name, models)
     if len(models) > 1:  # each is a knee of its own to a viewer
-        knees = tuple(compartment_name(one, of) for one in knees or (name,) for of in (MEDIAL, LATERAL))
+        knees = tuple(part for one in knees or (name,) for part in compartments_of(one, models))
     serving = Serving(rerun.port, rerun.mode == "spawn", knees)
-    arguments = path, serving, drawings_of(models, name, knee.parameters.body_weight)
+    arguments = path, serving, drawings_of(models, own, knee.parameters.body_weight)
     kind = "Rerun recording" if path else f"Rerun scene on port {serving.port}"
     gather = FILE_GATHER if path else LIVE_GATHER
     return Sink("viewer", kind, str(path or ""), __name__, arguments, "row", True, NICENESS, gather)

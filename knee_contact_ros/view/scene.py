@@ -17,13 +17,15 @@ from typing import Any, NamedTuple
 import numpy as np
 import rerun as rr
 from numpy.typing import NDArray
+from rerun.urdf import UrdfTree
 
 from knee_contact_ros.model.readouts import SPREAD, Readings
 from knee_contact_ros.model.types import ContactState, Rows, Status, blank
 from knee_contact_ros.results import DATES_FROM
-from knee_contact_ros.streams.gait_events import GAP, HEEL_STRIKE, LOAD_PEAK, TOE_OFF, GaitEvent, GaitEvents
-from knee_contact_ros.streams.strides import CERTAIN, KEPT, impulse_of, spans
-from knee_contact_ros.streams.topics import NANOSECONDS
+from knee_contact_ros.streams.gait_events import HEEL_STRIKE, TOE_OFF
+from knee_contact_ros.streams.strides import Stride, Strides
+from knee_contact_ros.streams.topics import LEG_URDF, NANOSECONDS, SHANK, THIGH
+from knee_contact_ros.system.files import share_folder
 from knee_contact_ros.view import colours, layout
 from knee_contact_ros.view.anatomy import NEWTONS_PER_MM, POINTS, Floats, KneeOutlines, overlaps, placed
 from knee_contact_ros.view.colours import KNEE_COLOURS, NAME_OF_STATE, Colour
@@ -35,6 +37,7 @@ from knee_contact_ros.view.layout import (
     CURVES,
     EVENTS,
     GAIT,
+    LEG,
     LEVEL,
     MAGNIFICATION,
     MM,
@@ -75,8 +78,8 @@ PHASES = {HEEL_STRIKE: "stance", TOE_OFF: "swing"}
 NO_PHASE = "no stride yet"
 """Before the first of these events"""
 PHASE_COLOURS = [(105, 115, 140), (45, 50, 62), (30, 33, 40)]
-REPEAT = 5 * NANOSECONDS
-"""Time [ns] after which a lasting state is written again, where old data is dropped"""
+LEG_SCALE = 1e-4
+"""Length of the force's arrow in space by the force [m/N]"""
 SINGLE = 5.0
 """Radius of the point that stands for the curve of a single answer"""
 LAYER_DEPTH = "contact.layer_depth"
@@ -143,9 +146,7 @@ class Scene:
         self._early: list[tuple[str, Mapping[str, str]]] = []
         """Notes that came before the first answer, whose stamp they get"""
         self._states: dict[str, int] = {}
-        self._repeat = REPEAT if forgetful else math.inf
-        self._written: dict[str, int] = {}
-        """Stamps [ns] of the states that were written last"""
+        self._forgetful = forgetful
         self._write_still()
 
     def show(self, answers: Rows) -> None:
@@ -163,6 +164,7 @@ class Scene:
             drawn = answers[chosen]
             for root, moving in (
                 (BODY, moving_plane(self._drawing, drawn, self._layer)), (CAMERA, moving_marks(self._drawing, drawn)),
+                (LEG, moving_leg(self._drawing, drawn)),
             ):  # fmt: skip
                 for path, columns in moving:
                     self._send(f"{root}/{path}", drawn["stamp"], columns)
@@ -225,8 +227,16 @@ class Scene:
         self._recording.log(f"{self._drawing.knee}/{CAMERA}", camera, static=True)
         words = rr.TextDocument(layout.about(self._drawing), media_type=rr.MediaType.MARKDOWN)
         self._recording.log(f"{self._drawing.knee}/{ABOUT}", words, static=True)
+        frame = rr.CoordinateFrame(f"{self._drawing.knee}/{SHANK}")
+        self._recording.log(f"{self._drawing.knee}/{LEG}", frame, static=True)
+        leg = [(ARROW, frame), (ARROW, rr.Arrows3D.from_fields(colors=[colours.FORCE], radii=[2e-3]))]
+        urdf = UrdfTree.from_file_path(
+            share_folder() / LEG_URDF, self._drawing.knee, frame_prefix=f"{self._drawing.knee}/"
+        )
+        urdf.log_urdf_to_recording(self._recording)
         for root, parts in (
-            (BODY, still_plane(self._drawing)), (CAMERA, still_marks(self._drawing)), (CURVES, curves), (STATES, states)
+            (BODY, still_plane(self._drawing)), (CAMERA, still_marks(self._drawing)), (CURVES, curves),
+            (STATES, states), (LEG, leg),
         ):  # fmt: skip
             for path, what in parts:
                 self._recording.log(f"{self._drawing.knee}/{root}/{path}", what, static=True)
@@ -257,14 +267,13 @@ class Scene:
             self._send(f"{CURVES}/{layout.LAYER}", stamps[[0, -1]], rr.Scalars.columns(scalars=[MM * self._layer] * 2))
 
     def _write_changes(self, path: str, stamps: Any, values: Any, names: Sequence[str]) -> None:
-        """Write a state where it changes, and again after `REPEAT` where old data is dropped."""
+        """Write a state where it changes, and at the end of every batch where old data is dropped."""
         states = values.astype(int)
         changes = np.flatnonzero(np.diff(states, prepend=self._states.get(path, -1)))
         self._states[path] = int(states[-1])
-        if not len(changes) and abs(stamps[-1] - self._written[path]) >= self._repeat:  # stamps may go back
-            changes = np.array([len(states) - 1])
+        if self._forgetful:
+            changes = np.union1d(changes, len(states) - 1)
         if len(changes):
-            self._written[path] = int(stamps[changes[-1]])
             texts = [names[state] for state in states[changes].tolist()]
             self._send(f"{STATES}/{path}", stamps[changes], rr.StateChange.columns(state=texts))
 
@@ -403,6 +412,23 @@ def moving_marks(drawing: KneeOutlines, answers: Rows) -> Iterator[tuple[str, An
     yield DEPTH, rr.Points2D.columns(positions=below, labels=labels)
 
 
+def moving_leg(drawing: KneeOutlines, answers: Rows) -> Iterator[tuple[str, Any]]:
+    """Yield paths and columns of the leg in space [m], tibia frame: where the thigh is, and the force on the femur."""
+    zero, half = np.zeros(len(answers)), 0.5 * answers["flexion_angle"]
+    yield "thigh", rr.Transform3D.columns(
+        translation=np.stack([answers["femoral_x"], answers["femoral_height"], zero], axis=1),
+        quaternion=np.stack([zero, zero, np.sin(half), np.cos(half)], axis=1),
+        parent_frame=[f"{drawing.knee}/{SHANK}"] * len(answers), child_frame=[f"{drawing.knee}/{THIGH}"] * len(answers),
+    )  # fmt: skip
+    point = np.stack([answers["contact_point"][axis] for axis in "xyz"], axis=1)
+    arrow = (
+        LEG_SCALE
+        * answers["contact_force"][:, None]
+        * np.stack([answers["normal_x"], answers["normal_y"], zero], axis=1)
+    )
+    yield ARROW, rr.Arrows3D.columns(origins=point, vectors=arrow)
+
+
 def _pose(answers: Rows) -> Any:
     """Return the poses of the femur as a column of transforms."""
     zero = np.zeros(len(answers))
@@ -452,54 +478,24 @@ class Remarks:
     def __init__(self, body_weight: float) -> None:
         """Look for events relative to `body_weight` [N]."""
         self._state, self._status = -1, 0
-        self._events = GaitEvents(body_weight)
-        self._known: list[GaitEvent] = []
-        """Events with which a stride may still begin or continue"""
-        self._stamps, self._force = np.empty(0, dtype=np.int64), np.empty(0)
+        self._strides = Strides(body_weight)
 
     def take(self, answers: Rows) -> list[Remark]:
         """Return the remarks that become certain with these answers, at least one, by their stamps."""
-        stamps, remarks = answers["stamp"], self._contact(answers) + self._flags(answers)
-        steps = np.diff(stamps, prepend=self._stamps[-1] if len(self._stamps) else stamps[0] - 1)
-        cuts = np.flatnonzero((steps <= 0) | (steps > GAP)).tolist()
-        for begin, end in zip([0, *cuts], [*cuts, len(answers)], strict=True):
-            if begin in cuts:
-                remarks += self.finish()
-            if end > begin:
-                remarks += self._gait(answers[begin:end])
-        return sorted(remarks)
+        return sorted([*self._contact(answers), *self._flags(answers), *self._gait(self._strides.add(answers))])
 
     def finish(self) -> list[Remark]:
         """Return the remarks that the end makes certain; later answers start anew."""
-        remarks = self._of_events(self._events.finish(), math.inf)
-        self._known, self._stamps, self._force = [], self._stamps[:0], self._force[:0]
-        return remarks
+        self._strides.events = []
+        return sorted(self._gait(self._strides.finish()))
 
-    def _gait(self, part: Rows) -> list[Remark]:
-        """Take answers without a gap; return the remarks that become certain."""
-        self._stamps = np.append(self._stamps, part["stamp"])
-        self._force = np.append(self._force, part["contact_force"])
-        last = int(self._stamps[-1])
-        remarks = self._of_events(self._events.add(part["stamp"], part["flexion_angle"], part["load"]), last - CERTAIN)
-        kept = np.searchsorted(self._stamps, last - KEPT)
-        self._stamps, self._force = self._stamps[kept:], self._force[kept:]
-        return remarks
-
-    def _of_events(self, events: Sequence[GaitEvent], certain: float) -> list[Remark]:
-        """Return remarks on events, and on the strides that end up to the stamp `certain` [ns]."""
-        remarks = [Remark(event.stamp, event.text, phase=PHASES.get(event.kind, "")) for event in events]
-        self._known += [event for event in events if event.kind != LOAD_PEAK]
-        strikes, toe_offs = (
-            sorted(event.stamp for event in self._known if event.kind == kind and event.stamp <= certain)
-            for kind in (HEEL_STRIKE, TOE_OFF)
-        )
-        for span in spans(strikes, toe_offs):
-            _, whole, stance = impulse_of(span, self._stamps, self._force)
-            text = f"stride of {span.duration:.2f} s: impulse {whole:.1f} N s, stance {stance:.1f} N s"
-            remarks.append(Remark(span.end, text))
-        if strikes:
-            self._known = [event for event in self._known if event.stamp >= strikes[-1]]
-        return remarks
+    def _gait(self, strides: Sequence[Stride]) -> Iterator[Remark]:
+        """Yield remarks on strides, and on the events that have become certain with them."""
+        for event in self._strides.events:
+            yield Remark(event.stamp, event.text, phase=PHASES.get(event.kind, ""))
+        for span, _, _, impulse, stance, *_ in strides:
+            text = f"stride of {span.duration:.2f} s: impulse {impulse:.1f} N s, stance {stance:.1f} N s"
+            yield Remark(span.end, text)
 
     def _contact(self, answers: Rows) -> list[Remark]:
         """Return remarks on changes of the contact state."""

@@ -14,7 +14,7 @@ from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
 from threading import Thread
-from typing import IO, NamedTuple
+from typing import IO, Any
 
 import numpy as np
 
@@ -33,15 +33,6 @@ END, LOAD = 5.0, 60.0
 """Times [s] that a viewer may take to end, and to load a file"""
 PAUSE = 0.1
 """Time [s] between two requests for the viewer's state"""
-
-
-class Moment(NamedTuple):
-    """A moment of a scene."""
-
-    stamp: int
-    """Stamp [ns]"""
-    is_date: bool
-    """Whether the timeline shows dates, and not durations"""
 
 
 class Window:
@@ -158,26 +149,25 @@ def look_at(path: Path) -> None:
     look([str(executable()), *on_loopback(port), str(path)])
 
 
-def peak_of(path: Path) -> Moment | None:
+def peak_of(path: Path) -> Any:
     """Return when the load of any knee in a Rerun file is largest; among equal loads, when the contact force is.
 
-    Where no load is drawn, the contact force counts. Returns None if the file has no curves of forces.
+    Where no load is drawn, the contact force counts. It is a `datetime64` or a `timedelta64`, as the timeline shows
+    dates or durations; None if the file has no curves of forces.
     """
     from rerun.chunk import RrdReader
 
     from knee_contact_ros.view.layout import CURVES, FORCE_NUMBER, FORCES, LOAD_NUMBER, TIMELINE
 
-    peaks: list[tuple[float, float, Moment]] = []
+    peaks: list[tuple[float, float, Any]] = []
     for chunk in RrdReader(path).stream():
         if chunk.entity_path.endswith(f"/{CURVES}/{FORCES}") and not chunk.is_static:
             batch = chunk.to_record_batch()
-            stamps = batch.column(TIMELINE)
             curves = np.nan_to_num(np.array(batch.column("Scalars:scalars").to_pylist()), nan=-np.inf)
             force = curves[:, FORCE_NUMBER]
             load = curves[:, LOAD_NUMBER] if curves.shape[1] > LOAD_NUMBER else force  # none where the height drives
             best = int(np.lexsort((-np.arange(len(load)), force, load))[-1])
-            moment = Moment(stamps.cast("int64")[best].as_py(), str(stamps.type).startswith("timestamp"))
-            peaks.append((float(load[best]), float(force[best]), moment))
+            peaks.append((float(load[best]), float(force[best]), batch.column(TIMELINE).to_numpy()[best]))
     return max(peaks)[-1] if peaks else None
 
 
@@ -192,17 +182,16 @@ def _put_on_peak(path: Path, viewer: str) -> None:
 
     with suppress(Exception):  # nothing depends on it: the viewer may be gone, or the file be none of ours
         moment, end = peak_of(path), time.monotonic() + LOAD
-        while moment and time.monotonic() < end:
+        while moment is not None and time.monotonic() < end:
             with suppress(Exception):  # nobody answers yet; the library raises what it likes
                 client = ViewerClient.connect(viewer)
                 state = client.get_state()
                 if state.views and not state.loading and any(item.timelines for item in state.recordings):
                     break
             time.sleep(PAUSE)
-        if moment and moment.is_date:
-            client.set_time(TIMELINE, timestamp=np.datetime64(moment.stamp, "ns"), play_state="paused")
-        elif moment:
-            client.set_time(TIMELINE, duration=np.timedelta64(moment.stamp, "ns"), play_state="paused")
+        if moment is not None:
+            kind = "timestamp" if isinstance(moment, np.datetime64) else "duration"
+            client.set_time(TIMELINE, **{kind: moment}, play_state="paused")
 
 
 def _ending(code: int, log: IO[bytes]) -> str:

@@ -66,9 +66,8 @@ def test_viewers_see_what_is_served_and_cost_no_answer(peer: Peer, start_node: S
     (server,) = children(node)
     with rendered(address(port)) as screen:
         wait_for(lambda: shown_to(screen.state) >= 399 * 5_000_000, "the viewer to have all")
-        assert (
-            len(screen.views()) == 2 + len(DETAILS) + len(SOLVER) + 5
-        )  # plots of a circle; plane, words, events, states
+        # plots of a circle; plane, words, events, states, leg
+        assert len(screen.views()) == 2 + len(DETAILS) + len(SOLVER) + 6
         assert screen.complaints() == []
         walk(peer, 400, 100)
         wait_for(lambda: shown_to(screen.state) >= 499 * 5_000_000, "the viewer to follow")

@@ -11,7 +11,7 @@ import pytest
 from knee_contact_ros.bags.reader import read_answers, read_bag
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.streams.leg import MOVED
+from knee_contact_ros.streams.leg import MOVED, description
 from knee_contact_ros.streams.topics import MESSAGE_TYPES, ROBOT_DESCRIPTION, TF, stamp_to_ns
 
 
@@ -44,6 +44,9 @@ def test_the_description_is_a_leg_whose_condyles_touch_the_plateau(recording: Pa
     urdf.write_text(message.message.data)
     leg = yourdfpy.URDF.load(str(urdf))
     assert set(leg.link_map) == {"tibia_r", "tibia_r/thigh"}
+    for frame, link in (("", "shank"), ('a "b" & <c>', 'a "b" & <c>')):
+        urdf.write_text(description(frame)[8:-1].decode())
+        assert set(yourdfpy.URDF.load(str(urdf)).link_map) == {link, f"{link}/thigh"}
     plateau, condyles = leg.link_map["tibia_r"].visuals[1], leg.link_map["tibia_r/thigh"].visuals[1]
     top = plateau.origin[1, 3] + 0.5 * plateau.geometry.box.size[1]
     assert top == 0.0

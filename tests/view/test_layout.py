@@ -62,7 +62,7 @@ def test_both_compartments_are_drawn_as_one_knee(config: Path) -> None:
 
     alone = [sizes(drawing_of(model, "knee", WEIGHT)) for model in models]
     assert alone[1] > tuple(1.1 * size for size in alone[0])
-    medial, lateral = map(sizes, drawings_of(models, "knee", WEIGHT))
+    medial, lateral = map(sizes, drawings_of(models, ["medial", "lateral"], WEIGHT))
     assert medial == pytest.approx(lateral, rel=1e-9)
 
 

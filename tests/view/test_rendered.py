@@ -11,7 +11,7 @@ pytest.importorskip("rerun", reason="needs the extra viewer: pip install 'knee-c
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.view.colours import BONE, CARTILAGE, COVER, DEPTH, FEMUR, FORCE, TIBIA
 from knee_contact_ros.view.layout import DETAILS, KNEE, SOLVER
-from tests.helpers.viewer import pixels_of, rendered
+from tests.helpers.viewer import pixels_of, rendered, wait_for
 from tests.view.scenes import entities, lists
 
 PEAK = 2_430_000_000
@@ -19,6 +19,7 @@ STAMPS = (530_000_000, 2_460_000_000)
 RECORDED = [plot for plot in (*KNEE, *DETAILS, *SOLVER) if not plot.live and plot.path != "loading_rate"]
 SAGITTAL = ("femur", "contact_point", "contact_path", "contact_force_on_femur", "contact_force", "depth")
 BODY = ("femur", "overlap")
+LEG = ("leg/thigh", "leg/contact_force_on_femur")
 OTHERS = {"/knee/curves/layer", "/knee/states/gait", "/knee/states/contact", "/knee/states/level", "/knee/events"}
 
 
@@ -34,7 +35,7 @@ def test_every_view_holds_data(scene: Path) -> None:
     moving = {f"/knee/curves/{plot.path}": 387 for plot in RECORDED} | {
         f"/knee/sagittal/{name}": 387 for name in SAGITTAL
     }
-    moving |= {f"/knee/body/{name}": 387 for name in BODY}
+    moving |= {f"/knee/{path}": 387 for path in (*(f"body/{name}" for name in BODY), *LEG)}
     for entity, rows in moving.items():
         (component, *_) = sorted(held[entity])
         stamps = [stamp for stamp, _ in lists(scene, entity, component)]
@@ -50,7 +51,13 @@ def test_the_first_tab_shows_the_knee_and_its_curves(scene: Path) -> None:
         screen.set_time("stamp", PEAK)
         shown = set(screen.views())
         others = {plot.title for plot in (*DETAILS, *SOLVER) if not plot.live}
-        others |= {"knee: contact and level", "knee: events", "What you see", "Stance, shaded, and swing"}
+        others |= {
+            "knee: leg and contact force",
+            "knee: contact and level",
+            "knee: events",
+            "What you see",
+            "Stance, shaded, and swing",
+        }
         assert others < shown
         assert len(shown) == 1 + len(KNEE) + len(others)
         for plot in KNEE:
@@ -76,7 +83,7 @@ def test_the_first_tab_shows_the_knee_and_its_curves(scene: Path) -> None:
 
 def test_rerun_alone_draws_the_leg_of_a_recording(osteoarthritic: Path) -> None:
     with rendered(osteoarthritic) as screen:
-        assert not screen.complaints()
+        wait_for(lambda: not screen.complaints(), "the frames to be connected")
         (space,) = (view for view in screen.state.views if view.view_class == "3D")
         shown = screen.picture(space.name)
     assert pixels_of(shown, (204, 199, 191), within=60) > 200

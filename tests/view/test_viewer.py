@@ -66,10 +66,10 @@ def test_the_cursor_goes_to_the_largest_load(knee: tuple[KneeOutlines, Rows], tm
     level["load"] = 350.0  # as where the height drives: then the largest force counts
     missing["load"][:100] = np.nan
     cases = {
-        "parts": ([whole[:200], whole[200:]], (2_430_000_000, False)),
-        "today": ([at(whole, DATES_FROM * 5 + whole["stamp"])], (DATES_FROM * 5 + 2_430_000_000, True)),
-        "level": ([level], (int(level["stamp"][level["contact_force"].argmax()]), False)),
-        "missing": ([missing], (2_430_000_000, False)),
+        "parts": ([whole[:200], whole[200:]], np.timedelta64(2_430_000_000, "ns")),
+        "today": ([at(whole, DATES_FROM * 5 + whole["stamp"])], np.datetime64(DATES_FROM * 5 + 2_430_000_000, "ns")),
+        "level": ([level], np.timedelta64(level["stamp"][level["contact_force"].argmax()], "ns")),
+        "missing": ([missing], np.timedelta64(2_430_000_000, "ns")),
     }
     for name, (batches, expected) in cases.items():
         assert peak_of(written(tmp_path / f"{name}.rrd", drawing, batches)) == expected, name

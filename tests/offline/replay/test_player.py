@@ -8,7 +8,7 @@ from collections.abc import Sequence
 import pytest
 
 from knee_contact_ros.bags.reader import RawMessage
-from knee_contact_ros.commands.player import Command, Player, paced
+from knee_contact_ros.commands.player import Command, Lateness, Player, paced
 
 MILLISECOND = 1_000_000
 BEGIN = 1_700_000_000_000_000_000
@@ -140,3 +140,18 @@ def test_equal_log_times_are_paced_by_the_stamps_and_long_pauses_are_told_and_le
     assert sent[-1] - sent[0] > 0.29
     assert [due for _, due in paced(first)] == [i * 20 * MILLISECOND for i in range(6)]
     assert [round(pause) for pause in pauses] == [BEGIN // 10**9, 86_400 + 1000]
+
+
+def test_lateness_is_counted_and_told() -> None:
+    lateness = Lateness()
+    for seconds in (0.0, 0.0005, 0.0021, None, 0.0003):
+        lateness.add(seconds)
+    lateness.end()
+    for seconds in (0.0001, 0.0002):
+        lateness.add(seconds)
+    lateness.end()
+    assert (lateness.messages, lateness.late, lateness.largest) == (7, 1, 0.0021)
+    assert lateness.drift == pytest.approx(0.0003)
+    assert str(lateness) == (
+        "7 messages published, 1 (14.3 %) later than 1 ms, the latest by 2.10 ms; drift at the end 0.30 ms"
+    )

@@ -6,11 +6,12 @@ import itertools
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import closing
 
 import pytest
 
 from knee_contact_ros.bags.reader import RawMessage
-from knee_contact_ros.commands.replay import BLOCK, BLOCKS, ReadAhead
+from knee_contact_ros.commands.replay import BLOCK, BLOCKS, read_ahead
 from knee_contact_ros.system.errors import UsageError
 
 
@@ -21,8 +22,7 @@ def messages(count: int | None = None) -> Iterator[RawMessage]:
 
 @pytest.mark.parametrize("count", [0, 1, BLOCK, 3 * BLOCK + 7])
 def test_all_messages_come_in_order(count: int) -> None:
-    with ReadAhead(messages(count)) as ahead:
-        assert list(ahead) == list(messages(count))
+    assert list(read_ahead(messages(count))) == list(messages(count))
 
 
 def test_an_endless_bag_is_read_only_so_far() -> None:
@@ -34,8 +34,7 @@ def test_an_endless_bag_is_read_only_so_far() -> None:
             read += 1
             yield message
 
-    with ReadAhead(counted()) as ahead:
-        wanted = iter(ahead)
+    with closing(read_ahead(counted())) as wanted:
         for _ in range(10 * BLOCK):
             next(wanted)
         seen = -1
@@ -43,7 +42,7 @@ def test_an_endless_bag_is_read_only_so_far() -> None:
             seen = read
             time.sleep(0.3)
         assert read <= 10 * BLOCK + (BLOCKS + 2) * BLOCK
-    assert not [thread for thread in threading.enumerate() if thread.name == "read ahead"]
+    assert not [thread for thread in threading.enumerate() if thread.name.startswith("read ahead")]
 
 
 def test_what_was_read_comes_before_the_error() -> None:
@@ -51,8 +50,7 @@ def test_what_was_read_comes_before_the_error() -> None:
         yield from messages(BLOCK + 5)
         raise UsageError("the bag is damaged")
 
-    with ReadAhead(broken()) as ahead:
-        read = iter(ahead)
+    with closing(read_ahead(broken())) as read:
         assert list(itertools.islice(read, BLOCK + 5)) == list(messages(BLOCK + 5))
         with pytest.raises(UsageError, match="damaged"):
             next(read)
