@@ -54,6 +54,8 @@ RESAMPLES = 200
 """Number of resamples of the bootstrap"""
 MOST_SPOILT = 0.1
 """The largest part of the groups that may be left out"""
+NOISY = 0.1
+"""Ratio of an error bound to an outcome's standard deviation above which there is a remark"""
 SAME = 1e-12
 """Range of an outcome, relative to its size, up to which it counts as constant"""
 USUAL = ("peak_depth", "peak_pressure", "bone_time", "peak_force")
@@ -186,6 +188,8 @@ class Analysed(NamedTuple):
     """Standard deviation of the outcome over the cases that have a value"""
     reason: str
     """Why there are no indices; empty if there are"""
+    bound: float
+    """Bound of the numerical error of the values"""
 
     def __repr__(self) -> str:
         kind = "ST" if "ST" in set(self.table["index"]) else "mu_star"
@@ -230,7 +234,7 @@ def analyse(design: SalibDesign, outcome: str, values: Floats, bound: float = 0.
         )
     else:
         rows = list(_indices(design, whole, grouped[whole]))
-    return Analysed(outcome, pd.DataFrame(rows, columns=AFTER[1:]), spoilt, cases, mean, deviation, reason)
+    return Analysed(outcome, pd.DataFrame(rows, columns=AFTER[1:]), spoilt, cases, mean, deviation, reason, bound)
 
 
 def _indices(design: SalibDesign, whole: Any, values: Floats) -> Iterator[tuple[Any, ...]]:
@@ -279,7 +283,7 @@ def interval(index: Any, factor: float) -> str:
 
 
 def not_converged(design: SalibDesign, analysed: Analysed) -> list[str]:
-    """Give the reasons why the indices of an outcome have not converged; none if they have."""
+    """Give the reasons why the indices of an outcome are in doubt; none if they have converged and errors are small."""
     leading, sobol = analysed.final(INDICES[design.method][0]), design.method == "sobol"
     if leading.empty:
         return []
@@ -295,6 +299,9 @@ def not_converged(design: SalibDesign, analysed: Analysed) -> list[str]:
         )
     if len(leading) > 1 and leading.iloc[1]["high"] > first["low"]:
         parts.append(f"which of {first.name} and {leading.index[1]} matters more is open")
+    if analysed.bound > NOISY * analysed.deviation:
+        what = f"the numerical error bound is {analysed.bound / analysed.deviation:.0%} of the standard deviation"
+        parts.append(f"{what}: small indices may be those of the error; a smaller fidelity.tolerance helps")
     return parts
 
 

@@ -100,6 +100,8 @@ def test_what_has_not_converged_is_told() -> None:
     told = not_converged(design, analyse(design, "peak_depth", ishigami(design)))
     assert "not converged: the interval of the largest index" in told[0]
     assert "may do" in told[0]
+    noisy = analyse(design, "peak_depth", ishigami(design), 0.5 * float(ishigami(design).std()))
+    assert "the numerical error bound is 50% of the standard deviation" in not_converged(design, noisy)[-1]
     design = SalibDesign(n=4096, ranges={"a": [0.0, 1.0], "b": [0.0, 0.3]})
     assert not not_converged(design, analyse(design, "peak_depth", design.points() @ [1.0, 1.0]))
 
