@@ -198,11 +198,9 @@ def doubts(
 
 def joint_doubts(series: Series, *, is_torque: bool) -> list[str]:
     """List what is likely a mistake of the hip's or ankle's angle, or of an actuator's torque."""
-    if not is_torque:
-        return [sentence for sentence in (_still(series),) if sentence]
     most = float(np.abs(series.values).max())
-    unit = f"{series.where} reaches {most:.4g} N m: is {series.name}.unit right?"
-    return [unit] * (most > MOST_TORQUE)
+    torque = f"{series.where} reaches {most:.4g} N m: is {series.name}.unit right?" * (most > MOST_TORQUE)
+    return [*filter(None, [torque if is_torque else _still(series)])]
 
 
 def ground_doubts(ground: Series, unit: str, weight: float | None) -> list[str]:

@@ -22,15 +22,6 @@ PIECES = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("header", "degrees"), [("yes", True), ("no", False), (None, None)])
-def test_a_storage_file_is_read(tmp_path: Path, header: str | None, degrees: bool | None) -> None:
-    table = read_storage(write_storage(tmp_path / "q.sto", TIME, {"a": VALUES, "b": -VALUES}, header))
-    assert table.names == ("a", "b")
-    assert table.stamps.tolist() == [0, 100_000_000, 200_000_000, 300_000_000]
-    assert table.column("b").tolist() == (-VALUES).tolist()
-    assert (table.degrees, table.duplicates) == (degrees, 0)
-
-
 def test_of_rows_at_one_time_the_last_counts(tmp_path: Path) -> None:
     # RRA's last two rows are 3e-14 s apart, the reactions' ones not at all: one nanosecond holds both.
     time = np.array([0.0, 0.1, 0.1, 0.2, 0.2 + 2.7e-14])

@@ -21,7 +21,7 @@ from knee_contact_ros.lab.opensim import child
 from knee_contact_ros.lab.opensim.command import Files, read_knee
 from knee_contact_ros.lab.opensim.pipeline import run_python
 from knee_contact_ros.lab.opensim.results import AXES, Settings
-from knee_contact_ros.lab.opensim.setup_files import Setup, dynamics_setup, find_setups, read_setup
+from knee_contact_ros.lab.opensim.setup_files import Setup, dynamics_setup, read_setup
 from knee_contact_ros.lab.tables import read_storage
 from knee_contact_ros.offline.estimate_load import LoadSummary, estimate_load
 from knee_contact_ros.parameters.files import load_parameters
@@ -264,10 +264,6 @@ def test_interrupted_it_ends_its_step_and_leaves_nothing(example: Path, tmp_path
         with suppress(OSError):
             folders.add(str(link.readlink()))
     assert str(work.resolve()) not in folders
-
-
-def test_the_examples_set_up_files_are_recognised(reference_data: Path) -> None:
-    assert list(find_setups([reference_data / "opensim_gait2354"])) == ["cmc", "ik", "rra", "scale"]
 
 
 def moments(folder: Path) -> Path:

@@ -11,7 +11,7 @@ from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.opensim import pipeline
 from knee_contact_ros.lab.opensim.command import show_checks
 from knee_contact_ros.lab.opensim.pipeline import Run, assess
-from knee_contact_ros.lab.opensim.setup_files import Setup, find_setups, plan, read_setup
+from knee_contact_ros.lab.opensim.setup_files import Setup, plan, read_setup
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import not_installed
 from tests.lab.opensim.storages import write_storage
@@ -45,19 +45,6 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     for name in ("generic.osim", "static.trc", "walk.trc", "act.xml", "grf.mot"):
         (tmp_path / name).write_text("<a/>")
     return tmp_path
-
-
-def test_set_up_files_are_told_by_what_they_hold(folder: Path) -> None:
-    found = find_setups([folder])
-    assert sorted(found) == sorted(STEPS)
-    cmc = found["cmc"]
-    texts = (cmc.name, cmc.text("model_file"), cmc.text("rra_controls_file"), cmc.results())
-    assert texts == ("walk", "adjusted.osim", "", "CMC")
-    assert cmc.needs() == ["adjusted.osim", "act.xml", "grf.xml", "RRA/walk_RRA_Kinematics_q.sto", "grf.mot"]
-    assert list(find_setups([folder / "ik.xml", folder / "cmc.xml"])) == ["ik", "cmc"]
-    static = folder / "static.xml"
-    static.write_text("<D><AnalyzeTool name='a'><StaticOptimization/></AnalyzeTool></D>")
-    assert find_setups([folder])["static"].path == static
 
 
 @pytest.mark.parametrize(

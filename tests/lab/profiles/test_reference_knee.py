@@ -75,28 +75,6 @@ def path(found: Fit | Path, angles: Floats, folder: Path) -> Floats:
     return model.run(0.005 * np.arange(len(angles)), angles, np.full(len(angles), 800.0)).contact_point["x"]
 
 
-@pytest.mark.parametrize("noise", [0.1 * MM, 0.15 * MM])
-def test_noise_of_the_mesh_moves_the_contact_point_little(
-    noise: float, surfaces: dict[str, Surface], femoral_fit: Fit, gait_angles: Floats, tmp_path: Path
-) -> None:
-    """Largest shift over the gait's angles, of twelve meshes each, whose points lie off along their normals.
-
-    `noise` [m] is their standard deviation. The mesh's own roughness is 0.04 mm.
-    """
-    import pyvista
-
-    points, triangles = surfaces["femur"].points, surfaces["femur"].triangles
-    mesh = pyvista.PolyData.from_regular_faces(points, triangles)
-    normals = mesh.compute_normals(cell_normals=False, split_vertices=False).point_data["Normals"]
-    clean = path(femoral_fit, gait_angles, tmp_path)
-    shifts = []
-    for seed in range(1, 13):
-        off = np.random.default_rng(seed).normal(0.0, noise, (len(points), 1))
-        found = fit(surfaces["femur"]._replace(points=points + off * normals), SLICE)
-        shifts.append(np.abs(path(found, gait_angles, tmp_path) - clean).max() / MM)
-    assert max(shifts) < 0.2  # the limit that is promised
-
-
 def test_the_contact_point_is_that_of_the_shipped_profile(
     femoral_fit: Fit, gait_angles: Floats, tmp_path: Path, config: Path
 ) -> None:
