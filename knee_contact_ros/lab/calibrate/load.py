@@ -23,7 +23,7 @@ from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.parameters.files import known_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.contact_stream import load_sample
-from knee_contact_ros.streams.load_stream import LoadStream, Sensed
+from knee_contact_ros.streams.load_stream import Sensed
 from knee_contact_ros.streams.messages import WRENCH, RefusedSampleError
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, LOAD_ESTIMATE, MESSAGE_TYPES, NANOSECONDS
 from knee_contact_ros.system.errors import UsageError, in_a_line
@@ -97,16 +97,13 @@ def referenced(
     samples: list[Sensed] = []
     columns, counts, doubts = list[Floats](), list[tuple[str, int]](), list[str]()
     for bag in bags:
-        sensed: list[Sensed] = []
-
-        def keep(stream: LoadStream, into: list[Sensed] = sensed) -> None:
-            into.append(stream.sensed)
-
-        summary = estimate_load(bag, parameters, None, advance, names=names, keep=keep)
+        begin = len(samples)
+        summary = estimate_load(
+            bag, parameters, None, advance, names=names, keep=lambda stream: samples.append(stream.sensed)
+        )
         stamps, axial, refused = _reference(bag, topic)
-        at = summary.stamps
-        column = _interpolated(stamps, axial, at, round(parameters.pairing.max_gap * NANOSECONDS))
-        flagged = np.array([bool(sample.status & UNUSABLE) for sample in sensed])
+        column = _interpolated(stamps, axial, summary.stamps, round(parameters.pairing.max_gap * NANOSECONDS))
+        flagged = np.array([bool(sample.status & UNUSABLE) for sample in samples[begin:]])
         reasons = {"flagged": int(flagged.sum()), "without a reference": int((np.isnan(column) & ~flagged).sum())}
         reasons |= {f"refused as {reason}": count for reason, count in (summary.refused + refused).items()}
         column[flagged] = np.nan
@@ -116,7 +113,6 @@ def referenced(
         doubts += [*_own_estimate(bag, topic), *others_beside(bag)]
         if summary.damage:
             doubts.append(f"bag {bag} is damaged, and read as far as it can be: {in_a_line(summary.damage)}")
-        samples += sensed
         columns.append(column)
         counts.append((bag.name, len(column)))
     return Referenced(
