@@ -262,8 +262,8 @@ class ContactSession(Session):
             self._strides.frame_id = pair.load.frame_id
         levels, flags = zip(*COUNTED.iter_unpack(answer.row), strict=True)
         status = flags[0] | flags[-1]
-        late = latency + self.health.lag.now > self.parameters.deadline
-        self.health.ticks.answers.append((levels[-1], status, end - begin, late, time.monotonic()))
+        late = latency + self.health.lag > self.parameters.deadline
+        self.health.answers.append((levels[-1], status, end - begin, late, time.monotonic()))
 
 
 CONTACT_TOPICS = Topics(

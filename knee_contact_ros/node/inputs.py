@@ -17,7 +17,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from knee_contact_ros.node.diagnostics import HANDED_OVER, REFUSAL_LOG_PERIOD, InputMeter, at_most_every
+from knee_contact_ros.node.diagnostics import HANDED_OVER, LOG_PERIOD, InputMeter, at_most_every
 from knee_contact_ros.parameters.sources import Source
 from knee_contact_ros.streams.conversion import Convert
 from knee_contact_ros.streams.frames import TF_STATIC, ForceFrame, decode_transforms, encode_transforms, isb_transform
@@ -333,4 +333,4 @@ class StaticTransformTopic:
         if problems:
             more = f" (and {len(problems) - 1} more like that)" if len(problems) > 1 else ""
             text = f"{TF_STATIC}: {problems[0]}{more}"
-            self._node.get_logger().warning(text, **at_most_every(REFUSAL_LOG_PERIOD))
+            self._node.get_logger().warning(text, **at_most_every(LOG_PERIOD))

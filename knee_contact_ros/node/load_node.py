@@ -19,7 +19,7 @@ from rclpy.lifecycle import LifecycleNode
 from knee_contact_ros.bags.provenance import provenance_record
 from knee_contact_ros.joint_reaction.estimator import Level
 from knee_contact_ros.msg import LoadEstimate
-from knee_contact_ros.node.diagnostics import Health, TickMeter
+from knee_contact_ros.node.diagnostics import Health
 from knee_contact_ros.node.inputs import HandedInputs, HandOver
 from knee_contact_ros.node.parameters import NodeKind, Topics
 from knee_contact_ros.node.session import DIAGNOSTICS, OUTPUT_DEPTH, Session
@@ -67,7 +67,7 @@ class LoadSession(Session):
             UsageError: an output file cannot be written.
         """
         pipeline = LoadStream(parameters)
-        health = Health(node, parameters, pipeline, TickMeter(Level, "level"))
+        health = Health(node, parameters, pipeline, Level, "level")
         super().__init__(node, parameters, pipeline, health)
         self.inputs = self._input_streams(qos_given)
         self._names = {topic: node.resolve_topic_name(topic) for topic in LOAD_RECORDED}
@@ -112,9 +112,9 @@ class LoadSession(Session):
         self._estimate.publish(estimate)
         self.outputs.put(self.pipeline.answer(pair, messages, latency))
         computed = self.pipeline.estimate
-        late = latency + self.health.lag.now > self.parameters.deadline
+        late = latency + self.health.lag > self.parameters.deadline
         counted = (int(computed.level), computed.status, end - begin, late, time.monotonic())
-        self.health.ticks.answers.append(counted)
+        self.health.answers.append(counted)
 
 
 LOAD_TOPICS = Topics(LOAD_INPUTS, (JOINT_REACTION_FORCE, LOAD_ESTIMATE, DIAGNOSTICS))

@@ -17,7 +17,7 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_srvs.srv import Trigger
 
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, TICK, TICKS_BEFORE, change_record
-from knee_contact_ros.node.diagnostics import REFUSAL_LOG_PERIOD, STEADY, Health, InputMeter, LagMeter, at_most_every
+from knee_contact_ros.node.diagnostics import LOG_PERIOD, STEADY, Health, InputMeter, at_most_every
 from knee_contact_ros.node.inputs import (
     HandedInputs,
     HandedStream,
@@ -149,12 +149,17 @@ class Session(ABC):
         for stream in self.inputs:
             stream.meter.begin()
             stream.open()
-        self.health.lag = LagMeter(max(0.25 * self.parameters.pairing.wait, 0.01))
+        self.health.start_timer()
         self._timers = [self.node.create_timer(period, act, clock=STEADY) for period, act in self._regular_acts()]
+
+    @property
+    def _wait_period(self) -> float:
+        """Time [s] between two looks for angles that are late."""
+        return float(max(0.25 * self.parameters.pairing.wait, 0.01))
 
     def _regular_acts(self) -> list[tuple[float, Callable[[], None]]]:
         """Functions that are called regularly, each with its period [s]."""
-        return [(self.health.lag.period, self._on_wait_timer), (DIAGNOSTICS_PERIOD, self._on_diagnostics_timer)]
+        return [(self._wait_period, self._on_wait_timer), (DIAGNOSTICS_PERIOD, self._on_diagnostics_timer)]
 
     def stop(self) -> None:
         """Close the inputs and the timers; answer what still waits."""
@@ -211,7 +216,7 @@ class Session(ABC):
         if self.pipeline.frame.turn_note:
             note = self.pipeline.frame.take_turn_note()
             text = f"forces are turned from {note['from']} to {note['to']}"
-            self.node.get_logger().info(text, **at_most_every(REFUSAL_LOG_PERIOD))
+            self.node.get_logger().info(text, **at_most_every(LOG_PERIOD))
             self.outputs.put(Note(FORCE_TURNED, note))
         self._answer(pairs)
         return self.pipeline.stamp
@@ -273,7 +278,7 @@ class Session(ABC):
 
     def _on_wait_timer(self) -> None:
         """Answer loads whose angle is late; adapt to publishers that could not be received."""
-        self.health.lag.count()
+        self.health.note_timer(self._wait_period)
         arrived_by = time.perf_counter() - self.parameters.pairing.wait
         self._answer(self.pipeline.synchroniser.give_up(arrived_by))
         for stream in self.inputs:
@@ -285,7 +290,7 @@ class Session(ABC):
             self._publish(pair)
         if self.pipeline.last_refusal:
             text = f"sample refused: {self.pipeline.last_refusal}"
-            self.node.get_logger().warning(text, **at_most_every(REFUSAL_LOG_PERIOD))
+            self.node.get_logger().warning(text, **at_most_every(LOG_PERIOD))
             self.pipeline.last_refusal = ""
 
     def _on_diagnostics_timer(self) -> None:

@@ -1,88 +1,42 @@
-"""What is said of the stamps, and of being late."""
+"""What is said of the inputs, of the stamps, of the answers and of being late."""
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+from typing import Any
+
 import pytest
-from diagnostic_msgs.msg import DiagnosticStatus
 
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.node.diagnostics import InputMeter, LagMeter, PairingMeter, TickMeter, diagnostic_status
-from knee_contact_ros.parameters.schema import Pairing
-from knee_contact_ros.streams.pairing import AngleSample, LoadSample, Synchroniser
+from knee_contact_ros.node.diagnostics import ERROR, OK, STALE, WARN, Health, InputMeter
+from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.pairing import AngleSample, LoadSample
 
 MS = 1_000_000
 
 
-def feed(synchroniser: Synchroniser, stamps: range, ahead: int = 0) -> None:
-    """Angles at stamps [ms], and forces with stamps that are so much later [ms]."""
-    for stamp in stamps:
-        synchroniser.push_angle(AngleSample(stamp * MS, 0.1, None))  # type: ignore[arg-type]
-        synchroniser.push_load(LoadSample((stamp + ahead) * MS, 1.0, 0.0, ""))
-
-
-def test_all_is_well() -> None:
-    synchroniser, meter = Synchroniser(Pairing()), PairingMeter(0.1)
-    feed(synchroniser, range(0, 100, 5))
-    values, problem, lost = meter.report(synchroniser)
-    assert (problem, lost) == ("", False)
-    assert values["force ahead of angle [s]"] == "0.000"
-
-
-def test_what_has_happened_to_the_stamps_is_said_once() -> None:
-    synchroniser, meter = Synchroniser(Pairing()), PairingMeter(0.1)
-    feed(synchroniser, range(1000, 1100, 5))
-    synchroniser.push_angle(AngleSample(1300 * MS, 0.1, None))  # type: ignore[arg-type]
-    feed(synchroniser, range(1100, 1200, 5))
-    assert meter.report(synchroniser)[1] == "1 stamps fit neither the sample before nor the other topic"
-    assert meter.report(synchroniser)[1] == ""
-    feed(synchroniser, range(100, 200, 5))
-    problem = meter.report(synchroniser)[1]
-    assert problem == "stamps of joint_states have jumped; stamps of joint_reaction_force have jumped"
-    assert meter.report(synchroniser)[1] == ""
-
-
-def test_clocks_that_disagree_are_said_as_long_as_they_do() -> None:
-    synchroniser, meter = Synchroniser(Pairing()), PairingMeter(0.1)
-    feed(synchroniser, range(0, 500, 5), ahead=150)
-    for _ in range(2):
-        problem = meter.report(synchroniser)[1]
-        assert problem == "stamps of joint_states lie 0.150 s behind those of joint_reaction_force"
-    feed(synchroniser, range(2000, 2500, 5), ahead=-150)
-    assert "stamps of joint_reaction_force lie 0.150 s behind those of joint_states" in meter.report(synchroniser)[1]
-
-
-def test_a_queue_warns_from_a_quarter_on_and_is_an_error_when_it_drops() -> None:
-    synchroniser, meter = Synchroniser(Pairing(queue=100)), PairingMeter(0.1)
-    for stamp in range(30):
-        synchroniser.push_angle(AngleSample(stamp * MS, 0.1, None))  # type: ignore[arg-type]
-    values, problem, lost = meter.report(synchroniser)
-    assert (problem, lost) == ("30 % of pairing.queue wait for the other topic", False)
-    assert diagnostic_status("a", values, problem, lost).level == DiagnosticStatus.WARN
-    for stamp in range(30, 130):
-        synchroniser.push_angle(AngleSample(stamp * MS, 0.1, None))  # type: ignore[arg-type]
-    values, problem, lost = meter.report(synchroniser)
-    assert problem.startswith("30 angles are not recorded: more than pairing.queue came without a force")
-    assert values["angles not recorded"] == "30"
-    assert diagnostic_status("a", values, problem, lost).level == DiagnosticStatus.ERROR
-    assert not meter.report(synchroniser)[2]
-
-
-def test_a_timer_that_comes_late_shows_by_how_much(monkeypatch: pytest.MonkeyPatch) -> None:
-    meter = LagMeter(0.125, _last=5.0)
-    for time, late in ((5.375, 0.25), (5.5, 0.0), (6.25, 0.625), (6.375, 0.0), (6.4375, 0.0)):
-        monkeypatch.setattr("time.monotonic", lambda time=time: time)
-        meter.count()
-        assert meter.now == late
-    assert (meter.report(), meter.report()) == (0.625, 0.0)
-
-
 class Time:
-    """A clock that goes where it is set."""
+    """A clock that goes where it is set, and a health that reads it."""
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.now = 100.0
         monkeypatch.setattr("knee_contact_ros.node.diagnostics.time.monotonic", lambda: self.now)
-        monkeypatch.setattr("knee_contact_ros.node.diagnostics.time.time", lambda: 1000.0 + self.now)
+        self.logged: list[str] = []
+        self.health = self.of({})
+
+    def of(self, parameters: dict[str, Any]) -> Health:
+        """Health of a node with these parameters."""
+        read, log = load_parameters(parameters), SimpleNamespace(warning=self.logged.append)
+        self.paired = ContactStream(read, compiled=False)
+        node: Any = SimpleNamespace(get_fully_qualified_name=lambda: "/knee", get_logger=lambda: log)
+        return Health(node, read, self.paired)
+
+    def feed(self, stamps: range, ahead: int = 0) -> None:
+        """Angles at stamps [ms], and forces with stamps that are so much later [ms]."""
+        for stamp in stamps:
+            self.paired.synchroniser.push_angle(AngleSample(stamp * MS, 0.1))
+            self.paired.synchroniser.push_load(LoadSample((stamp + ahead) * MS, 1.0, 0.0, ""))
 
     def receive(self, meter: InputMeter, number: int, period: float, age: float = 0.0) -> None:
         """Messages that come every period [s], with stamps so old [s]."""
@@ -91,93 +45,123 @@ class Time:
             meter.arrivals.append((self.now, 1000.0 + self.now, round(1e9 * (1000.0 + self.now - age))))
         meter.take()
 
+    def answer(self, status: int = 0, duration: float = 1e-4) -> None:
+        """An answer that has come now."""
+        self.health.answers.append((0, status, duration, False, self.now))
+        self.health.take()
 
-def test_an_input_is_judged_by_what_it_was_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Time:
+    return Time(monkeypatch)
+
+
+def test_what_has_happened_to_the_stamps_is_said_once(clock: Time) -> None:
+    health = clock.health
+    clock.feed(range(1000, 1100, 5))
+    _, values, problem = health.pairing()
+    assert (values["force ahead of angle [s]"], problem) == ("0.000", (OK, ""))
+    clock.paired.synchroniser.push_angle(AngleSample(1300 * MS, 0.1))
+    clock.feed(range(1100, 1200, 5))
+    assert health.pairing()[2] == (WARN, "1 stamps fit neither the sample before nor the other topic")
+    assert health.pairing()[2] == (OK, "")
+    clock.feed(range(100, 200, 5))
+    jumped = "stamps of joint_states have jumped; stamps of joint_reaction_force have jumped"
+    assert health.pairing()[2] == (WARN, jumped)
+    assert health.pairing()[2] == (OK, "")
+    clock.now += 5.0
+    clock.feed(range(0, 50, 5))
+    health.pairing()
+    assert [said.partition(";")[0].split()[-1] for said in clock.logged] == ["topic", "jumped"]  # 5 s lie between
+
+
+@pytest.mark.parametrize(("ahead", "first", "second"), [(150, "states", "force"), (-150, "force", "states")])
+def test_clocks_that_disagree_are_said_as_long_as_they_do(clock: Time, ahead: int, first: str, second: str) -> None:
+    clock.feed(range(0, 500, 5), ahead=ahead)
+    for _ in range(2):
+        _, _, (_, problem) = clock.health.pairing()
+        assert f"stamps of joint_{first}" in problem.replace("reaction_", "")
+        assert f"lie 0.150 s behind those of joint_{second}" in problem.replace("reaction_", "")
+
+
+def test_a_queue_warns_from_a_quarter_on_and_is_an_error_when_it_drops(clock: Time) -> None:
+    health = clock.of({"pairing.queue": 100})
+    for first, last, found in (
+        (0, 30, (WARN, "30 % of pairing.queue wait for the other topic")),
+        (
+            30,
+            130,
+            (ERROR, "30 angles are not recorded: more than pairing.queue came without a force; 100 % of pairing"),
+        ),
+        (0, 0, (WARN, "100 % of pairing.queue wait for the other topic")),
+    ):
+        for stamp in range(first, last):
+            clock.paired.synchroniser.push_angle(AngleSample(stamp * MS, 0.1))
+        _, values, (level, problem) = health.pairing()
+        assert (level, problem[: len(found[1])]) == found
+    assert values["angles not recorded"] == "30"
+
+
+def test_a_timer_that_comes_late_shows_by_how_much(clock: Time) -> None:
+    clock.health.start_timer()
+    for later, late in ((0.375, 0.25), (0.125, 0.0), (0.75, 0.625), (0.125, 0.0), (0.0625, 0.0)):
+        clock.now += later
+        clock.health.note_timer(0.125)
+        assert clock.health.lag == late
+    said = [clock.health.ticks(1.0)[1]["lag max [ms]"] for _ in range(2)]
+    assert (said, clock.logged) == (["625.0", "0.0"], ["the node is behind by up to 625 ms"])
+
+
+def test_an_input_is_judged_by_what_it_was_asked_for(clock: Time) -> None:
     """Not received, rate low, silent, timeout: levels as other topic monitors have them."""
-    clock = Time(monkeypatch)
-    meter = InputMeter(warn_rate=90.0, error_rate=40.0, max_gap=0.1, timeout=1.0, last=clock.now)
-    meter.begin()
-
-    def judged() -> tuple[bytes, str]:
-        _, (text, level) = meter.report()
-        return level, text
-
+    meter = InputMeter(warn_rate=90.0, error_rate=40.0, max_gap=0.1, timeout=1.0)
     clock.now += 0.5
-    assert judged() == (DiagnosticStatus.STALE, "nothing received yet")
+    assert meter.report()[1] == (STALE, "nothing received yet")
     clock.receive(meter, 10, 0.05)  # the first second tells of no rate
-    assert judged() == (DiagnosticStatus.OK, "")
-    for period, level, text in (
-        (0.01, DiagnosticStatus.OK, ""),
-        (0.0125, DiagnosticStatus.WARN, "rate low: 80.0 Hz, below 90 Hz"),
-        (0.05, DiagnosticStatus.ERROR, "rate low: 20.0 Hz, below 40 Hz"),
+    assert meter.report()[1] == (OK, "")
+    for period, problem in (
+        (0.01, (OK, "")),
+        (0.0125, (WARN, "rate low: 80.0 Hz, below 90 Hz")),
+        (0.05, (ERROR, "rate low: 20.0 Hz, below 40 Hz")),
     ):
         clock.receive(meter, 80, period)
-        assert judged() == (level, text)
-    clock.now += 0.5
-    assert judged() == (DiagnosticStatus.WARN, "silent for 0.5 s")
-    clock.now += 0.6
-    assert judged() == (DiagnosticStatus.STALE, "timeout: silent for 1.1 s")
+        assert meter.report()[1] == problem
+    for later, problem in ((0.5, (WARN, "silent for 0.5 s")), (0.6, (STALE, "timeout: silent for 1.1 s"))):
+        clock.now += later
+        assert meter.report()[1] == problem
 
 
-def test_periods_and_ages_are_told_as_topic_statistics_are(monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = Time(monkeypatch)
-    meter = InputMeter(last=clock.now)
-    clock.receive(meter, 3, 0.010, age=0.004)
-    clock.receive(meter, 1, 0.030, age=0.008)
-    meter.arrivals.append((clock.now, 0.0, None))
-    meter.take()
-    values, _ = meter.report()
-    told = {name: value for name, value in values.items() if " mean " in name or " max " in name or " std " in name}
-    assert told == {
-        "period mean [ms]": "12.000", "period max [ms]": "30.000", "period std [ms]": "9.798",
-        "message age mean [ms]": "5.000", "message age max [ms]": "8.000", "message age std [ms]": "1.732",
-    }  # fmt: skip
-
-
-def test_messages_before_a_pause_of_the_node_stay_in_the_total(monkeypatch: pytest.MonkeyPatch) -> None:
-    """They may have come after the last report; the silence of the pause is no period."""
-    clock = Time(monkeypatch)
-    meter = InputMeter(last=clock.now)
+def test_messages_and_ages_are_counted_and_a_pause_of_the_node_is_no_period(clock: Time) -> None:
+    meter = InputMeter()
     clock.receive(meter, 3, 0.01)
-    meter.arrivals.append((clock.now, 1000.0 + clock.now, None))
+    meter.arrivals.append((clock.now, 1000.0 + clock.now, None))  # after the last report
     clock.now += 5.0
     meter.begin()
-    clock.receive(meter, 2, 0.01)
+    clock.receive(meter, 2, 0.01, age=0.004)
+    clock.receive(meter, 1, 0.03, age=0.008)
     values, _ = meter.report()
-    assert (values["received"], values["longest pause [ms]"]) == ("6", "10.0")
+    assert (values["received"], values["longest pause [ms]"]) == ("7", "30.0")
+    assert (values["message age mean [ms]"], values["message age max [ms]"]) == ("5.333", "8.000")
 
 
 @pytest.mark.parametrize("bit", [bit for bit in Status if bit])
-def test_usable_is_said_of_the_newest_answer(bit: Status, monkeypatch: pytest.MonkeyPatch) -> None:
-    clock = Time(monkeypatch)
-    meter = TickMeter()
-    values, problem = meter.usability(1.0)
-    assert (values["usable"], values["because"], problem.level) == ("false", "no answer yet", DiagnosticStatus.STALE)
-    meter.answers.append((0, bit, 1e-4, False, clock.now))
-    meter.take()
-    values, problem = meter.usability(1.0)
+def test_usable_is_said_of_the_newest_answer(bit: Status, clock: Time) -> None:
+    def said() -> tuple[str, str, bytes]:
+        _, values, (level, _) = clock.health.usability()
+        return values["usable"], values["because"], level
+
+    assert said() == ("false", "no answer yet", STALE)
+    clock.answer(bit)
     harmless = bit in (Status.INPUT_REJECTED, Status.DOUBTFUL_LOAD)
-    assert values["usable"] == ("true" if harmless else "false")
-    assert values["because"] == ("" if harmless else bit.name)
-    assert problem.level == (DiagnosticStatus.OK if harmless else DiagnosticStatus.WARN)
-    meter.answers.append((0, Status.OK, 1e-4, False, clock.now))
-    meter.take()
-    assert meter.usability(1.0)[0]["usable"] == "true"
+    assert said() == (("true", "", OK) if harmless else ("false", bit.name, WARN))
+    clock.answer()
+    assert said() == ("true", "", OK)
     clock.now += 1.1
-    values, problem = meter.usability(1.0)
-    assert (values["usable"], values["because"], problem.level) == (
-        "false",
-        "no answer for 1.1 s",
-        DiagnosticStatus.STALE,
-    )
+    assert said() == ("false", "no answer for 1.1 s", STALE)
 
 
-def test_ticks_longer_than_forces_are_apart_are_overruns() -> None:
-    meter = TickMeter()
-    for duration in (1e-4, 2e-3, 3e-3):
-        meter.answers.append((0, Status.OK, duration, False, 0.0))
-        meter.take()
-    assert meter.values(2.5e-3)["overruns"] == "1"
-    meter.answers.append((0, Status.OK, 3e-3, False, 0.0))
-    meter.take()
-    assert meter.values(2.5e-3)["overruns"] == "2"
+def test_ticks_longer_than_forces_are_apart_are_overruns(clock: Time) -> None:
+    for durations, overruns in (((1e-4, 2e-3, 3e-3), "1"), ((3e-3,), "2")):
+        for duration in durations:
+            clock.answer(duration=duration)
+        assert clock.health.ticks(2.5e-3)[1]["overruns"] == overruns

@@ -165,7 +165,7 @@ def test_faulty_samples_are_refused_counted_and_the_node_goes_on(leg: LegPeer, s
     assert [estimate.status for estimate in leg.estimates] == [0, Status.INPUT_REJECTED]
     leg.wait_until(lambda: leg.diagnostics["knee_load: ticks"]["ticks"] == "2")
     ticks = leg.diagnostics["knee_load: ticks"]
-    assert ticks["level GROUND_FORCE"] == "2 (100.0 %)"
+    assert ticks["level GROUND_FORCE"] == "2"
     assert leg.diagnostics["knee_load: ground_reaction_force"]["received"] == "5"
 
 
