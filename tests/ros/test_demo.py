@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import os
 import re
-import resource
 import signal
 import subprocess
 import sys
@@ -21,10 +19,8 @@ from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.topics import LOAD_ESTIMATE, LOAD_RECORDED, MESSAGE_TYPES, RECORDED
 from knee_contact_ros.system.files import share_folder
-from knee_contact_ros.system.output_files import replace
 from knee_contact_ros.view.viewer import SCREENS
 from tests.helpers.needs import HAS_PICTURE, HAS_VIEWER, needs_viewer
-from tests.helpers.processes import NO_BYTECODE
 from tests.helpers.sockets import internet_sockets
 from tests.helpers.terminals import Terminal
 from tests.offline.test_solve import make_bag
@@ -156,12 +152,6 @@ def test_the_companions_torque_assists_the_knee_that_it_listens_to(tmp_path: Pat
     assert max(changes) > 10.0 and min(changes) < -10.0  # where extensors are needed, and where they are not  # noqa: PT018
 
 
-def test_the_log_of_an_earlier_companion_gives_way(tmp_path: Path) -> None:
-    (tmp_path / "companion.log").touch()
-    replace(tmp_path / "not there", tmp_path / "companion.log")
-    assert not list(tmp_path.iterdir())
-
-
 @pytest.mark.parametrize(("more", "nodes"), [([], 1), (["--from-sensors"], 2)])
 def test_an_interrupted_demo_opened_no_port_beyond_loopback_and_leaves_nothing(
     tmp_path: Path, more: list[str], nodes: int
@@ -250,18 +240,6 @@ def test_an_unknown_joint_is_told_before_anything_starts(
     arguments = [command, *bag, "--params", tmp_path / "p.yaml", "--output", tmp_path / "out.mcap"]
     assert f"joint_states has no joint '{joint}'; it has knee" in told_of_bad_input(arguments, capfd)
     assert [path.name for path in tmp_path.iterdir()] == ["p.yaml"]
-
-
-def test_a_full_disk_leaves_nothing_half_written(right_bag: Path, tmp_path: Path) -> None:
-    command = [*COMMAND, "solve", str(right_bag), "--output", str(tmp_path / "out.mcap")]
-    solving = subprocess.Popen(
-        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=os.environ | NO_BYTECODE
-    )
-    resource.prlimit(solving.pid, resource.RLIMIT_FSIZE, (16 * 1024, 16 * 1024))  # no file may grow beyond 16 KiB
-    _, errors = solving.communicate(timeout=TIMEOUT)
-    assert solving.returncode == 1
-    assert errors.splitlines() == ["knee-contact: writing: File too large"]
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_help_and_version_are_quick_to_say() -> None:

@@ -37,30 +37,6 @@ def refused(peer: Peer, reason: str) -> int:
     return int(peer.diagnostics.get("knee_contact: refused samples", {}).get(reason, 0))
 
 
-def test_a_force_in_an_unknown_frame_is_refused_by_name(peer: Peer, start_node: Start) -> None:
-    node = start_node("-p", "frame.tibia:=tibia_isb")
-    peer.wait_for_node()
-    peer.send_angle(0, 0.1)
-    send_force(peer, 0, "elsewhere", (0.0, -700.0, 0.0))
-    peer.wait_until(lambda: refused(peer, "frame_unknown") == 1)
-    send_force(peer, STEP, "tibia_isb", (0.0, -700.0, 0.0))
-    peer.send_angle(STEP, 0.1)
-    peer.wait_until(lambda: len(peer.contacts) == 1)
-    assert (peer.contacts[0].header.frame_id, peer.contacts[0].load) == ("tibia_isb", 350.0)
-    assert "frame 'elsewhere', and no static transform leads to 'tibia_isb'" in node.stop()[1]
-
-
-def test_a_first_force_that_is_refused_decides_no_frame(peer: Peer, start_node: Start) -> None:
-    start_node()
-    peer.wait_for_node()
-    send_force(peer, 0, "junk", (0.0, float("nan"), 0.0))
-    for i in range(1, 4):
-        peer.send(i * STEP, 0.1, 700.0)  # in another frame
-    peer.wait_until(lambda: len(peer.contacts) == 3)
-    peer.wait_until(lambda: refused(peer, "not_finite") == 1)
-    assert refused(peer, "frame_changed") == 0
-
-
 def test_sensors_are_turned_as_soon_as_the_robot_says_where_they_are(
     peer: Peer, start_node: Start, tmp_path: Path
 ) -> None:

@@ -4,17 +4,13 @@ from __future__ import annotations
 
 import csv
 import re
-import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
-import psutil
 import pytest
 
 from tests import ROOT
-from tests.helpers.processes import has_ended
 from tests.ros.conftest import own_words
 from tests.ros.test_demo import TIMEOUT
 
@@ -61,38 +57,3 @@ def test_all_candidates_answer_and_page_and_data_agree(tmp_path: Path) -> None:
     shown = re.search(r"\| this node +\| +([\d.]+) +\| +[\d.]+ +\| +[\d.]+ +\|\n", done.stdout)
     assert shown
     assert float(shown[1]) == pytest.approx(ratio, abs=6e-3)
-
-
-def test_a_long_run_is_recorded_as_it_is_computed_offline(tmp_path: Path) -> None:
-    done = run("--soak", "400", "--rate", "200", "--output", tmp_path / "out")
-    assert done.returncode == 0, done.stderr
-    words = " ".join(done.stdout.replace("|", " ").split())
-    assert "ticks 400 lost 0" in words
-    found = re.search(r"answers recorded (\d+) answers offline (\d+) of these not identical 0", words)
-    assert found
-    assert found[1] == found[2]
-    assert int(found[1]) > 400  # with those that found out whether the node hears
-    assert [row["ticks"] for row in rows_of(tmp_path / "out" / "soak.csv")] == ["400"]
-
-
-@pytest.mark.parametrize("moment", ["start", "run"])
-def test_an_interruption_leaves_nothing(tmp_path: Path, moment: str) -> None:
-    output = tmp_path / "out"
-    study = subprocess.Popen(
-        [*COMMAND, "--output", output], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=ROOT
-    )
-    awaited = {"start": ".incomplete-*/node/node.log", "run": ".incomplete-*/node/recording/*.partial"}[moment]
-    deadline = time.monotonic() + TIMEOUT
-    while not (list(output.glob(awaited)) and psutil.Process(study.pid).children()):  # the log begins before the node
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
-    time.sleep(2.0 if moment == "run" else 0.0)
-    children = psutil.Process(study.pid).children(recursive=True)
-    assert children
-    study.send_signal(signal.SIGINT)
-    printed, errors = study.communicate(timeout=TIMEOUT)
-    assert study.returncode == 1, errors
-    assert own_words(errors).strip() == "Aborted!"
-    assert printed == ""
-    assert not output.exists()
-    assert not [child for child in children if not has_ended(child)]

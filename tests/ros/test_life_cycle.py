@@ -126,27 +126,6 @@ def test_no_angle_of_before_answers_a_force_after_an_activation(peer: Peer, star
     assert {contact.flexion_angle for contact in peer.contacts} == {0.7}
 
 
-def test_a_service_that_cannot_be_offered_leaves_no_recording_behind(
-    peer: Peer, start_node: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """An output is opened when all else is well: its file would stay, locked, until the node ends."""
-    code = (
-        "from knee_contact_ros.node.session import Session\ndef fail(*_): raise RuntimeError('no way')\n"
-        "Session._service = fail\n"
-    )
-    (tmp_path / "sitecustomize.py").write_text(code)
-    monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
-    folder = tmp_path / "recordings"
-    folder.mkdir()
-    node = start_node("-p", "autostart:=false", "-p", f"record.path:={folder / 'knee'}")
-    assert not change_state(peer, Transition.TRANSITION_CONFIGURE)
-    assert state_of(peer) == State.PRIMARY_STATE_UNCONFIGURED
-    assert not list(folder.iterdir())
-    assert not psutil.Process(node.process.pid).children()
-    peer.wait_until(lambda: not peer.node.count_publishers("knee_contact"))  # nothing is offered that is not there
-    node.stop()
-
-
 def test_a_transition_that_fails_leaves_the_node_unconfigured(
     peer: Peer, start_node: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -154,7 +133,7 @@ def test_a_transition_that_fails_leaves_the_node_unconfigured(
     code = "from knee_contact_ros.node.inputs import InputStream\ndef fail(_self): raise RuntimeError('no\\nway')\n"
     (tmp_path / "sitecustomize.py").write_text(f"{code}InputStream.open = fail\n")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path), prepend=os.pathsep)
-    node = start_node("-p", "autostart:=false")
+    node = start_node("-p", "autostart:=false", anew=True)
     assert change_state(peer, Transition.TRANSITION_CONFIGURE)
     assert not change_state(peer, Transition.TRANSITION_ACTIVATE)
     assert state_of(peer) == State.PRIMARY_STATE_UNCONFIGURED
@@ -172,28 +151,6 @@ def test_silence_counts_from_when_the_node_listens(peer: Peer, start_node: Start
     _, output = node.stop()
     assert "active, listening to" in output
     assert "nothing received" not in output
-
-
-def test_nothing_is_said_of_the_time_when_nobody_listened(peer: Peer, start_node: Start) -> None:
-    """Neither a pause of that length, nor a rate that is spread over it, nor silence."""
-    node = start_node()
-    peer.wait_for_node()
-    send_all(peer)
-    assert change_state(peer, Transition.TRANSITION_DEACTIVATE)
-    peer.spin(SILENCE + 0.5)
-    peer.diagnostics.clear()
-    peer.contacts.clear()
-    peer.wrenches.clear()
-    assert change_state(peer, Transition.TRANSITION_ACTIVATE)
-    peer.wait_for_node()
-    send_all(peer)
-    peer.wait_until(lambda: peer.diagnostics)
-    for topic in ("joint_states", "joint_reaction_force"):
-        values = peer.diagnostics[f"knee_contact: {topic}"]
-        assert float(values["longest pause [ms]"]) < 1e3 * SILENCE
-        received = float(values["received"]) - len(STAMPS)
-        assert float(values["rate [Hz]"]) > received / SILENCE
-    assert "nothing received" not in node.stop()[1]
 
 
 def test_forces_that_wait_are_answered_before_the_streams_are_left(

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from lifecycle_msgs.msg import Transition
 from visualization_msgs.msg import Marker, MarkerArray
 
 from knee_contact_ros.node.contact_node import MARKER_DEPTH, MarkerTopic
@@ -19,7 +18,7 @@ from knee_contact_ros.view.colours import APART, BONE, CARTILAGE, SURFACE
 from knee_contact_ros.view.markers import LENGTH, KneeMarkers
 from tests.helpers.markers import drawn, place_of, sagitta
 from tests.helpers.messages import raw_inputs
-from tests.ros.conftest import NodeProcess, Peer, change_state
+from tests.ros.conftest import NodeProcess, Peer
 
 Start = Callable[..., NodeProcess]
 STEP = 50_000_000
@@ -97,23 +96,6 @@ def test_both_knees_have_names_of_their_own(peer: Peer, start_node: Start) -> No
     for side, screen in screens.items():
         assert list(screen.shown(STEP)) == [f"{side}/{name}" for name in NAMES]
     peer.wait_until(lambda: {"left/knee_contact: ticks", "right/knee_contact: ticks"} <= set(peer.diagnostics))
-
-
-def test_an_inactive_node_shows_nothing(peer: Peer, start_node: Start) -> None:
-    start_node()
-    peer.wait_for_node()
-    screen = Screen(peer)
-    peer.send(STEP, 0.2, 900.0)
-    screen.shown(STEP)
-    assert change_state(peer, Transition.TRANSITION_DEACTIVATE)
-    number = len(screen.pictures)
-    peer.send(2 * STEP, 0.2, 900.0)
-    peer.spin(0.5)
-    assert len(screen.pictures) == number
-    assert change_state(peer, Transition.TRANSITION_ACTIVATE)
-    peer.wait_until(lambda: peer.force.get_subscription_count() and peer.angle.get_subscription_count())
-    peer.send(3 * STEP, 0.2, 900.0)
-    screen.shown(3 * STEP)
 
 
 def test_nothing_is_made_unless_somebody_looks_and_then_once(

@@ -18,7 +18,6 @@ from std_srvs.srv import Trigger
 
 import knee_contact_ros
 from knee_contact_ros.bags.reader import read_bag
-from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.topics import MESSAGE_TYPES, RECORDED
@@ -46,51 +45,6 @@ def test_the_node_gives_the_bits_of_the_python_calls(peer: Peer, start_node: Sta
             assert np.array_equal(series[field], [getattr(contact, field) for contact in peer.contacts]), field
     assert [contact.header.frame_id for contact in peer.contacts] == ["tibia_r"] * len(STAMPS)
     assert [-wrench.wrench.force.y for wrench in peer.wrenches] == series.contact_force.tolist()
-
-
-def test_faulty_samples_are_refused_counted_and_the_node_goes_on(peer: Peer, start_node: Start) -> None:
-    start_node("-p", "pairing.wait:=5.0")
-    peer.wait_for_node()
-    peer.send(0, 0.2, 1000.0)
-    peer.wait_until(lambda: len(peer.contacts) == 1)  # nothing orders the samples of two topics
-    peer.send(STEP, 0.2, float("nan"))
-    peer.send_angle(2 * STEP, float("inf"))
-    peer.send_angle(2 * STEP, 0.2, joint="elbow")
-    peer.spin(0.3)
-    peer.send(2 * STEP, 0.2, 1000.0)
-    peer.wait_until(lambda: len(peer.contacts) == 2)
-    peer.send_force(2 * STEP, 1000.0)
-    peer.spin(0.3)
-    peer.send(3 * STEP, 0.2, 1000.0)
-    peer.wait_until(lambda: len(peer.contacts) == 3)
-    stamps = [contact.header.stamp.nanosec for contact in peer.contacts]
-    assert stamps == [0, 2 * STEP, 3 * STEP]
-    assert [contact.status for contact in peer.contacts] == [0, Status.INPUT_REJECTED, Status.INPUT_REJECTED]
-    expected = {"total": "4", "not_finite": "2", "joint_missing": "1", "load_not_in_order": "1"}
-    peer.wait_until(lambda: peer.diagnostics.get("knee_contact: refused samples") == expected)
-    # The refusals may have been told already before the third tick came.
-    peer.wait_until(lambda: peer.diagnostics["knee_contact: ticks"]["ticks"] == "3")
-
-
-def test_a_force_whose_angle_is_late_is_answered_with_the_last_one(peer: Peer, start_node: Start) -> None:
-    start_node("-p", "pairing.wait:=0.2")
-    peer.wait_for_node()
-    peer.send(0, 0.2, 1000.0)
-    peer.send_force(STEP, 1000.0)
-    peer.wait_until(lambda: len(peer.contacts) == 2)
-    assert peer.contacts[1].status == Status.INPUT_HELD
-    assert peer.contacts[1].flexion_angle == 0.2
-
-
-def test_a_looped_stream_starts_anew(peer: Peer, start_node: Start) -> None:
-    start_node()
-    peer.wait_for_node()
-    for number, stamp in enumerate((0, STEP, 200 * STEP, 0, STEP), start=1):
-        peer.send(stamp, 0.2, 1000.0 + stamp * 1e-5)
-        peer.wait_until(lambda number=number: len(peer.contacts) == number)  # nothing orders samples of two topics
-    statuses = [contact.status for contact in peer.contacts]
-    assert statuses == [0, 0, Status.STALE_INPUT, Status.TIME_RESET, 0]
-    assert peer.contacts[3].penetration_depth == peer.contacts[0].penetration_depth
 
 
 def test_the_private_graph_stays_on_the_loopback_interface(peer: Peer, start_node: Start) -> None:
@@ -130,20 +84,6 @@ def test_replay_feeds_the_node_a_bag(
         for name in ("live.mcap", "offline.mcap")
     )
     assert live == offline
-
-
-def test_a_full_disk_stops_the_recording_and_not_the_node(peer: Peer, start_node: Start, tmp_path: Path) -> None:
-    node = start_node("-p", f"record.path:={tmp_path / 'live.mcap'}", largest_file=8 * 1024)
-    peer.wait_for_node()
-    for i in range(400):
-        peer.send(i * STEP, 0.2, 1000.0 + i)
-        peer.spin(0.001)
-    peer.wait_until(lambda: len(peer.contacts) == 400)
-    code, output = node.stop()
-    assert code == 0
-    assert output.count("live.mcap stopped: File too large") == 1
-    assert "400 ticks" in output
-    assert not (tmp_path / "live.mcap").exists()
 
 
 def test_a_silent_input_is_named(peer: Peer, start_node: Start) -> None:
@@ -225,22 +165,6 @@ def test_bad_parameters_end_the_node_at_once(start_node: Start, arguments: list[
     assert code == 2
     assert len(output.splitlines()) == 1, output
     assert words in output
-
-
-@needs_viewer
-def test_what_is_there_is_not_overwritten(peer: Peer, start_node: Start, tmp_path: Path) -> None:
-    recording, picture = tmp_path / "out.mcap", tmp_path / "out.rrd"
-    for path in (recording, picture):
-        path.write_text("precious")
-    node = start_node("-p", f"record.path:={recording}", "-p", "rerun.mode:=file", "-p", f"rerun.path:={picture}")
-    peer.wait_for_node()
-    send_all(peer)
-    code, output = node.stop()
-    assert (code, recording.read_text(), picture.read_text()) == (0, "precious", "precious")
-    assert f"{recording} is there already: this recording is {tmp_path / 'out_1.mcap'}" in output
-    assert f"{picture} is there already: this Rerun recording is {tmp_path / 'out_1.rrd'}" in output
-    names = {path.name for path in tmp_path.iterdir()}
-    assert names == {"out.mcap", "out_1.mcap", "metadata.yaml", "out.rrd", "out_1.rrd"}
 
 
 @pytest.mark.parametrize(

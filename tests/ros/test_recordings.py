@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import re
 import shutil
-import signal
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
 import numpy as np
-import psutil
 from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 from std_srvs.srv import Trigger
@@ -38,21 +36,6 @@ def ask(peer: Peer, what: str, path: Path, node: str = "/knee_contact") -> tuple
     assert call(peer, SetParameters, f"{node}/set_parameters", request).results[0].successful
     answer = call(peer, Trigger, f"{node}/{what}_recording", Trigger.Request())
     return answer.success, answer.message
-
-
-def test_a_recording_is_split_and_no_answer_is_lost(peer: Peer, start_node: Start, tmp_path: Path) -> None:
-    node = start_node("-p", f"record.path:={tmp_path}/knee_0.mcap", "-p", "record.max_duration:=1.0")
-    peer.wait_for_node()
-    walk(peer, 0, 250)
-    wait_until((tmp_path / "knee_0.mcap").exists)  # while the rest is written
-    walk(peer, 250, 200)
-    code, said = node.stop()
-    assert code == 0, said
-    assert sorted(path.name for path in tmp_path.iterdir()) == [
-        "knee_0.mcap", "knee_1.mcap", "knee_2.mcap", "metadata.yaml",
-    ]  # fmt: skip
-    assert stamps(tmp_path) == list(range(450))
-    assert stamps(tmp_path / "knee_1.mcap") == list(range(200, 400))
 
 
 def test_each_recording_may_have_a_folder_of_its_own(peer: Peer, start_node: Start, tmp_path: Path) -> None:
@@ -152,76 +135,3 @@ def test_disks_in_trouble_end_recordings_and_not_the_node(
     assert "Traceback" not in said
     assert f"{sent + 60} ticks" in said
     assert not folder.exists()
-
-
-def test_a_disk_that_cannot_be_written_costs_the_recording_only(
-    peer: Peer, start_node: Start, small_disk: Path
-) -> None:
-    """And when it can be written again, a recording may be begun."""
-    remount(small_disk, "ro")
-    node = start_node("-p", f"record.path:={small_disk}/knee.mcap", "-p", "record.min_free:=0.0")
-    peer.wait_for_node()
-    walk(peer, 0, 20)
-    words = f"cannot write {small_disk}/knee.mcap: Read-only file system"
-    peer.wait_until(lambda: words in problem(peer))
-    answer = call(peer, Trigger, "/knee_contact/start_recording", Trigger.Request())
-    assert (answer.success, answer.message) == (False, words)
-    remount(small_disk, "rw")
-    assert call(peer, Trigger, "/knee_contact/start_recording", Trigger.Request()).success
-    walk(peer, 20, 20)
-    code, said = node.stop()
-    assert code == 0
-    assert said.count(words) == 1
-    assert "Traceback" not in said
-    assert (small_disk / "knee.mcap").exists()
-
-
-def test_a_recording_ends_whole_before_the_disk_is_full(peer: Peer, start_node: Start, small_disk: Path) -> None:
-    node = start_node("-p", f"record.path:={small_disk}/new/knee.mcap")
-    peer.wait_for_node()
-    peer.wait_until(lambda: f"cannot write {small_disk}/new/knee.mcap: 1.0 MB are free" in problem(peer))
-    assert "parameter record.min_free keeps 100 MB" in problem(peer)
-    assert "Traceback" not in node.stop()[1]
-    assert list(small_disk.iterdir()) == []
-
-    node = start_node("-p", f"record.path:={small_disk}/knee.mcap", "-p", "record.min_free:=0.5")
-    peer.wait_for_node()
-    walk(peer, 0, 50)
-    peer.wait_until(lambda: peer.diagnostics.get("knee_contact: recorder", {}).get("written") == "50")
-    (small_disk / "other").write_bytes(bytes(600_000))
-    peer.wait_until(lambda: "has ended" in problem(peer))
-    walk(peer, 50, 50)
-    code, said = node.stop()
-    assert code == 0
-    assert said.count(f"recording {small_disk}/knee.mcap has ended, complete up to here: ") == 1
-    assert "parameter record.min_free keeps 0.5 MB" in said
-    assert "100 ticks" in said
-    assert sorted(path.name for path in small_disk.iterdir()) == ["knee.mcap", "metadata.yaml", "other"]
-    assert stamps(small_disk / "knee.mcap") == list(range(50))
-
-
-def test_what_was_cut_off_is_named_at_the_next_start(peer: Peer, start_node: Start, tmp_path: Path) -> None:
-    path, partial = tmp_path / "knee.mcap", tmp_path / "knee.mcap.partial"
-    cut_off = f"{partial} is a recording that was cut off: `knee-contact recover {partial} OUT.mcap` makes it whole"
-    node = start_node("-p", f"record.path:={path}")
-    other = start_node("-r", "__ns:=/other")
-    peer.wait_for_node()
-    walk(peer, 0, 20)
-    going_on = (True, f"recording to {tmp_path / 'knee_1.mcap'}")
-    assert ask(peer, "start", path, "/other/knee_contact") == going_on
-    wait_until((tmp_path / "knee_1.mcap.partial").exists)
-    assert ask(peer, "stop", path, "/other/knee_contact")[0] is True
-    wait_until((tmp_path / "knee_1.mcap").exists)
-    (recorder,) = psutil.Process(node.process.pid).children(recursive=True)
-    for process in (node.process, recorder):
-        process.send_signal(signal.SIGKILL)
-    node.wait()
-    recorder.wait(30.0)
-    assert ask(peer, "start", path, "/other/knee_contact") == (True, f"recording to {tmp_path / 'knee_2.mcap'}")
-    wait_until((tmp_path / "knee_2.mcap.partial").exists)
-    code, said = other.stop()
-    assert code == 0
-    assert said.count(f"{path} is there already: this recording is {tmp_path / 'knee_2.mcap'}") == 1
-    assert ["WARN" in line for line in said.splitlines() if cut_off in line] == [True]
-    assert (tmp_path / "knee_2.mcap").exists()
-    assert partial.exists()

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 import re
 import signal
-import sqlite3
 import subprocess
 import sys
 import time
@@ -15,7 +13,6 @@ from pathlib import Path
 import pytest
 from geometry_msgs.msg import WrenchStamped
 from rclpy.qos import QoSProfile
-from rosbags.rosbag2 import StoragePlugin
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
@@ -191,23 +188,6 @@ def test_ctrl_c_at_the_terminal(ear: Ear, right_bag: Path) -> None:
         terminal.wait_for(r"\[ended with 130, usual\]")
 
 
-def test_a_replay_that_was_stopped_goes_on_where_it_was(ear: Ear, right_bag: Path) -> None:
-    with Terminal(*COMMAND, str(right_bag), "--rate", "0.2") as terminal:
-        ear.peer.wait_until(lambda: ear.count)
-        terminal.press(b"\x1a")
-        terminal.wait_for(r"\[stopped, usual\]")
-        ear.peer.spin(0.5)
-        stopped_at = ear.count
-        ear.peer.spin(2.0)
-        assert ear.count == stopped_at
-        terminal.press(b"\n")
-        ear.peer.wait_until(lambda: ear.count > stopped_at)
-        # 2.5 s of the pause at rate 0.2 are 200 messages, if they were made up for.
-        assert ear.count < stopped_at + 100
-        os.kill(terminal.pid, signal.SIGTERM)
-        terminal.wait_for(r"\[ended with 143, usual\]")
-
-
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -222,27 +202,3 @@ def test_what_cannot_be_played_is_told_in_one_line(
     arguments: list[str], words: str, right_bag: Path, capfd: Said
 ) -> None:
     assert words in told_of_bad_input(["replay", right_bag, *arguments], capfd)
-
-
-def test_a_bag_that_has_lost_its_messages_is_told(gait: list[RawMessage], tmp_path: Path, capfd: Said) -> None:
-    bag = write_rosbag2(tmp_path / "bag", gait, StoragePlugin.SQLITE3)
-    (file,) = bag.glob("*.db3")
-    with sqlite3.connect(file) as database:
-        database.execute("DELETE FROM messages")
-    errors = told_of_bad_input(["replay", bag], capfd)
-    assert "no message can be read of it" in errors
-    assert "387 of 387 messages are missing on /joint_states" in errors
-
-
-def test_of_a_bag_that_was_cut_off_all_that_can_be_read_is_played(
-    ear: Ear, start, right_bag: Path, tmp_path: Path
-) -> None:
-    bag = tmp_path / "bag.mcap"
-    whole = (right_bag / "gait2354_right_0.mcap").read_bytes()
-    bag.write_bytes(whole[: len(whole) // 2])
-    _, errors = ear.listen_to(start(bag, "--rate", "10"))
-    (line,) = errors.splitlines()
-    assert f"bag {bag} is damaged" in line
-    readable = by_topic(raw_inputs(bag))
-    assert ear.heard == readable
-    assert 100 < len(readable[FORCE]) < 387

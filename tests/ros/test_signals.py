@@ -57,7 +57,7 @@ def test_a_node_that_compiles_ends_without_a_kernel(
     stamp.cache_clear()
     for left in kept_files():  # by this test, where it has failed
         left.unlink()
-    node = start_node("-p", f"record.path:={tmp_path / 'bag' / 'bag_0.mcap'}")
+    node = start_node("-p", f"record.path:={tmp_path / 'bag' / 'bag_0.mcap'}", anew=True)
     process, begun = psutil.Process(node.process.pid), list[psutil.Process]()
     while len(begun) < children:
         assert node.process.poll() is None

@@ -23,11 +23,10 @@ from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.build import retuned
 from knee_contact_ros.parameters.files import known_parameters, load_parameters
-from knee_contact_ros.streams.topics import MESSAGE_TYPES, stamp_to_ns
+from knee_contact_ros.streams.topics import MESSAGE_TYPES
 from tests import ROOT
 from tests.helpers.messages import RosMessages, header
 from tests.ros.conftest import NodeProcess, Peer, call, change_state
-from tests.ros.faults import stalled_subscriber
 
 Start = Callable[..., NodeProcess]
 MAX_GAP = 100_000_000
@@ -41,27 +40,6 @@ def set_parameters(peer: Peer, values: Mapping[str, object]) -> tuple[bool, str]
     request = SetParametersAtomically.Request(parameters=changes)
     result = call(peer, SetParametersAtomically, "/knee_contact/set_parameters_atomically", request).result
     return result.successful, result.reason
-
-
-def test_streams_of_different_rates_give_one_answer_per_force(peer: Peer, start_node: Start) -> None:
-    """Angles at 100 Hz, forces at 1 kHz: each force gets the angle on the straight line between its neighbours."""
-    start_node("-p", "pairing.wait:=5.0")
-    peer.wait_for_node()
-    stamps = np.arange(201) * MILLISECOND
-    axial = 900.0 + 400.0 * np.sin(stamps * 4e-8)
-    angle = np.interp(stamps, stamps[::10], 0.3 + 0.2 * np.sin(stamps[::10] * 2e-8))
-    for stamp, force in zip(stamps.tolist(), axial.tolist(), strict=True):
-        if stamp % (10 * MILLISECOND) == 0:
-            peer.send_angle(stamp, float(angle[stamp // MILLISECOND]))
-        peer.send_force(stamp, force)
-    peer.wait_until(lambda: len(peer.contacts) == len(stamps))
-    assert {contact.status for contact in peer.contacts} == {0}
-    series = load_model({}).run(stamps * 1e-9, angle, 0.5 * axial)
-    depth = [contact.penetration_depth for contact in peer.contacts]
-    # The angle between two samples is rounded otherwise than NumPy's; a circle's depth does not depend on it.
-    assert depth == series.penetration_depth.tolist()
-    flexion = [contact.flexion_angle for contact in peer.contacts]
-    assert flexion == pytest.approx(angle.tolist(), abs=1e-15)
 
 
 def test_numbers_change_between_two_ticks(peer: Peer, start_node: Start) -> None:
@@ -202,99 +180,6 @@ def test_a_reliability_that_is_given_stays(peer: Peer, start_node: Start) -> Non
     _, output = node.stop()
     assert output.count("a publisher of /joint_states cannot be heard: its QoS does not fit the override") == 1
     assert output.count("a publisher of /joint_reaction_force is best effort; listening likewise") == 1
-
-
-def test_a_reliability_that_is_given_before_configure_stays_too(peer: Peer, start_node: Start) -> None:
-    """And in the next life, when rclpy has declared the other one's by itself."""
-    node = start_node("-p", "autostart:=false")
-    assert set_parameters(peer, {"qos_overrides./joint_states.subscription.reliability": "reliable"}) == (True, "")
-    best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-    publishers = [
-        peer.node.create_publisher(JointState, "joint_states", best_effort),
-        peer.node.create_publisher(WrenchStamped, "joint_reaction_force", best_effort),
-    ]
-    force, angle = "knee_contact: joint_reaction_force", "knee_contact: joint_states"
-    for _ in range(2):
-        peer.diagnostics.clear()
-        assert change_state(peer, Transition.TRANSITION_CONFIGURE)
-        assert change_state(peer, Transition.TRANSITION_ACTIVATE)
-        peer.wait_until(lambda: peer.diagnostics.get(force, {}).get("reliability") == "best effort")
-        assert peer.diagnostics[angle]["reliability"] == "reliable"
-        assert change_state(peer, Transition.TRANSITION_DEACTIVATE)
-        assert change_state(peer, Transition.TRANSITION_CLEANUP)
-    _, output = node.stop()
-    assert output.count("a publisher of /joint_states cannot be heard: its QoS does not fit the override") == 2
-    assert len(publishers) == 2
-
-
-def test_a_subscriber_that_stands_still_takes_nothing_from_the_others(peer: Peer, start_node: Start) -> None:
-    """At 200 Hz for five seconds, which is a hundred times what its queue holds."""
-    start_node("-p", "pairing.wait:=10.0")
-    peer.wait_for_node()
-    stalled_subscriber(peer, 0)
-    try:
-        for i in range(1000):
-            peer.send(i * 5 * MILLISECOND, 0.2, 900.0)
-            peer.spin(0.004)
-        peer.wait_until(lambda: len(peer.contacts) == 1000)
-    finally:
-        peer.stalled[0].kill()
-        peer.stalled[0].communicate()
-    assert {contact.status for contact in peer.contacts} == {0}
-
-
-def test_a_stream_that_stops_is_named_and_flagged_when_it_comes_back(peer: Peer, start_node: Start) -> None:
-    start_node()
-    peer.wait_for_node()
-    peer.send(0, 0.2, 900.0)
-    peer.wait_until(lambda: "silent for" in peer.problems.get("knee_contact: joint_reaction_force", ""))
-    peer.send(2_000 * MILLISECOND, 0.2, 900.0)
-    peer.wait_until(lambda: len(peer.contacts) == 2)
-    assert peer.contacts[1].status == Status.STALE_INPUT
-    peer.wait_until(lambda: "silent" not in peer.problems["knee_contact: ticks"])
-
-
-def test_an_angle_whose_clock_is_set_back_goes_on(peer: Peer, start_node: Start) -> None:
-    """By 150 ms, and for good: the answers follow the newest angle, flagged, and all is well again after a reset."""
-    start_node()
-    peer.wait_for_node()
-    stamps = range(0, 2000 * MILLISECOND, 5 * MILLISECOND)
-    for stamp in stamps:
-        shift = 150 * MILLISECOND if stamp >= 1000 * MILLISECOND else 0
-        peer.send_angle(10**9 + stamp - shift, stamp * 1e-10)
-        peer.send_force(10**9 + stamp, 900.0)
-        peer.spin(0.004)
-    peer.wait_until(lambda: len(peer.contacts) == len(stamps))
-    flexion = np.array([contact.flexion_angle for contact in peer.contacts])
-    late = [
-        stamp_to_ns(contact.header.stamp) - 10**9 - contact.flexion_angle / 1e-10 + 150 * MILLISECOND
-        for contact in peer.contacts[-100:]
-    ]  # by which the held angle's stamp lies behind: the more, the quicker the samples come
-    assert (np.diff(flexion[-150:]) >= 0.0).all()
-    assert flexion[-1] == pytest.approx(0.2, abs=1e-3)  # the newest one, to a sample or two
-    assert [contact.status for contact in peer.contacts[-100:]] == [
-        Status.INPUT_HELD | (Status.STALE_INPUT if behind > MAX_GAP else 0) for behind in late
-    ]
-    peer.wait_until(lambda: "stamps of joint_states lie 0.1" in peer.problems.get("knee_contact: pairing", ""))
-    assert call(peer, Trigger, "/knee_contact/reset", Trigger.Request()).success
-    peer.contacts.clear()
-    for stamp in range(0, 50 * MILLISECOND, 5 * MILLISECOND):
-        peer.send(stamp, 0.3, 900.0)
-    peer.wait_until(lambda: len(peer.contacts) == 10)
-    assert [contact.status for contact in peer.contacts] == [Status.TIME_RESET, *[0] * 9]
-
-
-def test_a_force_is_not_given_up_while_it_has_not_waited_too_long(peer: Peer, start_node: Start) -> None:
-    """Angles that come 50 ms late: some forces wait all the time, none of them longer than `pairing.wait`."""
-    start_node("-p", "pairing.wait:=1.0")
-    peer.wait_for_node()
-    for i in range(400):
-        peer.send_force(i * 5 * MILLISECOND, 900.0)
-        if i >= 10:
-            peer.send_angle((i - 10) * 5 * MILLISECOND, 0.2)
-        peer.spin(0.004)
-    peer.wait_until(lambda: len(peer.contacts) >= 390)
-    assert {contact.status for contact in peer.contacts[:390]} == {0}
 
 
 def test_a_node_that_falls_behind_says_so(peer: Peer, start_node: Start) -> None:

@@ -32,7 +32,6 @@ from knee_contact_ros.streams.messages import (
     encode_wrench_stamped,
 )
 from knee_contact_ros.streams.topics import MESSAGE_TYPES, Answer, recorded_topics
-from knee_contact_ros.system.errors import UsageError
 from tests.helpers.scenes import quick
 
 STEP = 5_000_000
@@ -132,18 +131,6 @@ def test_the_wrench_is_that_of_both_forces_at_the_origin() -> None:
     assert set(lateral["contact_point"]["z"]) == {0.025}
 
 
-def test_the_moment_that_splits_the_load_comes_out_again() -> None:
-    """At rest: what the femur exerts is what the contact passes on."""
-    values = {"load.split": "moment_balance", "fidelity.level": "quasi_static"}
-    answers, (medial, lateral) = one_by_one(pipeline_of(values), 4.0)
-    pressed = (medial["load"] > 0.0) & (lateral["load"] > 0.0)
-    assert pressed.sum() > TICKS // 3
-    wrenches = [WRENCH.decode(answer.records[-1][2])[0] for answer in answers]
-    moments = np.array([wrench.torque[0] for wrench in wrenches if wrench])
-    # The statics ends within its tolerance of the depth, 1e-6 m of 7e-4 m under 1000 N: some 2 N of either force.
-    assert moments[pressed] == pytest.approx(4.0, abs=0.025 * 4.0)
-
-
 @pytest.mark.parametrize("values", KNEES[-3:], ids=str)
 def test_a_block_gives_the_same_bytes(values: dict[str, Any]) -> None:
     many, pipeline = pipeline_of(values), pipeline_of(values)
@@ -175,40 +162,6 @@ def test_a_recording_of_both_is_computed_again_from_itself(right_bag: Path, tmp_
                 for name in ("one.mcap", "two.mcap"))  # fmt: skip
     assert one == two
     assert Counter(topic for topic, *_ in one) == dict.fromkeys(types, 387) | {"/robot_description": 1, "/tf": 98}
-
-
-def test_results_in_memory_have_the_lateral_ones(right_bag: Path) -> None:
-    results = knee_contact_ros.solve(right_bag, ["healthy", BOTH], {"load.share": 0.75}, compiled=True)
-    assert results.lateral is not None
-    assert results.lateral.load == pytest.approx(results.load / 3.0, rel=1e-15 * 8)
-    assert knee_contact_ros.solve(right_bag, compiled=True).lateral is None
-
-
-def test_time_that_goes_back_starts_both_anew() -> None:
-    pipeline = pipeline_of({})
-    one_by_one(pipeline)
-    pipeline.reset()
-    _, both = one_by_one(pipeline)
-    _, fresh = one_by_one(pipeline_of({}))
-    for again, expected in zip(both, fresh, strict=True):
-        assert again["penetration_depth"].tolist() == expected["penetration_depth"].tolist()
-
-
-@pytest.mark.parametrize(
-    ("values", "words"),
-    [
-        ({**BOTH, "drive": "displacement"}, "load.compartment: 'both' is not allowed; drive displacement has no load"),
-        ({**BOTH, "lateral.femur.geometry": "profile"}, "parameter lateral.femur.profile is empty"),
-        ({**BOTH, "lateral.tibia.slope": 2.0}, "lateral.tibia.slope: 2.0 is not allowed"),
-        ({**BOTH, "lateral.femur.radios": 0.03}, "did you mean lateral.femur.radius"),
-        ({**BOTH, "load.split": "total"}, "load.split: 'total' is not allowed"),
-    ],
-)
-def test_what_cannot_be_is_refused_in_a_line(values: dict[str, Any], words: str) -> None:
-    with pytest.raises(UsageError) as caught:
-        load_parameters(values)
-    assert words in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 def test_a_load_that_no_knee_has_is_refused_on_either_side() -> None:

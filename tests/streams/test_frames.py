@@ -80,13 +80,6 @@ def test_a_stream_that_changes_its_frame_is_refused_until_it_is_forgotten() -> N
     take(frame, wrench("right", NOWHERE))
 
 
-@pytest.mark.parametrize("wanted", ["", "tibia_isb"])
-def test_a_turned_stream_holds_its_frame_too(wanted: str) -> None:
-    frame = ForceFrame(wanted)
-    take(frame, wrench("tibia", NOWHERE))
-    assert refusal(frame, wrench("tibia_isb", NOWHERE)).reason == "frame_changed"
-
-
 def test_a_frame_that_nothing_leads_from_is_refused_by_name_until_it_is_known() -> None:
     frame = ForceFrame("tibia_isb")
     refused = refusal(frame, wrench("sensor", NOWHERE))
@@ -145,14 +138,6 @@ def test_a_tree_takes_a_point_up_and_down(
     assert (pose @ [*point, 1.0])[:3] == pytest.approx(expected, abs=100 * ROUNDING)
 
 
-def test_a_circle_of_frames_leads_nowhere_and_ends() -> None:
-    tree = StaticTransforms()
-    for parent, child in (("a", "b"), ("b", "c"), ("c", "a")):
-        tree.add(Transform(parent, child, NOWHERE, UPRIGHT))
-    assert tree.between("a", "elsewhere") is None
-    assert tree.between("a", "c") is not None
-
-
 @pytest.mark.parametrize(
     "transform",
     [
@@ -188,15 +173,6 @@ def test_a_transform_that_changes_holds_from_then_on_and_is_told_once() -> None:
     assert frame.take_turn_note()["rotation_xyzw"].split() == ["0.0", "0.0", "1.0", "0.0"]
 
 
-def test_frames_without_end_are_not_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("knee_contact_ros.streams.frames.MOST_FRAMES", 3)
-    tree = StaticTransforms()
-    for name in ("a", "b", "c", "b"):
-        tree.add(Transform("root", name, NOWHERE, UPRIGHT))
-    with pytest.raises(ValueError, match="one more than the 3"):
-        tree.add(Transform("root", "d", NOWHERE, UPRIGHT))
-
-
 def test_a_force_that_is_refused_for_something_else_tells_of_no_frame() -> None:
     """Neither a frame that is right as it is, nor one that would have to be turned."""
     for wanted in ("", "tibia_isb"):
@@ -205,36 +181,6 @@ def test_a_force_that_is_refused_for_something_else_tells_of_no_frame() -> None:
         take(frame, wrench(wanted or "other", (0.0, -1.0, 0.0)))
         assert refusal(frame, wrench("tibia", NOWHERE)).reason == "frame_changed"
         assert not frame.take_turn_note()
-
-
-def test_a_bad_transform_costs_itself_alone() -> None:
-    frame = ForceFrame("tibia")
-    (problem,) = frame.learn(
-        [Transform("a", "b", NOWHERE, (*NOWHERE, 0.0)), Transform("tibia", "cell", NOWHERE, UPRIGHT)]
-    )
-    assert problem.startswith("transform from 'a' to 'b': ")
-    take(frame, wrench("cell", NOWHERE))
-
-
-def test_a_transform_that_changes_lets_nobody_else_in() -> None:
-    frame = ForceFrame("tibia")
-    told(frame, Transform("tibia", "a", NOWHERE, UPRIGHT), Transform("tibia", "b", NOWHERE, UPRIGHT))
-    take(frame, wrench("a", NOWHERE))
-    told(frame, Transform("tibia", "a", (0.1, 0.0, 0.0), UPRIGHT))
-    assert refusal(frame, wrench("b", NOWHERE)).reason == "frame_changed"
-    assert take(frame, wrench("a", (0.0, -1.0, 0.0))).torque == pytest.approx((0.0, 0.0, -0.1), abs=ROUNDING)
-
-
-def test_a_chain_without_end_leads_nowhere_and_is_learned_at_once() -> None:
-    frame = ForceFrame("tibia")
-    told(frame, Transform("tibia", "cell", NOWHERE, UPRIGHT))
-    take(frame, wrench("cell", NOWHERE))
-    chain = [Transform("f0", "tibia", NOWHERE, UPRIGHT)]
-    chain += [Transform(f"f{i + 1}", f"f{i}", (0.0, 0.0, 1e6), UPRIGHT) for i in range(9000)]
-    told(frame, *chain)
-    assert take(frame, wrench("cell", (0.0, -1.0, 0.0))).force == (0.0, -1.0, 0.0)
-    frame.forget()
-    assert refusal(frame, wrench("f9000", NOWHERE)).reason == "frame_unknown"
 
 
 def test_nothing_is_checked_of_a_recording() -> None:

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
-from knee_contact_ros.streams.gait_events import HEEL_STRIKE, LOAD_PEAK, TOE_OFF, GaitEvent, GaitEvents, points
+from knee_contact_ros.streams.gait_events import HEEL_STRIKE, LOAD_PEAK, TOE_OFF, GaitEvent, GaitEvents
 from knee_contact_ros.streams.topics import stamp_to_ns
 from knee_contact_ros.system.files import share_folder
 
@@ -111,10 +111,6 @@ def test_batches_make_no_difference(cuts: list[int], noise: int, rate: float) ->
     assert found((stamps, angle, load), tuple(cuts)) == found((stamps, angle, load))
 
 
-def test_sample_by_sample_is_the_same() -> None:
-    assert found(LEFT, tuple(range(1, len(LEFT[0])))) == found(LEFT)
-
-
 @pytest.mark.parametrize("seed", range(20))
 def test_noise_does_not_multiply_events(seed: int) -> None:
     random = np.random.default_rng(seed)
@@ -175,24 +171,3 @@ def test_a_gap_starts_anew_and_a_short_one_does_not() -> None:
     assert len(times(found((stamps[hole], angle[hole], load[hole])), HEEL_STRIKE)) == steps
     late = stamps + np.where(hole.cumsum() > 1200, 700_000_000, 0)
     assert len(times(found((late, angle, load)), HEEL_STRIKE)) in {steps - 1, steps}
-
-
-def test_nothing_and_a_few_samples_have_no_events() -> None:
-    finder = GaitEvents(BODY_WEIGHT)
-    nothing = np.empty(0)
-    assert finder.add(np.empty(0, dtype=np.int64), nothing, nothing) == []
-    assert finder.finish() == []
-    assert found((RIGHT[0][:3], RIGHT[1][:3], RIGHT[2][:3])) == []
-
-
-def test_memory_is_bounded() -> None:
-    finder = GaitEvents(BODY_WEIGHT)
-    stamps, angle, load = walking(1000.0, 30.0)
-    sizes = set()
-    for begin in range(0, len(stamps), 500):
-        finder.add(stamps[begin : begin + 500], angle[begin : begin + 500], load[begin : begin + 500])
-        run = finder._run  # what it holds
-        sizes.add(len(run._smooth.values))
-        assert len(run._stamps) <= 5 * len(run._smooth.values) + 500  # 5 samples to a grid point
-        assert len(run._waiting) < 50
-    assert max(sizes) <= points(3.0)

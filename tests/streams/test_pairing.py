@@ -14,7 +14,6 @@ from hypothesis import strategies as st
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.parameters.schema import Pairing
 from knee_contact_ros.streams.pairing import (
-    STEPS,
     AngleSample,
     LoadSample,
     PairedSample,
@@ -95,54 +94,6 @@ def test_which_samples_are_believed(
     assert stream.refused == refused
 
 
-@pytest.mark.parametrize(("script", "until"), [((170, 180, 190, 130, 140), 160), ((5000, 5010, 5020, 125), 130)])
-def test_those_passed_by_are_believed_once_the_other_one_is_there(script: tuple[int, ...], until: int) -> None:
-    stream = Stream(TEN)
-    assert [stream.take(stamp) for stamp in script] == [[]] * len(script)
-    at = script[-1] + 10
-    assert stream.take(at, Stream(range(100, until, 2)))[-2:] == [script[-1], at]
-
-
-@pytest.mark.parametrize(
-    "steps", [(30, 10), (20_000, 10, 10), (30, 10, 10, 300, 10), (10, 10, 10, 10, 10, 10, 10, 10, 40)]
-)
-def test_how_far_is_far_depends_on_the_last_steps_alone(steps: tuple[int, ...]) -> None:
-    stream, at = Stream([0], max_gap=10**6), 0
-    for step in steps:
-        at += step
-        stream.take(at, Stream([at]))
-    again = Stream()
-    again.time.go_on(stream.time.last, stream.time.steps)
-    assert (again.time.last, again.time.steps, again.time.far) == (stream.time.last, stream.time.steps, stream.time.far)
-    assert len(again.time.steps) <= STEPS
-
-
-def test_two_pauses_do_not_make_a_second_publisher_a_part_of_the_stream() -> None:
-    stream, other = Stream(TEN), Stream(TEN)
-    for at in range(100, 700, 10):
-        other.take(at, stream)
-        stream.look_again(other)
-        if at == 390:
-            stream.take(at, other)
-    jumps = stream.time.jumps
-    for at in range(700, 2700, 10):
-        other.take(at, stream)
-        stream.take(at + 1, other)
-        stream.take(at + 156, other)
-    assert stream.time.jumps <= jumps + 4
-
-
-def test_little_that_may_be_kept_aside_does_not_hide_a_clock_that_is_set() -> None:
-    stream = Stream([*TEN, 150, 160, 220, 230])  # steps of 10 with two pauses: four of 60 are more than ten samples
-    stream.time._most = 5
-    assert [stream.take(5000 + 10 * number) for number in range(5)][-1]
-    assert stream.refused == {}
-    slow = Stream(SLOW, max_gap=10_000)
-    for number in range(250):
-        slow.take(-9000 + number)
-    assert len(slow.time.pending) <= 100
-
-
 def test_a_pause_or_jump_of_both_is_believed_when_one_goes_on_and_one_wrong_stamp_of_both_is_not() -> None:
     stream, other = Stream(TEN), Stream(TEN)
     assert stream.take(590, other) == other.take(595, stream) == []  # a driver may have got one stamp wrong for both
@@ -157,15 +108,6 @@ def test_a_pause_or_jump_of_both_is_believed_when_one_goes_on_and_one_wrong_stam
     for one, another in ((stream, other), (other, stream)):
         assert one.take(100, another) == [100]
         assert one.refused == BEHIND
-
-
-def test_clear_forgets() -> None:
-    stream = Stream(TEN)
-    stream.take(500)
-    stream.time.clear()
-    assert stream.refused == BEHIND
-    assert stream.take(-9000) == []
-    assert stream.take(-8990) == [-9000, -8990]
 
 
 def angle(stamp: float, value: float | None = None) -> AngleSample:
@@ -286,16 +228,6 @@ def test_what_waits_is_answered_by_the_clock_of_the_caller_and_not_with_an_angle
     regular = " ".join(f"a{at}=0.3 l{at}" for at in range(0, 100, 10))
     pairs = feed(Synchroniser(Pairing()), f"{regular} l95 a150=1 .")
     assert told(pairs[9:]) == "90=0.3 95=0.3H"
-
-
-def test_a_second_publisher_from_the_first_sample_on_is_refused() -> None:
-    """Jumps to the other one and back are no steps of a stream."""
-    synchroniser, pairs = Synchroniser(Pairing()), list[PairedSample]()
-    for at in range(20_000, 25_000, 5):
-        pairs += feed(synchroniser, [load(at), load(at + 5000), angle(at)])
-    assert synchroniser.load_time.jumps <= 2
-    assert synchroniser.refused["load_off_time"] > 990
-    assert sum(bool(pair.status & RESET) for pair in pairs) <= 2
 
 
 def test_nothing_grows_while_the_other_stream_is_silent() -> None:

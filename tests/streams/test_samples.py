@@ -6,10 +6,7 @@ import math
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 
 from knee_contact_ros.joint_reaction.leg import Joints
 from knee_contact_ros.parameters.files import load_parameters
@@ -176,16 +173,3 @@ def test_lever_and_axes_of_the_sensor(
 ) -> None:
     found, torque = ground_of(WRENCH, FULL.model_copy(update=update), at, inclination)
     assert [*found, *torque] == pytest.approx(expected, abs=1e-12)  # rounding of a few hundred N m
-
-
-numbers, levers = st.floats(-1e3, 1e3), st.floats(-1.0, 1.0)
-vectors = st.tuples(numbers, numbers, numbers)
-
-
-@given(vectors, vectors, levers, levers)
-def test_the_moment_about_the_ankle_is_that_of_the_wrench(acts: Any, turns: Any, x: float, y: float) -> None:
-    """As NumPy's cross product has it."""
-    ground = FULL.model_copy(update={"ankle_x": x, "ankle_y": y})
-    found = ground_of(WrenchStamped(0, "", acts, turns), ground, UPRIGHT, 0.0)
-    expected = np.array(turns) - np.cross([x, y, 0.0], acts)
-    assert found.torque == pytest.approx(expected.tolist(), abs=1e-12)  # rounding of 3e3 N m

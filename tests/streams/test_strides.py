@@ -55,13 +55,6 @@ def test_the_distance_is_the_integral_of_the_speed() -> None:
     assert sliding_distance(time[:1], velocity[:1], touching[:1]) == 0.0
 
 
-@pytest.mark.parametrize(
-    ("velocities", "distance"), [((1.0, -1.0), 0.5), ((3.0, -1.0), 1.25), ((0.0, 2.0), 1.0), ((-1.0, -2.0), 1.5)]
-)
-def test_a_turn_between_two_ticks_is_two_triangles(velocities: tuple[float, float], distance: float) -> None:
-    assert sliding_distance(np.array([0.0, 1.0]), np.array(velocities), np.ones(2)) == pytest.approx(distance)
-
-
 def test_the_sliding_of_a_walking_knee() -> None:
     """A circle on a fixed axis slides by its radius times all turns, to and fro; where it is apart, not at all."""
     stamps, angle, load = walking(200.0, 8.0)
@@ -98,17 +91,3 @@ def test_strides_do_not_depend_on_batches_and_are_those_of_impulse_and_report(si
     assert [each.peak_force for each in found[:6]] == pytest.approx(6 * [max(series.contact_force)], rel=0.01)
     if size == 1:  # what a controller waits for: all but the last one, which the end of the run makes certain
         assert max(late[:5]) < 0.5
-
-
-def test_the_impulse_of_a_walking_knee() -> None:
-    """At rest the contact force is the load, whose impulse is known; strides and stance are as for the sliding."""
-    stamps, angle, load = walking(200.0, 8.0)
-    series = model(law("kelvin_voigt"), level="quasi_static").run((stamps - stamps[0]) / SECOND, angle, load)
-    found = impulse_per_stride(series, BODY_WEIGHT)
-    assert len(found) == 6
-    for span, whole, stance in found:
-        inside = (series.stamp >= span.start) & (series.stamp < span.end)
-        # a sum of samples 5 ms apart: off by half a sample of the load at both ends; damping carries up to 1 N
-        assert whole == pytest.approx(0.005 * series.load[inside].sum(), rel=0.01)
-        assert 0.8 * whole < stance <= whole
-    assert impulse_per_stride(series[:100], BODY_WEIGHT) == []
