@@ -484,16 +484,16 @@ def soak_page(rate: float, moments: Sequence[Moment], compared: tuple[int, int, 
 def measured(
     driver: Driver, work: Path, rate: float, duration: float, rounds: int, sustained: bool, soak: int
 ) -> Iterator[Page]:
-    """Measure what is asked for, by default the comparison; progress bars stand still meanwhile."""
+    """Measure what is asked for, by default the comparison."""
     if not (sustained or soak):
-        with progress("Measuring", still=True) as advance:
+        with progress("Measuring") as advance:
             parts = compare(driver, work, rate, duration, rounds, advance)
         yield latency_page(parts, rate, duration)
     if sustained:
-        with progress("Searching the highest rates", still=True) as advance:
+        with progress("Searching the highest rates") as advance:
             yield sustained_page(find_rates(driver, work, rounds, advance))
     if soak:
-        with progress("Running", still=True) as advance:
+        with progress("Running") as advance:
             moments = run_long(driver, work, rate, soak, advance)
         recording, offline = work / "node" / RECORDING, work / "offline.mcap"
         with progress("Computing the recording again") as advance:

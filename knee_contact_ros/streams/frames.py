@@ -27,8 +27,6 @@ FROM_REP_103 = (HALF, 0.0, 0.0, HALF)
 """Rotation from x forward, y left, z up to x anterior, y superior, z right: a quarter turn about x; x, y, z, w"""
 FORCE_TURNED = "force_turned"
 """Name of the metadata record that describes how forces are transformed from there on"""
-MOST_FRAMES = 10_000
-"""Largest number of frames that are remembered"""
 LONGEST_CHAIN = 100
 """Largest number of transforms that are followed from a frame to its ancestors"""
 FARTHEST = 1e6
@@ -102,8 +100,8 @@ class StaticTransforms:
         """Add a transform, and return whether it changes the tree.
 
         Raises:
-            ValueError: a number is not finite or too large, the quaternion is not of unit length, a name is missing or
-                that of both frames, or there are too many frames.
+            ValueError: a number is not finite or too large, the quaternion is not of unit length, or a name is missing
+                or that of both frames.
         """
         parent, child, translation, rotation = transform
         label = f"transform from {_short(parent)} to {_short(child)}"
@@ -112,8 +110,6 @@ class StaticTransforms:
         length = sum(part * part for part in rotation)
         if not (all(abs(part) <= FARTHEST for part in translation) and abs(length - 1.0) < UNIT):
             raise ValueError(f"{label}: {translation}, {rotation} are no pose")
-        if child not in self._known and len(self._known) >= MOST_FRAMES:
-            raise ValueError(f"{label}: one more than the {MOST_FRAMES} that are remembered")
         news = self._known.get(child) != transform
         self._known[child] = transform
         return news

@@ -58,8 +58,7 @@ def missing_middleware() -> str:
 
 def installed_share(package: str) -> Path | None:
     """Share folder of an installed ROS 2 package; None if there is none."""
-    prefixes = [*os.environ.get("AMENT_PREFIX_PATH", "").split(os.pathsep), sys.prefix]
-    shares = [Path(prefix) / "share" / package for prefix in prefixes if prefix]
+    shares = [Path(prefix) / "share" / package for prefix in ament_prefixes()]
     return next((share for share in shares if (share / "package.xml").is_file()), None)
 
 

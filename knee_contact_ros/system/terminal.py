@@ -41,13 +41,12 @@ _BAR: ContextVar[Bar | None] = ContextVar("bar", default=None)
 class Bar:
     """Function of (done, total) that updates a bar on the terminal."""
 
-    def __init__(self, bar: Progress, what: str, *, still: bool) -> None:
-        """Add a task, described by `what`, to a bar; a `still` one is drawn only when it is updated."""
+    def __init__(self, bar: Progress, what: str) -> None:
+        """Add a task, described by `what`, to a bar."""
         self._bar = bar
         self.what = what
         """Current description"""
         self._task = bar.add_task(shown(what), total=None)
-        self._still = still
         self._next = 0.0 if not bar.disable else math.inf
 
     def __call__(self, done: int, total: int) -> None:
@@ -55,26 +54,23 @@ class Bar:
         now = time.monotonic()
         if now >= self._next or (done == total and self._next < math.inf):
             self._next = now + PERIOD
-            self._bar.update(self._task, completed=done, total=total, refresh=self._still)
+            self._bar.update(self._task, completed=done, total=total)
 
     def describe(self, what: str) -> None:
         """Change the description beside the bar."""
         self.what = what
-        self._bar.update(self._task, description=shown(what), refresh=self._still)
+        self._bar.update(self._task, description=shown(what))
 
 
 @contextmanager
-def progress(what: str, *, still: bool = False) -> Iterator[Bar]:
-    """Show a bar on the terminal, and nothing in a pipe; yields a function of (done, total) that updates it.
-
-    A `still` bar is drawn only by that function, so that no thread disturbs a measurement.
-    """
+def progress(what: str) -> Iterator[Bar]:
+    """Show a bar on the terminal, and nothing in a pipe; yields a function of (done, total) that updates it."""
     console = Console(stderr=True)
     columns = (TextColumn("{task.description}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     disable = console.quiet = not console.is_terminal  # Rich 13.7 ends a hidden bar with an empty line
-    with Progress(*columns, console=console, disable=disable, transient=True, auto_refresh=not still) as bar:
+    with Progress(*columns, console=console, disable=disable, transient=True) as bar:
         console.show_cursor(True)  # a process that Ctrl-Z stops would leave the terminal without one
-        update = Bar(bar, what, still=still)
+        update = Bar(bar, what)
         token = _BAR.set(None if disable else update)
         try:
             yield update

@@ -96,7 +96,7 @@ def wait_until(done: Callable[[], Any]) -> None:
 def settled_backlog(sink: SinkProcess) -> int:
     """Answers that wait once a socket takes no more."""
     looks: list[str] = []
-    while len(looks) < 4 or len(set(looks[-4:])) > 1:
+    while len(looks) < 10 or len(set(looks[-10:])) > 1:
         looks.append(sink.report()[0]["backlog"])
         time.sleep(0.05)
     return int(looks[-1])

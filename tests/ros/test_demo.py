@@ -228,20 +228,6 @@ def test_the_demo_tells_what_the_node_refused(tmp_path: Path) -> None:
     assert re.search(r"ticks flagged ([12]) \(\1 x INPUT_REJECTED\)", words)
 
 
-@pytest.mark.parametrize("command", ["demo", "solve"])
-@pytest.mark.parametrize(
-    ("parameters", "joint"), [("knee: {joint_name: elbow}", "elbow"), ("drive: displacement", "knee_height")]
-)
-def test_an_unknown_joint_is_told_before_anything_starts(
-    parameters: str, joint: str, command: str, right_bag: Path, tmp_path: Path, capfd: Said
-) -> None:
-    (tmp_path / "p.yaml").write_text(f"knee_contact: {{ros__parameters: {{{parameters}}}}}")
-    bag = ["--bag", right_bag] if command == "demo" else [right_bag]
-    arguments = [command, *bag, "--params", tmp_path / "p.yaml", "--output", tmp_path / "out.mcap"]
-    assert f"joint_states has no joint '{joint}'; it has knee" in told_of_bad_input(arguments, capfd)
-    assert [path.name for path in tmp_path.iterdir()] == ["p.yaml"]
-
-
 def test_help_and_version_are_quick_to_say() -> None:
     assert "not a medical device" in " ".join(run("--help").stdout.split())
     assert run("--version").stdout.startswith("knee-contact 1.")

@@ -10,21 +10,16 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
-from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
 
 import psutil
 import pytest
 
-from knee_contact_ros.bags.reader import BagReader, absolute, metadata_records
-from knee_contact_ros.bags.recover import recover
-from knee_contact_ros.streams.output import PROVENANCE
+from knee_contact_ros.bags.reader import BagReader, absolute
 from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.system.files import PACKAGE, share_folder
-from knee_contact_ros.system.output_files import partial_name
 from tests.helpers.launching import RUN
-from tests.helpers.sinks import shown_ticks
 from tests.ros.conftest import PATIENCE, Peer
 from tests.ros.series import STEP
 
@@ -32,11 +27,6 @@ pytest.importorskip("launch_ros", reason="the launch packages are not installed 
 FOLDER = share_folder() / "launch"
 INTERRUPTED = "130"
 """The code of a replay that was interrupted"""
-LIVES = 11
-"""Of a node that is killed ten times"""
-MOST_MISSING = 200
-"""Answers (1 s of them) that may be missing in the recording of a life that was killed, on a machine that is busy with
-other tests; `studies/cut_off.py` measures it"""
 
 
 class Knee(NamedTuple):
@@ -237,12 +227,6 @@ def is_installed(package: str) -> bool:
     return True
 
 
-def provenance(path: Path) -> dict[str, str]:
-    """How a recording says that it came about."""
-    (found,) = [record.metadata for record in metadata_records(path) if record.name == PROVENANCE]
-    return found
-
-
 def test_every_launch_file_is_tried() -> None:
     elsewhere = {"rviz.launch.py"}  # in test_rviz.py
     assert {case.file for case in CASES.values()} | elsewhere == {path.name for path in FOLDER.glob("*.launch.py")}
@@ -284,15 +268,6 @@ def test_what_is_wrong_is_told_once_and_ends(name: str, start: Start) -> None:
     assert said.count("exit code 2") == said.count("process started") - said.count("[replay-2]: process started")
 
 
-def test_a_knee_that_is_refused_leaves_the_other_one_alone(start: Start) -> None:
-    launched = start("two_knees.launch.py", "left_params:={}/unknown.yaml respawn_delay:=0.1")
-    launched.hear("[right.knee_contact]: active, listening")
-    time.sleep(1.0)  # longer than the delay
-    assert launched.stop() == 0
-    assert launched.said().count("process started") == 2
-    assert launched.said().count("exit code 2") == 1
-
-
 def test_a_node_that_is_told_to_end_stays_away(start: Start) -> None:
     launched = start("knee_contact.launch.py", "")
     launched.hear("active, listening")
@@ -311,81 +286,3 @@ def test_a_node_that_was_good_before_tries_again(start: Start, tmp_path: Path) -
     (tmp_path / "soft.yaml").write_text(content)
     launched.hear("active, listening", times=2)
     assert launched.stop() == 0
-
-
-def test_a_node_that_is_killed_ten_times_comes_back_ten_times(
-    start: Start, peers: Callable[[Knee], Peer], tmp_path: Path
-) -> None:
-    """Every other time its recorder and viewer are, too. Nothing is overwritten; what was cut off is named."""
-    knee = Knee(joint="knee_r")
-    peer = peers(knee)
-    stream = Stream({knee: peer})
-    rerun = "rerun:={}/knee.rrd" if find_spec("rerun") else ""
-    launched = start("knee_contact.launch.py", f"params:={{}}/soft.yaml joint:=knee_r record:={{}}/knee.mcap {rerun}")
-    heard = []
-    for life in range(LIVES):
-        stream.until(lambda: len(peer.contacts) >= 500)  # 2.5 s: a Rerun file is 1.3 s behind
-        if life < LIVES - 1:
-            kill(launched.node(), with_outputs=cut_off(life))
-        else:
-            assert launched.stop() == 0
-        peer.spin(0.3)
-        heard.append([contact.header.stamp.sec * 10**9 + contact.header.stamp.nanosec for contact in peer.contacts])
-        peer.contacts.clear()
-
-    said = launched.said()
-    assert said.count("process started") == LIVES
-    assert said.count("exit code -9") == LIVES - 1
-    assert said.count("process has finished cleanly") == 1
-    assert "Traceback" not in said
-    recordings = [whole_recording(tmp_path / name_of(life, "mcap"), life, said) for life in range(LIVES)]
-    recorded = [answers(path) for path in recordings]
-    for written, published in zip(recorded, heard, strict=True):
-        assert written == list(range(published[0], written[-1] + STEP, STEP))
-        assert published == list(range(published[0], published[-1] + STEP, STEP))
-        assert written[-1] >= published[-1] - MOST_MISSING * STEP
-    assert all(after[0] > before[-1] + STEP for before, after in pairwise(recorded))  # the gaps
-    assert all(provenance(path) == provenance(recordings[0]) for path in recordings)  # the same parameters
-    if rerun:
-        for life in range(LIVES):
-            assert shown_ticks(whole_drawing(tmp_path / name_of(life, "rrd"), life, said))
-
-
-def name_of(life: int, suffix: str) -> str:
-    """What the file of a node's life is called."""
-    return f"knee_{life}.{suffix}" if life else f"knee.{suffix}"
-
-
-def cut_off(life: int) -> bool:
-    """Whether a life's outputs are killed with it."""
-    return life % 2 == 1
-
-
-def kill(node: psutil.Process, with_outputs: bool) -> None:
-    """Kill a node, and its recorder and viewer with it; without, these complete their files."""
-    outputs = node.children(recursive=True)
-    for process in [node, *(outputs if with_outputs else [])]:
-        process.kill()
-    psutil.wait_procs(outputs, PATIENCE)
-
-
-def whole_recording(path: Path, life: int, said: str) -> Path:
-    """The recording of a life, recovered if it was cut off."""
-    partial = partial_name(path)
-    if cut_off(life):
-        assert not path.exists()
-        assert f"`knee-contact recover {partial} OUT.mcap` makes it whole" in said
-        recover(partial, path)
-    assert life == 0 or f"{path.with_name('knee.mcap')} is there already: this recording is {path}" in said
-    return path
-
-
-def whole_drawing(path: Path, life: int, said: str) -> Path:
-    """The Rerun file of a life, likewise."""
-    partial = partial_name(path)
-    if cut_off(life):
-        assert not path.exists()
-        assert f"`rerun rrd merge {partial} -o OUT.rrd` makes it whole" in said
-        command = [Path(sys.executable).with_name("rerun"), "rrd", "merge", partial, "-o", path]
-        subprocess.run(command, check=True, capture_output=True)
-    return path

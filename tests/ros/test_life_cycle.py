@@ -19,7 +19,6 @@ from std_srvs.srv import Trigger
 import knee_contact_ros
 from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.node.diagnostics import SILENCE
 from knee_contact_ros.streams.topics import MESSAGE_TYPES
 from tests.ros.conftest import NodeProcess, Peer, call, change_state, state_of
 from tests.ros.series import ANGLES, AXIAL, STAMPS, send_all
@@ -141,16 +140,6 @@ def test_a_transition_that_fails_leaves_the_node_unconfigured(
     assert change_state(peer, Transition.TRANSITION_CLEANUP)
     _, output = node.stop()
     assert "cannot listen: no way" in output
-
-
-def test_silence_counts_from_when_the_node_listens(peer: Peer, start_node: Start) -> None:
-    node = start_node("-p", "autostart:=false")
-    for transition in (Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE):
-        assert change_state(peer, transition)
-        peer.spin(SILENCE + 0.5 if transition == Transition.TRANSITION_CONFIGURE else 2.0)
-    _, output = node.stop()
-    assert "active, listening to" in output
-    assert "nothing received" not in output
 
 
 def test_forces_that_wait_are_answered_before_the_streams_are_left(

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import signal
-import time
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -24,14 +22,12 @@ from knee_contact_ros.bags.reader import BagReader, RawMessage, metadata_records
 from knee_contact_ros.bags.recorder import REFUSED_SAMPLES
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.node.outputs import PATIENCE
 from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
 from knee_contact_ros.streams.topics import KNEE_CONTACT, LOAD_RECORDED, MESSAGE_TYPES
-from tests.helpers.sinks import wait_until
 from tests.helpers.walking import ANGLES, FORCE, WHOLE_LEG, walk, walking_bag
 from tests.ros.conftest import NodeProcess, Peer, call, change_state, state_of
 
@@ -219,36 +215,6 @@ def test_bad_parameters_end_the_node_at_once(start_node: Start, words: list[str]
     assert said in output
 
 
-def test_sensors_to_load_to_contact_are_estimate_load_and_solve(
-    leg: LegPeer, start_node: Start, tmp_path: Path
-) -> None:
-    """Both nodes in one graph, with one parameter file; the contact node hears nothing but angles and the load."""
-    path = tmp_path / "leg.yaml"
-    contact = {"load.compartment": "moment_balance", "body_weight": 737.0}
-    sections = {NODE: WHOLE_LEG | PATIENT, "knee_contact": contact | PATIENT}
-    path.write_text(
-        "".join(
-            f"/**/{node}:\n  ros__parameters:\n" + "".join(f"    {name}: {value}\n" for name, value in values.items())
-            for node, values in sections.items()
-        )
-    )
-    for kind in ("load", "node"):
-        start_node("--params-file", path, kind=kind)
-    leg.wait_for_load_node()
-    leg.wait_until(lambda: leg.angle.get_subscription_count() == 2 and leg.force.get_subscription_count() == 2)
-    leg.wait_for_node()
-    leg.wait_until(  # the contact node hears this peer and the load node
-        lambda: leg.diagnostics.get("knee_contact: joint_reaction_force", {}).get("publishers") == "2"
-    )
-    leg.send_sensed(WALK)
-    leg.wait_until(lambda: len(leg.contacts) == 80)
-    loads = offline(tmp_path, WALK, WHOLE_LEG)
-    solve(loads, load_parameters(contact), tmp_path / "contact.mcap", silent)
-    answers = raw(tmp_path / "contact.mcap", {f"/{KNEE_CONTACT}": MESSAGE_TYPES[KNEE_CONTACT]})
-    assert leg.contacts == [deserialize_message(message.data, KneeContact) for message in answers]
-    leg.wait_until(lambda: {"knee_load: ticks", "knee_contact: ticks"} <= set(leg.diagnostics))  # once a second
-
-
 def test_both_nodes_in_one_process_are_the_same_and_each_has_its_own_life(
     leg: LegPeer, start_node: Start, tmp_path: Path
 ) -> None:
@@ -311,25 +277,3 @@ def test_two_nodes_in_one_process_that_do_not_fit_each_other_end_at_once(
     assert code == 2
     assert said in output
     assert "Traceback" not in output
-
-
-def test_recorders_that_stand_still_are_waited_for_together(leg: LegPeer, start_node: Start, tmp_path: Path) -> None:
-    """Not the one after the other: both nodes of a process end in the time that one takes."""
-    paths = {f"{name}:record.path": tmp_path / f"{name}.mcap" for name in (NODE, NODE_CONTACT)}
-    node = start_node(*arguments(paths), kind="load --with-contact")
-    leg.wait_for_load_node()
-    leg.wait_until(lambda: leg.node.count_publishers(KNEE_CONTACT))
-    leg.send_sensed(WALK[:40])
-    recorders = psutil.Process(node.process.pid).children(recursive=True)
-    assert len(recorders) == 2
-    for recorder in recorders:
-        recorder.suspend()
-    begin = time.monotonic()
-    code, output = node.stop(signal.SIGTERM)
-    assert time.monotonic() - begin < 2 * PATIENCE
-    assert code == 0
-    assert output.count("goes on; 0 answers have not been handed to it") == 2
-    for recorder in recorders:
-        with suppress(psutil.NoSuchProcess):  # the system has let it go on, as its group is left alone
-            recorder.resume()
-    wait_until(lambda: all(path.exists() for path in paths.values()))

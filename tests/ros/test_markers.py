@@ -85,19 +85,6 @@ def test_what_is_shown_is_the_answer(peer: Peer, start_node: Start, config: Path
     assert seen == {0, 1, 2}
 
 
-def test_both_knees_have_names_of_their_own(peer: Peer, start_node: Start) -> None:
-    """In the markers and in `/diagnostics`."""
-    for side in ("left", "right"):
-        start_node("-r", f"__ns:=/{side}", "-r", "joint_states:=/joint_states",
-                   "-r", "joint_reaction_force:=/joint_reaction_force")  # fmt: skip
-    peer.wait_until(lambda: peer.angle.get_subscription_count() == 2 and peer.force.get_subscription_count() == 2)
-    screens = {side: Screen(peer, f"/{side}/{KNEE_CONTACT_MARKERS}") for side in ("left", "right")}
-    peer.send(STEP, 0.2, 900.0)
-    for side, screen in screens.items():
-        assert list(screen.shown(STEP)) == [f"{side}/{name}" for name in NAMES]
-    peer.wait_until(lambda: {"left/knee_contact: ticks", "right/knee_contact: ticks"} <= set(peer.diagnostics))
-
-
 def test_nothing_is_made_unless_somebody_looks_and_then_once(
     peer: Peer, right_bag: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -117,17 +117,6 @@ def test_simulated_time_stamps_the_diagnostics_and_nothing_else(peer: Peer, star
         assert [answer.header.stamp.nanosec for answer in answers] == [0, STEP, 2 * STEP]
 
 
-def test_a_node_that_stood_still_says_by_how_much_it_is_late(peer: Peer, start_node: Start) -> None:
-    node = start_node()
-    peer.wait_for_node()
-    send_all(peer)
-    node.process.send_signal(signal.SIGSTOP)
-    peer.spin(0.6)
-    node.process.send_signal(signal.SIGCONT)
-    peer.wait_until(lambda: float(peer.diagnostics.get("knee_contact: ticks", {}).get("lag max [ms]", "0")) >= 500.0)
-    assert "the node is behind by up to" in peer.problems["knee_contact: ticks"]
-
-
 def test_a_node_without_standard_streams_computes(peer: Peer, tmp_path: Path) -> None:
     recording = tmp_path / "bag.mcap"
     node = f"{sys.executable} -m knee_contact_ros.commands.main node --ros-args -p record.path:={recording}"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import signal
-import time
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -25,8 +24,6 @@ from tests.ros.conftest import NodeProcess, Peer, call
 
 Start = Callable[..., NodeProcess]
 STEP = 5_000_000
-LONGEST_END = 5.0
-"""[s] that a node takes to end at most"""
 CONTACTS = {f"/{KNEE_CONTACT}": MESSAGE_TYPES[KNEE_CONTACT]}
 
 
@@ -69,9 +66,7 @@ def test_an_output_that_dies_or_stalls_costs_no_answer(
         stopped = call(peer, Trigger, "/knee_contact/stop_recording", Trigger.Request())
         assert not stopped.success
         assert stopped.message
-    begun = time.monotonic()
     code, said = node.stop(signal.SIGTERM)
-    assert time.monotonic() - begun < 3 * LONGEST_END  # other tests may slow it down
     unfinished = re.search(r"is not waited for: its process \(\d+\) goes on; (\d+) answers", said)
     assert bool(unfinished) == (number == signal.SIGSTOP)
     assert code == bool(unfinished and int(unfinished[1]))

@@ -79,17 +79,6 @@ def test_the_policy_is_what_the_load_node_has(peer: Peer, start_node: Callable[.
     assert_policy_fits(peer, LoadParameters.node, {"/joint_states", "/ground_reaction_force"})
 
 
-def test_the_policy_has_the_form_that_sros2_reads() -> None:
-    """By hand what its schema (0.2.0) asks for; the schema itself is in the package sros2."""
-    root = policy()
-    assert (root.tag, root.attrib) == ("policy", {"version": "0.2.0"})
-    (enclaves,) = root
-    for enclave, name in zip(enclaves, ("/knee_contact", "/knee_load"), strict=True):
-        (profiles,) = enclave
-        assert [enclaves.tag, enclave.tag, profiles.tag] == ["enclaves", "enclave", "profiles"]
-        assert enclave.attrib == {"path": name}
-
-
 @pytest.fixture
 def keystore(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A keystore that is there, with nothing true in it; security is enforced."""

@@ -110,35 +110,6 @@ def test_a_live_recording_is_computed_again_from_itself(peer: Peer, start_node: 
     assert answers[0] == answers[1]
 
 
-def test_an_angle_sensor_that_lags_live(peer: Peer, start_node: Start, tmp_path: Path) -> None:
-    """Each angle comes 25 ms after the force it belongs to, and is stamped so; the recording says what came."""
-    recording, redone = tmp_path / "live.mcap", tmp_path / "redone.mcap"
-    values = {"pairing.angle_delay": 0.025, "pairing.wait": 5.0}
-    node = start_node(
-        *(word for name in values for word in ("-p", f"{name}:={values[name]}")), "-p", f"record.path:={recording}"
-    )
-    peer.wait_for_node()
-    for i in range(100):
-        if i >= 5:
-            peer.send_angle(i * 5 * MILLISECOND, 0.3 + 0.01 * (i - 5))
-        peer.send_force(i * 5 * MILLISECOND, 800.0 + 300.0 * np.sin(0.4 * i))
-    peer.wait_until(lambda: len(peer.contacts) == 95)
-    assert {contact.status for contact in peer.contacts} == {0}
-    expected = [0.3 + 0.01 * i for i in range(95)]
-    assert [contact.flexion_angle for contact in peer.contacts] == expected
-    force = "knee_contact: joint_reaction_force"
-    peer.wait_until(lambda: peer.diagnostics.get(force, {}).get("received") == "100")
-    node.stop()  # which answers the last five with the last angle
-    with BagReader(recording, {"/joint_states": MESSAGE_TYPES["joint_states"]}) as reader:
-        assert [message.log_time for message in reader.raw_messages()] == [i * 5 * MILLISECOND for i in range(5, 100)]
-    found = read_provenance(recording)
-    assert found is not None
-    solve(recording, found, redone, lambda _done, _total: None)
-    answers = [read_raw(path) for path in (recording, redone)]
-    assert len(answers[0]) == 100
-    assert answers[0] == answers[1]
-
-
 def read_raw(path: Path) -> list[RawMessage]:
     """The answers in a recording."""
     with BagReader(path, {"/knee_contact": MESSAGE_TYPES["knee_contact"]}) as bag:

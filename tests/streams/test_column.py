@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from knee_contact_ros.streams.columns import MOST_ELSE, Column
+from knee_contact_ros.streams.columns import Column
 
 MESSAGES = [b"one", b"", b"three", b"four", b"56789"]
 
@@ -26,17 +26,6 @@ def test_messages_are_what_they_were(column: Column) -> None:
     assert list(Column.together([column, Column.of([]), column.part([2])])) == [*MESSAGES, MESSAGES[2]]
     long = column.part([0, 2, 3, 4])
     assert [row.tobytes() for row in long.rows(3)] == [b"one", b"thr", b"fou", b"567"]
-
-
-def test_little_is_kept_beside_the_messages() -> None:
-    data = b"a" + bytes(1000) + b"bc" + bytes(1000) + b"d" + bytes(50)
-    begins = np.array([0, 1001, 2003])
-    column = Column(data, begins, np.array([1, 1003, 2004]))
-    assert list(column) == [b"a", b"bc", b"d"]
-    for some in (slice(0, 3), slice(1, 2), slice(0, 0)):
-        trimmed = column.part(some).trimmed()
-        assert list(trimmed) == list(column)[some]
-        assert len(trimmed.data) <= MOST_ELSE * sum(map(len, trimmed))
 
 
 def test_none_has_no_rows() -> None:

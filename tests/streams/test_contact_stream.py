@@ -18,11 +18,9 @@ from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.model.laws import CONTACT_LAWS
 from knee_contact_ros.model.types import FLAT, ROW, Rows
 from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.offline.solve_blocks import take
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import lateral_knee
-from knee_contact_ros.streams.columns import Column
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.messages import (
     WRENCH,
@@ -129,23 +127,6 @@ def test_the_wrench_is_that_of_both_forces_at_the_origin() -> None:
     assert found == pytest.approx(moment.tolist(), abs=ROUNDINGS * 0.025 * float(total.max()))
     assert set(medial["contact_point"]["z"]) == {-0.025}
     assert set(lateral["contact_point"]["z"]) == {0.025}
-
-
-@pytest.mark.parametrize("values", KNEES[-3:], ids=str)
-def test_a_block_gives_the_same_bytes(values: dict[str, Any]) -> None:
-    many, pipeline = pipeline_of(values), pipeline_of(values)
-    (state, force), *rest = messages()
-    first = [*many.joint_state(state), *many.force(force)]
-    states, forces = zip(*rest, strict=True)
-    taken = take(many, Column.of(states), Column.of(forces), np.tile([0, 1], len(states)))
-    assert taken is not None
-    expected = [record for answer in one_by_one(pipeline)[0][len(first) :] for record in answer.records]
-    found = [
-        (place, number, part.topic, stamp, data.tobytes())
-        for number, part in enumerate(taken.messages)
-        for place, stamp, data in zip(part.place.tolist(), part.stamps.tolist(), part.data, strict=True)
-    ]
-    assert [record for _, _, *record in sorted(found)] == list(map(list, expected))
 
 
 def test_a_recording_of_both_is_computed_again_from_itself(right_bag: Path, tmp_path: Path) -> None:

@@ -60,6 +60,7 @@ def whole(message: WrenchStamped) -> Any:
 def test_joints_are_found_by_their_names_and_signs_make_their_angles() -> None:
     sample = knee(state(hip=1.0, knee=0.25, ankle=2.0))
     assert (sample.stamp, sample.angle) == (STAMP, 0.25)
+    assert knee(JointState(STAMP, "", ("knee", "knee"), (0.25, 9.0), (), ())).angle == 0.25  # the first one counts
     other = Knee(joint_name="knee_angle_r", flexion_sign=-1.0, flexion_offset=0.1)
     assert angle_sample(state(knee_angle_r=-0.5), other).angle == 0.5  # the offset is that of the tick
     for message in (state(knee=0.25, hip=0.5, ankle=0.125), state(toe=9.0, ankle=0.125, hip=0.5, knee=0.25)):
@@ -84,6 +85,8 @@ def test_with_the_displacement_drive_a_second_joint_gives_the_height() -> None:
 
 def test_compression_is_a_positive_load() -> None:
     assert [load_sample(force(y)).axial for y in (-1000.0, 80.0)] == [1000.0, -80.0]
+    beside = force(-700.0, torque=(math.nan, math.nan, -math.inf))._replace(force=(math.inf, -700.0, math.nan))
+    assert load_sample(beside).axial == 700.0  # what is not asked for may be anything
     assert load_sample(force(1.0)).frame_id == "tibia_r"
 
 

@@ -54,15 +54,6 @@ def test_a_file_is_being_written_as_long_as_its_writer_lives(tmp_path: Path) -> 
         refuse_existing(path)
 
 
-def test_leftovers_are_unfinished_recordings_only(tmp_path: Path) -> None:
-    for name in ("b.mcap.partial", "a.mcap.partial", "whole.mcap", "view.rrd.partial", "metadata.yaml"):
-        (tmp_path / name).touch()
-    with open_claimed(claim(tmp_path / "live.mcap")):
-        assert [path.name for path in leftovers(tmp_path, ".mcap")] == ["a.mcap.partial", "b.mcap.partial"]
-        assert [path.name for path in leftovers(tmp_path, ".rrd")] == ["view.rrd.partial"]
-    assert leftovers(tmp_path / "nowhere", ".mcap") == []
-
-
 def test_a_claimed_file_is_emptied_by_its_writer_only(tmp_path: Path) -> None:
     partial = tmp_path / "out.mcap.partial"
     partial.write_text("earlier")
@@ -117,18 +108,6 @@ def test_what_is_no_plain_file_is_never_opened(tmp_path: Path, what: str, place:
     assert victim.read_text() == "another's"
 
 
-@pytest.mark.usefixtures("never_waiting")
-@pytest.mark.parametrize("what", PLANTED)
-def test_what_takes_the_place_of_a_claimed_file_is_refused(tmp_path: Path, what: str) -> None:
-    (tmp_path / "victim").write_text("another's")
-    partial = claim(tmp_path / "out.mcap")
-    partial.unlink()
-    PLANTED[what](partial)
-    with pytest.raises(UsageError, match="cannot write"):
-        open_claimed(partial)
-    assert (tmp_path / "victim").read_text() == "another's"
-
-
 @pytest.mark.parametrize("trouble", [0, errno.EPERM, errno.ENOTSUP])
 def test_a_name_that_is_taken_meanwhile_is_left_alone(tmp_path: Path, monkeypatch: Any, trouble: int) -> None:
     """Also where a file system has no links."""
@@ -145,13 +124,6 @@ def test_a_name_that_is_taken_meanwhile_is_left_alone(tmp_path: Path, monkeypatc
     assert take_name(partial, tmp_path / "out.mcap", overwrite=False) == tmp_path / "out_2.mcap"
     contents = {path.name: path.read_text() for path in tmp_path.iterdir()}
     assert contents == {"out.mcap": "out.mcap", "out_1.mcap": "out_1.mcap", "out_2.mcap": "new"}
-
-
-def test_names_go_on_as_those_of_further_files(tmp_path: Path) -> None:
-    path = tmp_path / "rec_0.mcap"
-    for expected in ("rec_0", "rec_1", "rec_2"):
-        name, partial = claim_first(all_names(path))
-        assert (name, partial) == (tmp_path / f"{expected}.mcap", tmp_path / f"{expected}.mcap.partial")
 
 
 IMPOSSIBLE = {

@@ -46,13 +46,6 @@ def test_what_is_told_has_no_escape_codes(old_recording: Path, capsys: pytest.Ca
     assert told.err.count(SHOWN) == 2
 
 
-def test_a_name_is_no_emoji(old_recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """What Rich takes for the code of a pictogram is a part of a name."""
-    show_recovery(Recovery([TopicCount(":dog:", ":dog:", 1, 2)], None, 1, 1, [":dog:"]), ":dog:")
-    show_summary(read_summary(old_recording, 737.0), {"parameters": ":dog:"}, {"Recording": ":dog:"})
-    assert capsys.readouterr().out.count(":dog:") == 6
-
-
 PROGRAM = """
 from knee_contact_ros.system.terminal import progress
 
