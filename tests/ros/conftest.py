@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import os
 import resource
-import runpy
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
-from ctypes import CDLL
 from pathlib import Path
-from tempfile import NamedTemporaryFile
 from typing import Any
 
 import psutil
@@ -32,6 +28,7 @@ from knee_contact_ros.system.processes import ENDS_WITH_US
 from knee_contact_ros.system.ros import executor_of, private_graph
 from tests.helpers.messages import RosMessages, header
 from tests.helpers.processes import NO_BYTECODE
+from tests.ros.forked import COMMAND, Forked
 
 PATIENCE = 240.0  # a node on a new machine compiles first, and all tests may do so at once
 """How long [s] to wait for what must come; discovery alone can take seconds."""
@@ -66,70 +63,6 @@ def own_words(errors: str) -> str:
 
 WITHOUT = "import sys; sys.modules[{0!r}] = None; from knee_contact_ros.commands.main import main; sys.exit(main())"
 """A program: the command where a module is not installed"""
-
-
-COMMAND = "knee_contact_ros.commands.main"
-PROCESSES = multiprocessing.get_context("forkserver")
-"""Imports are most of what a node's start costs: one process has imported what all of them need, and forks. Nothing of
-ROS is imported there, as its libraries begin threads"""
-PROCESSES.set_forkserver_preload([
-    "pytest", "yaml", "rich.progress", COMMAND, *(f"knee_contact_ros.{name}" for name in (
-        "bags.recorder", "commands.live", "model.compiler", "streams.load_stream", "streams.contact_stream",
-        "view.markers"))
-])  # fmt: skip
-DEATH_SIGNAL = 1
-"""Option of Linux's `prctl`: the signal that a process gets when its parent is gone"""
-
-
-def forked(words: list[str], without: str, environment: dict[str, str], log: Path) -> None:
-    """In a process of its own: run the command, `without` a module; what it says goes to `log`."""
-    descriptor = os.open(log, os.O_WRONLY)
-    for stream in (1, 2):
-        os.dup2(descriptor, stream)
-    CDLL(None).prctl(DEATH_SIGNAL, signal.SIGTERM)
-    os.environ.clear()
-    os.environ.update(environment)
-    if without:
-        sys.modules[without] = None  # type: ignore[assignment]
-    sys.argv[1:] = words
-    runpy.run_module(COMMAND, run_name="__main__", alter_sys=True)
-
-
-class Forked:
-    """A process that runs the command, used like a `Popen`."""
-
-    def __init__(self, words: list[str], without: str) -> None:
-        with NamedTemporaryFile(delete=False) as log:
-            self._log = Path(log.name)
-        self._process = PROCESSES.Process(target=forked, args=(words, without, dict(os.environ), self._log))
-        self._process.start()
-        self.pid = int(self._process.pid or 0)
-
-    def poll(self) -> int | None:
-        """Return its code, if it has ended."""
-        return self._process.exitcode
-
-    def wait(self, timeout: float) -> int:
-        """Wait for its end."""
-        self._process.join(timeout)
-        assert self._process.exitcode is not None, "it did not end in time"
-        return self._process.exitcode
-
-    def communicate(self, timeout: float) -> tuple[str, None]:
-        """Wait for its end; return what was said, and no errors."""
-        self.wait(timeout)
-        said = self._log.read_text() if self._log.exists() else ""
-        self._log.unlink(missing_ok=True)
-        return said, None
-
-    def send_signal(self, number: signal.Signals) -> None:
-        """Send it a signal, if it still runs."""
-        if self.poll() is None:
-            os.kill(self.pid, number)
-
-    def kill(self) -> None:
-        """Kill it."""
-        self.send_signal(signal.SIGKILL)
 
 
 class NodeProcess:

@@ -24,6 +24,8 @@ ANEW = (
 def walk(peer: Peer, time: np.ndarray, angle: np.ndarray, load: np.ndarray) -> None:
     """Send a walk to a node that begins anew."""
     assert all(change_state(peer, transition) for transition in ANEW)
+    peer.spin(0.3)
+    peer.wait_for_node()  # which hears nothing before it is known that it listens again
     peer.problems.clear()
     peer.contacts.clear()
     for stamp, flexion, axial in zip(np.rint(1e9 * time).astype(np.int64).tolist(), angle, load, strict=True):

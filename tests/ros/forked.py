@@ -1,0 +1,78 @@
+"""Commands that run a node, each in a process of its own that need not import much: it is forked.
+
+A forked process imports this module, so nothing of ROS is imported here.
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+import os
+import signal
+import sys
+from ctypes import CDLL
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+
+COMMAND = "knee_contact_ros.commands.main"
+PROCESSES = multiprocessing.get_context("forkserver")
+"""Imports are most of what a node's start costs: one process has imported what all of them need, and forks. Nothing of
+ROS is imported there, as its libraries begin threads"""
+PROCESSES.set_forkserver_preload([
+    "pytest", "yaml", "rich.progress", "tests.ros.forked", COMMAND, *(f"knee_contact_ros.{name}" for name in (
+        "bags.recorder", "commands.live", "model.compiler", "streams.load_stream", "streams.contact_stream",
+        "view.markers"))
+])  # fmt: skip
+DEATH_SIGNAL = 1
+"""Option of Linux's `prctl`: the signal that a process gets when its parent is gone"""
+
+
+def forked(words: list[str], without: str, environment: dict[str, str], log: Path) -> None:
+    """In a process of its own: run the command, `without` a module; what it says goes to `log`."""
+    descriptor = os.open(log, os.O_WRONLY)
+    for stream in (1, 2):
+        os.dup2(descriptor, stream)
+    CDLL(None).prctl(DEATH_SIGNAL, signal.SIGTERM)
+    os.environ.clear()
+    os.environ.update(environment)
+    if without:
+        sys.modules[without] = None  # type: ignore[assignment]
+    from knee_contact_ros.commands.main import main
+
+    sys.exit(main(words))
+
+
+class Forked:
+    """A process that runs the command, used like a `Popen`."""
+
+    def __init__(self, words: list[str], without: str) -> None:
+        with NamedTemporaryFile(delete=False) as log:
+            self._log = Path(log.name)
+        self._process = PROCESSES.Process(target=forked, args=(words, without, dict(os.environ), self._log))
+        self._process.start()
+        self.pid = int(self._process.pid or 0)
+
+    def poll(self) -> int | None:
+        """Return its code, if it has ended."""
+        return self._process.exitcode
+
+    def wait(self, timeout: float) -> int:
+        """Wait for its end."""
+        self._process.join(timeout)
+        assert self._process.exitcode is not None, "it did not end in time"
+        return self._process.exitcode
+
+    def communicate(self, timeout: float) -> tuple[str, None]:
+        """Wait for its end; return what was said, and no errors."""
+        self.wait(timeout)
+        said = self._log.read_text() if self._log.exists() else ""
+        self._log.unlink(missing_ok=True)
+        return said, None
+
+    def send_signal(self, number: signal.Signals) -> None:
+        """Send it a signal, if it still runs."""
+        if self.poll() is None:
+            os.kill(self.pid, number)
+
+    def kill(self) -> None:
+        """Kill it."""
+        self.send_signal(signal.SIGKILL)
