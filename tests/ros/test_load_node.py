@@ -26,9 +26,10 @@ from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
+from knee_contact_ros.streams.messages import encode_wrench_stamped
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
 from knee_contact_ros.streams.topics import KNEE_CONTACT, LOAD_RECORDED, MESSAGE_TYPES
-from tests.helpers.walking import ANGLES, FORCE, WHOLE_LEG, walk, walking_bag
+from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, ground, walk, walking_bag
 from tests.ros.conftest import NodeProcess, Peer, call, change_state, state_of
 
 Start = Callable[..., NodeProcess]
