@@ -1,5 +1,8 @@
 """The compiled tick: Numba compiles the marked functions as they stand, once, and the result is kept in a file.
 
+A marked function runs as it stands, too: numbers, named tuples and arrays in and out, no closures, no exceptions,
+`math` and no NumPy functions. So both give the same bits. To mark one compiles nothing, and imports no Numba.
+
 The file lies beside the model, in `__pycache__/compiled`, if this user can write there (installation, `knee-contact
 warm`), else in `$XDG_CACHE_HOME/knee_contact_ros` or `~/.cache/knee_contact_ros`. Its name has digests of the sources,
 of the compiler and of the processor. It holds a digest and a pickle, and a pickle can do anything: a file is read only
@@ -21,9 +24,7 @@ from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
 from types import FunctionType
-from typing import Any, cast
-
-from knee_contact_ros.model.kernel_source import FUNCTIONS, INLINED
+from typing import Any, TypeVar, cast
 
 TICK, LOADING, COMPILING = 0.3e-3, 0.7, 10.0
 """Processor time [s] of a plain tick, of loading what is kept, with the import of Numba, and of compiling"""
@@ -35,7 +36,25 @@ NOT_NEEDED = ("WithLifting", "InlineClosureLikes", "InlineInlinables", "InlineOv
 OPTIONS = {"error_model": "numpy", "nogil": True, "_nrt": False, "forceinline": False, "no_cfunc_wrapper": True}
 """Numba's options: divisions are not checked, since no divisor is 0, and references to arrays are not counted"""
 
+FUNCTIONS: list[Callable[..., Any]] = []
+"""All marked functions, of which a tick consists"""
+INLINED: list[Callable[..., Any]] = []
+"""Those of them that become a part of their callers: what nearly every tick calls, from few places"""
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
 _log = logging.getLogger(__name__)
+
+
+def in_kernel(function: _Function) -> _Function:
+    """Mark a function that a tick calls."""
+    FUNCTIONS.append(function)
+    return function
+
+
+def inlined(function: _Function) -> _Function:
+    """Mark a function that nearly every tick calls, from few places: passing arguments would take longer."""
+    INLINED.append(function)
+    return in_kernel(function)
 
 
 def worth_compiling(ticks: int | None) -> bool:

@@ -12,7 +12,7 @@ import math
 import sys
 from typing import NamedTuple
 
-from knee_contact_ros.model.kernel_source import in_kernel, inlined
+from knee_contact_ros.model.compiler import in_kernel, inlined
 
 HORIZON = 0.1
 """How long [s] a velocity error counts where neither spring nor dashpot holds it back."""
@@ -188,14 +188,20 @@ def holding(stiffness: float, damping: float, mass: float) -> float:
 
 
 @in_kernel
+def depth_error(height: float, velocity: float, held: float) -> float:
+    """Return the error of the depth [m] for errors of height [m] and velocity [m/s]; `held` [1/s] as in `reach`."""
+    swing = velocity / held
+    return math.sqrt(height * height + swing * swing)
+
+
+@in_kernel
 def reach(error: Error, held: float) -> float:
     """Return the published error estimate [m] of the height.
 
     In a contact that limits velocity errors at a rate `held` [1/s] (see `holding`), both errors turn into each other,
     at a phase that is not well known; in flight (infinite) an error of the velocity has no effect on the height yet.
     """
-    swing = error.velocity / held
-    expected = math.sqrt(error.height * error.height + swing * swing)
+    expected = depth_error(error.height, error.velocity, held)
     estimate = EXPECTED * expected + SPREAD * math.sqrt(max(error.hh + error.vv / (held * held), 0.0))
     return estimate if estimate < LARGEST_ERROR else LARGEST_ERROR
 
@@ -260,10 +266,3 @@ def saltation(error: Error, rate: float, jump: float, off: float, mass: float, l
     slowest = max(abs(rate), (reach(error, math.inf) + abs(off)) / longest, TINY)
     late = math.copysign(jump / (mass * slowest), -jump * rate)
     return with_bound(mapped(error, 1.0, 0.0, late, 1.0), 0.0, abs(off * late))
-
-
-@in_kernel
-def depth_error(height: float, velocity: float, stiffness: float, damping: float, mass: float) -> float:
-    """Return the error of the depth [m] for errors of height [m] and velocity [m/s]: what the latter becomes too."""
-    becomes = velocity / holding(stiffness, damping, mass)
-    return math.sqrt(height * height + becomes * becomes)

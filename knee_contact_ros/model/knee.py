@@ -325,11 +325,13 @@ class Stream:
 
     def advance(self, stamp: int, flexion_angle: float, load: float, femoral_height: float | None = None) -> None:
         """Advance to an integer stamp [ns] and leave the answer in `answer`, which is quicker than to return a copy."""
-        if not (-LARGEST_ANGLE <= flexion_angle <= LARGEST_ANGLE and -LARGEST_LOAD <= load <= LARGEST_LOAD):
-            _refuse(flexion_angle, load, femoral_height)
-        height = math.nan
         if self._height_prescribed or femoral_height is not None:
-            height = self._checked_height(flexion_angle, load, femoral_height)
+            self.model.check_drive(femoral_height is not None)
+        height = math.nan if femoral_height is None else femoral_height
+        if not (-LARGEST_ANGLE <= flexion_angle <= LARGEST_ANGLE and -LARGEST_LOAD <= load <= LARGEST_LOAD) or not (
+            femoral_height is None or abs(height) <= LARGEST_HEIGHT
+        ):
+            _refuse(flexion_angle, load, femoral_height)
         last = self._stamp
         if last is None:
             duration = 0.0
@@ -361,14 +363,6 @@ class Stream:
         self.model.compute(np.column_stack([steps * NANOSECOND, angles, loads, height]), answers, self._state)
         self._stamp = int(stamps[-1])
         return answers
-
-    def _checked_height(self, flexion_angle: float, load: float, femoral_height: float | None) -> float:
-        """Check and return the height [m] of a tick that is given one or needs one."""
-        self.model.check_drive(femoral_height is not None)
-        height = 0.0 if femoral_height is None else femoral_height
-        if not abs(height) <= LARGEST_HEIGHT:
-            _refuse(flexion_angle, load, femoral_height)
-        return height
 
 
 def _check_limits(columns: list[Floats]) -> None:

@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.model.kernel_source import in_kernel
+from knee_contact_ros.model.compiler import in_kernel
 from knee_contact_ros.model.types import Floats
 
 BEGIN, BASE, STIFFNESS, EXPONENT, DAMPING, LOSS, LEAST_SPEED, FORM = range(8)
@@ -178,9 +178,7 @@ def two_layer_elastic(*, stiffness: float, exponent: float, layer_depth: float, 
     `stiffness` is K₁ and `stiffness_2` K₂ [N/mⁿ]. The stiffness jumps at h, and nothing damps the knee.
     """
     base = force_at(np.array([Layer(0.0, 0.0, stiffness, exponent)]), 0, layer_depth, 0.0, 0.0)[0]
-    return ContactLaw(
-        (Layer(0.0, 0.0, stiffness, exponent), Layer(layer_depth, base, stiffness_2, exponent)),
-    )
+    return ContactLaw((Layer(0.0, 0.0, stiffness, exponent), Layer(layer_depth, base, stiffness_2, exponent)))
 
 
 def two_layer_viscoelastic(
@@ -249,13 +247,9 @@ def gonthier(*, stiffness: float, exponent: float, restitution: float, least_imp
 
 
 def elastic_foundation(
-    *,
-    youngs_modulus: float,
-    poissons_ratio: float,
-    foundation_thickness: float,
-    femoral_radius: float,
+    *, youngs_modulus: float, poissons_ratio: float, foundation_thickness: float, femoral_radius: float,
     tibial_radius: float,
-) -> ContactLaw:
+) -> ContactLaw:  # fmt: skip
     """Return a bed of independent springs on rigid bone, pressed by a sphere: F = π (M/t) R δ² (Winkler).
 
     M = E (1 - ν) / ((1 + ν) (1 - 2ν)) is the modulus of a layer that is bonded to bone and cannot spread sideways: E is
@@ -274,17 +268,10 @@ def elastic_foundation(
     return ContactLaw((Layer(stiffness=stiffness, exponent=2.0),), foundation_thickness)
 
 
-CONTACT_LAWS: dict[str, Callable[..., ContactLaw]] = {
-    "hertz": hertz,
-    "kelvin_voigt": kelvin_voigt,
-    "two_layer_elastic": two_layer_elastic,
-    "two_layer_viscoelastic": two_layer_viscoelastic,
-    "hunt_crossley": hunt_crossley,
-    "lankarani_nikravesh": lankarani_nikravesh,
-    "flores": flores,
-    "gonthier": gonthier,
-    "elastic_foundation": elastic_foundation,
-}
+CONTACT_LAWS: dict[str, Callable[..., ContactLaw]] = {law.__name__: law for law in (
+    hertz, kelvin_voigt, two_layer_elastic, two_layer_viscoelastic, hunt_crossley, lankarani_nikravesh, flores,
+    gonthier, elastic_foundation,
+)}  # fmt: skip
 """Contact laws by the names that the parameter `contact.law` uses"""
 
 

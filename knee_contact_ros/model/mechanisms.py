@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from knee_contact_ros.model.kernel_source import inlined
+from knee_contact_ros.model.compiler import inlined
 
 Floats = NDArray[np.float64]
 LARGEST = 0.1

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from knee_contact_ros.model.kernel_source import in_kernel, inlined
+from knee_contact_ros.model.compiler import in_kernel, inlined
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]

@@ -17,6 +17,7 @@ import math
 import sys
 from typing import NamedTuple
 
+from knee_contact_ros.model.compiler import in_kernel, inlined
 from knee_contact_ros.model.error_estimate import (
     HORIZON,
     SPREAD,
@@ -41,7 +42,6 @@ from knee_contact_ros.model.error_estimate import (
     with_step,
     with_uncorrelated_bound,
 )
-from knee_contact_ros.model.kernel_source import in_kernel, inlined
 from knee_contact_ros.model.laws import APART, BEGIN, DAMPING, force_at, layer_at
 from knee_contact_ros.model.surfaces import Surfaces, next_kink, touch
 from knee_contact_ros.model.types import Floats
@@ -493,23 +493,15 @@ def attempt(
     limits the evaluations of an implicit step.
     """
     if not pressing:
-        height, velocity = falls(tick, knee.mass, s, y, v, h)
+        load = load_at(tick, s)
+        height = y + h * (v - h * (0.5 * load + tick.load_rate * h / 6.0) / knee.mass)
+        velocity = v - h * (load + 0.5 * tick.load_rate * h) / knee.mass
         end = stage_at(knee, tick, layer, impact, s + h, height, velocity)
         rounding = LAUNCH_ROUNDING * abs(height - y)
         return Step(height, velocity, rounding, 0.0, end, 0.0, 0.0, 0.0, NOWHERE, 1.0, 1, True, False)
     if radius * h <= EXPLICIT:
         return explicit_step(knee, tick, layer, impact, known, s, y, v, h, one)
     return doubled_step(knee, tick, layer, impact, known, s, y, v, h, one, room - STEP_COST)
-
-
-@in_kernel
-def falls(tick: Interval, mass: float, s: float, y: float, v: float, t: float) -> tuple[float, float]:
-    """Return height [m] and velocity [m/s] after a flight of `t` [s] from s [s] on: the load is linear in time."""
-    load = load_at(tick, s)
-    return (
-        y + t * (v - t * (0.5 * load + tick.load_rate * t / 6.0) / mass),
-        v - t * (load + 0.5 * tick.load_rate * t) / mass,
-    )
 
 
 @inlined
@@ -530,12 +522,12 @@ def error_ratio(
     # A leap happens once: its error is not one of many that add up while the contact remembers them.
     decay, held = decay_rate(k, c, mass), holding(k, c, mass)
     forgotten = 1.0 if step.leapt > 0.0 else min(1.0, h * max(decay, held / RADIANS, 1.0 / FORGETTING))
-    whole = depth_error(height_error, velocity_error, k, c, mass) / forgotten + h * step.leapt
+    whole = depth_error(height_error, velocity_error, held) / forgotten + h * step.leapt
     left = step.end.depth - float(knee.law[layer, BEGIN])
     ends = left < RELEASE * (begin.depth - step.end.depth) and knee.law[layer, DAMPING] > knee.law[layer - 1, DAMPING]
     if ends or force < RELEASE * (begin_force - force) or force > REBOUND * load:
         # The error of the velocity is carried into a flight, or into a layer that damps it less.
-        whole = max(whole, THROWN * depth_error(height_error, velocity_error, 0.0, 0.0, mass))
+        whole = max(whole, THROWN * depth_error(height_error, velocity_error, 1.0 / HORIZON))
     wanted = knee.tolerance
     if knee.force_tolerance > 0.0:
         # A creeping contact turns a depth into a rate by k/c, one that swings by the root of k/m.
@@ -552,7 +544,7 @@ def error_ratio(
     ratio = whole / (LOCAL_SHARE * allowed)
     if step.implicit:
         crept, swung = unresolved(tick, begin, step, load, mass, h)
-        ratio += depth_error(crept, swung, k, c, mass) / (LOCAL_SHARE * wanted)
+        ratio += depth_error(crept, swung, held) / (LOCAL_SHARE * wanted)
     return ratio if ratio < math.inf else math.inf
 
 

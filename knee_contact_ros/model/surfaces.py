@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from knee_contact_ros.model.kernel_source import in_kernel, inlined
+from knee_contact_ros.model.compiler import in_kernel, inlined
 from knee_contact_ros.model.mechanisms import Mechanism, translation
 from knee_contact_ros.model.profiles import (
     NOTHING,

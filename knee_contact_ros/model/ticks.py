@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 
+from knee_contact_ros.model.compiler import in_kernel, inlined
 from knee_contact_ros.model.error_estimate import (
     EXACT,
     LARGEST_ERROR,
@@ -21,6 +22,7 @@ from knee_contact_ros.model.error_estimate import (
     bounded,
     curved,
     decay_rate,
+    depth_error,
     force_reach,
     holding,
     over_step,
@@ -29,7 +31,6 @@ from knee_contact_ros.model.error_estimate import (
     velocity_reach,
     with_bound,
 )
-from knee_contact_ros.model.kernel_source import in_kernel, inlined
 from knee_contact_ros.model.laws import BEGIN, DAMPING, force_at, law_force, layer_at
 from knee_contact_ros.model.mechanisms import translation
 from knee_contact_ros.model.solver import (
@@ -146,8 +147,10 @@ def run(knee: Knee, state: Floats, samples: Floats, words: Floats, codes: Bytes,
                     if not result.converged:
                         result = at_rest(knee, angle, load, math.nan, ANSWER - 4, max(1, result.evaluations))
                         fidelity = QUASI_STATIC
-                if not result.converged or state[LOST] > 0.0 or is_beyond(knee, result):
-                    result = remember(knee, tick, state, start, result)
+                # A femur that was followed and may be farther off than any depth is lost; a static one tells nothing.
+                beyond = knee.level == DYNAMIC and result.estimate > knee.plausible_depth
+                if not result.converged or beyond or state[LOST] > 0.0:
+                    result = remember(knee, tick, state, start, result, result.converged and not beyond)
         femur, error = result.femur, result.femur.error
         state[BEGUN], state[ANGLE], state[LOAD] = 1.0, angle, load
         state[HEIGHT], state[VELOCITY], state[TRY_STEP] = femur.height, femur.velocity, femur.try_step
@@ -307,7 +310,7 @@ def left_behind(
             moved, abs(other.height - moved.height) + SPREAD * max(wider, 0.0),
             abs(other.velocity - moved.velocity) + SPREAD * max(faster, 0.0),
         )  # fmt: skip
-    still = math.sqrt(moved.height * moved.height + moved.velocity * moved.velocity / (held * held))
+    still = depth_error(moved.height, moved.velocity, held)
     doubted = SPREAD * math.sqrt(max(moved.hh + moved.vv / (held * held), 0.0))
     moved = Error(moved.height + end_rest - lag, moved.velocity + drift, moved.hh, moved.hv, moved.vv)
     size = abs(moved.height) + abs(error.height)
@@ -320,13 +323,7 @@ def left_behind(
 
 
 @in_kernel
-def is_beyond(knee: Knee, result: Result) -> bool:
-    """Whether the femur that was followed may be farther off than any depth; a static one tells nothing of that."""
-    return knee.level == DYNAMIC and result.estimate > knee.plausible_depth
-
-
-@in_kernel
-def remember(knee: Knee, tick: Interval, state: Floats, start: Femur, result: Result) -> Result:
+def remember(knee: Knee, tick: Interval, state: Floats, start: Femur, result: Result, solved: bool) -> Result:
     """Return the answer to a tick while the exact solution is lost, and find out whether it has been forgotten.
 
     It is lost where a tick could not be resolved, or where its error may be larger than any depth: the linearised
@@ -348,7 +345,6 @@ def remember(knee: Knee, tick: Interval, state: Floats, start: Femur, result: Re
         follows = end_rate / cosine
     if speed > 0.0:
         speed += abs(start.velocity - state[FOLLOWING])
-    solved = result.converged and not is_beyond(knee, result)
     if not solved:
         if speed == 0.0:
             depth, rate, cosine = touch(knee.surfaces, tick.angle, tick.angle_rate, start.height)

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.model import compiler, error_estimate
-from knee_contact_ros.model.kernel_source import in_kernel
+from knee_contact_ros.model.compiler import in_kernel
 from tests import ROOT
 
 CONSTANT = "FACTOR = 3.0\n"
@@ -20,7 +20,7 @@ TOY = """
 import math
 from typing import NamedTuple
 from constants import FACTOR
-from knee_contact_ros.model.kernel_source import in_kernel
+from knee_contact_ros.model.compiler import in_kernel
 
 class Pair(NamedTuple):
     a: float

@@ -11,11 +11,9 @@ from scipy.optimize import brentq
 
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS
-from knee_contact_ros.model.profiles import Circle
-from knee_contact_ros.model.surfaces import ContactPair, Cup
 from knee_contact_ros.model.types import ContactState, Fidelity, Status
 from tests.helpers.scenes import DAMPING, LAYER_DEPTH, RADIUS, STIFFNESS, law, model
-from tests.model.scenes import FORWARDS, ellipse, signed
+from tests.model.scenes import ellipse, signed
 
 TIME = np.arange(0.0, 0.1, 0.001)
 NONE = np.zeros_like(TIME)
@@ -84,37 +82,6 @@ def test_a_turning_profile_presses_though_the_axis_stays() -> None:
     # What is tabulated of h' is off by 1e-16 m, and of h by that over a cell
     assert signed(series) == pytest.approx(h - height, abs=1e-16)
     assert series.penetration_rate[1:] == pytest.approx(slopes[1:] * rates(angle), abs=1e-14)  # times 24 rad/s
-
-
-def test_over_a_sloped_plane_the_rate_is_that_of_the_signed_depth() -> None:
-    slope = 0.4
-    height = (RADIUS + AHEAD * math.sin(slope) - 3e-4 - 4e-4 * np.sin(47.0 * TIME)) / math.cos(slope)
-    height += 1e-3 * np.sin(80.0 * TIME)
-    knee = model(law("kelvin_voigt"), slope=slope, mechanism=FORWARDS, height_prescribed=True)
-    series = knee.run(TIME, TURNS, NONE, height)
-    depth = RADIUS + AHEAD * math.sin(slope) - math.cos(slope) * height
-    assert signed(series) == pytest.approx(depth, abs=3e-17)  # rounding of three terms of 34 mm
-    # The depth is linear between ticks. Its rounding over a tick of 1 ms
-    assert series.penetration_rate[1:] == pytest.approx(rates(depth), abs=1e-13)
-    assert series.gap.max() > 0.0
-    # Rounding of the rate times the dashpot (5e-10 N), of the depth times the slope (1e-11 N): with room
-    assert series.contact_force[1:] == pytest.approx(kelvin_voigt(depth[1:], rates(depth)), abs=1e-8)
-
-
-def test_in_a_concave_circle_the_rate_is_that_of_the_ticks_end() -> None:
-    large = 0.08
-    height = large - np.sqrt((large - RADIUS + 3e-4 + 4e-4 * np.sin(47.0 * TIME)) ** 2 - AHEAD**2)
-    knee = led("hertz", pair=ContactPair(Circle(RADIUS), Cup(large), FORWARDS))
-    series = knee.run(TIME, TURNS, NONE, height)
-    # The centres are as far apart as the depth says.
-    below = large - height
-    apart = np.hypot(AHEAD, below)
-    # Rounding of terms of 80 mm
-    assert signed(series) == pytest.approx(RADIUS - large + apart, abs=1e-16)
-    rate = (AHEAD[1:] * rates(AHEAD) - below[1:] * rates(height)) / apart[1:]
-    assert series.penetration_rate[1:] == pytest.approx(rate, abs=1e-13)  # rounding of 80 mm over a tick of 1 ms
-    # What a normal that is taken for upright would make of it
-    assert np.abs(rate - AHEAD[1:] / apart[1:] * rates(AHEAD) + rates(height)).max() > 1e-3
 
 
 def test_the_heights_of_a_force_driven_run_give_its_forces() -> None:

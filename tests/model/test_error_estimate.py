@@ -6,29 +6,21 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
 from scipy.linalg import expm
 
 from knee_contact_ros.model.error_estimate import (
-    EXACT,
     EXPECTED,
     LARGEST_ERROR,
     SPREAD,
     STEPWISE,
     Error,
     bounded,
-    decay_rate,
     force_reach,
-    holding,
     over_step,
     reach,
     response,
     saltation,
-    spectral_radius,
     velocity_reach,
-    with_bound,
-    with_step,
-    with_uncorrelated_bound,
 )
 from tests.helpers.scenes import law, model
 from tests.model.scenes import signed, thrown
@@ -60,42 +52,6 @@ def test_an_error_is_carried_by_the_linear_contact(stiffness: float, damping: fl
     assert carried[2:] == pytest.approx((expected[0, 0], expected[0, 1], expected[1, 1]), rel=1e-8, abs=1e-24)
 
 
-@pytest.mark.parametrize(("stiffness", "damping"), CONTACTS)
-def test_rates_are_those_of_the_eigenvalues(stiffness: float, damping: float) -> None:
-    eigenvalues = np.linalg.eigvals([[0.0, 1.0], [-stiffness / MASS, -damping / MASS]])
-    # rounding: its root where both eigenvalues are one, differences where they are real and far apart
-    assert spectral_radius(stiffness, damping, MASS) == pytest.approx(np.abs(eigenvalues).max(), rel=1e-6)
-    assert decay_rate(stiffness, damping, MASS) == pytest.approx(-eigenvalues.real.max(), rel=1e-6, abs=1e-9)
-    assert holding(stiffness, damping, MASS) == max(math.sqrt(stiffness / MASS), damping / MASS, 10.0)
-
-
-@pytest.mark.parametrize("damping", [0.0, 3e3])
-def test_a_stiffness_that_changes_over_a_step_carries_an_error_at_fourth_order(damping: float) -> None:
-    def wrong(h: float) -> float:
-        begin, end = 4e6, 4e6 * (1.0 + 300.0 * h)
-        exact = solve_ivp(
-            lambda s, z: [z[1], -(begin + (end - begin) * s / h) / MASS * z[0] - damping / MASS * z[1]],
-            (0.0, h), [1.0, 100.0], rtol=1e-12, atol=1e-14,
-        ).y[:, -1]  # fmt: skip
-        found = over_step(of(1.0, 100.0), begin, 0.5 * (begin + end), end, damping, MASS, h)
-        return abs(found.height - exact[0])
-
-    # Per step one order more; the middle's slope alone gives 2^3.
-    assert wrong(4e-4) / wrong(2e-4) > 2.0**4
-
-
-def test_a_stiffness_that_changes_over_many_decays_leaves_the_velocity_at_its_creep() -> None:
-    """A released contact keeps that velocity: a series that no longer converges made a tenth of it."""
-    begin, end, damping, h = 4.5e5, 4.1e5, 3e4, 1.3e-3
-    exact = solve_ivp(
-        lambda s, z: [z[1], -(begin + (end - begin) * s / h) / MASS * z[0] - damping / MASS * z[1]],
-        (0.0, h), [1e-7, -1.5e-6], rtol=1e-12, atol=1e-20, method="Radau",
-    ).y[:, -1]  # fmt: skip
-    found = over_step(of(1e-7, -1.5e-6), begin, 0.5 * (begin + end), end, damping, MASS, h)
-    # The middle's stiffness for the end's, which are 5 % apart
-    assert tuple(found[:2]) == pytest.approx(tuple(exact), rel=0.06)
-
-
 @pytest.mark.parametrize("rate", [0.2, -0.2])
 @pytest.mark.parametrize("jump", [50.0, -50.0])
 def test_behind_a_jump_the_error_is_that_of_two_femora_that_meet_it(rate: float, jump: float) -> None:
@@ -108,14 +64,6 @@ def test_behind_a_jump_the_error_is_that_of_two_femora_that_meet_it(rate: float,
     assert found.height == e
     # A jump met at no speed is not felt longer than the interval.
     assert 0.0 < abs(saltation(of(e, 0.0), 0.0, jump, 0.0, MASS, 5e-3).velocity) <= 5e-3 * abs(jump) / MASS
-
-
-def test_parts_of_an_error_cancel_and_what_is_not_known_of_them_does_not() -> None:
-    one = with_step(EXACT, 1e-7, 0.0, 0.5, HELD)
-    both = with_step(one, -1e-7, 0.0, 0.5, HELD)
-    assert (one.height, both.height) == (STEPWISE * 1e-7, 0.0)
-    assert both.hh > 2.0 * one.hh * (1.0 - 1e-12)  # rounding; the parts that are alike add up to more
-    assert reach(both, math.inf) > 0.5e-7
 
 
 def test_an_error_that_has_grown_out_of_all_bounds_stays_a_number() -> None:
@@ -147,24 +95,6 @@ def test_what_is_published_of_an_error(found: float, expected: float) -> None:
     # written out: the constants are those that studies of thousands of scenes have found
     assert (EXPECTED, SPREAD, STEPWISE) == (1.25, 3.0, 1.6)
     assert found == pytest.approx(expected, rel=1e-12, abs=1e-14)  # rounding; of 4 N
-
-
-def test_bounds_add_up() -> None:
-    once = with_bound(EXACT, 1e-7, 1e-4)
-    assert reach(once, math.inf) == pytest.approx(1e-7, rel=1e-12)  # rounding
-    assert reach(with_bound(once, 2e-7, 0.0), math.inf) == pytest.approx(3e-7, rel=1e-12)
-
-
-def test_what_adds_aside_leaves_a_late_femur_late() -> None:
-    """Both errors follow from one time: what is added aside is what this time does not tell, in the same direction."""
-    late, speed, acceleration = 1e-6, 3.0, 5e3
-    error = Error(0.0, 0.0, (late * speed) ** 2, late * late * speed * acceleration, (late * acceleration) ** 2)
-    for _ in range(100):
-        error = with_uncorrelated_bound(error, 0.0, 3e-9)
-    own = error.vv - error.hv**2 / error.hh
-    assert own == pytest.approx((100 * 1e-9) ** 2, rel=1e-2)  # a difference of squares
-    once = with_uncorrelated_bound(EXACT, 3e-6, 0.0)
-    assert with_uncorrelated_bound(once, 3e-6, 0.0).hh == pytest.approx(4.0 * once.hh, rel=1e-12)  # rounding
 
 
 FLORES = model(law("flores"), 1e-10, mass=MASS)

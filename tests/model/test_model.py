@@ -5,7 +5,6 @@ from __future__ import annotations
 import copy
 import math
 import pickle
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +14,6 @@ import pytest
 from knee_contact_ros.model import laws, solver, statics, ticks
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_LOAD, MOST_BUDGET, KneeModel
 from knee_contact_ros.model.laws import ContactLaw, Layer
-from knee_contact_ros.model.mechanisms import table
-from knee_contact_ros.model.profiles import Circle
-from knee_contact_ros.model.surfaces import ContactPair, Plane
 from knee_contact_ros.model.types import Contact, ContactState, Fidelity, Status
 from tests.helpers.scenes import RADIUS, law, model
 from tests.model.scenes import PAIRS, ellipse, fast, hopping, signed
@@ -135,26 +131,6 @@ def test_sliding_is_that_of_the_femurs_material_point(kind: str, apart: float) -
     expected = float((point(step) - point(-step)) @ tangent) / (2.0 * step)
     assert row.sliding_velocity == pytest.approx(expected, abs=1e-7)  # the table's spline has kinks in x''
     assert (row.gap > 0.0) == (apart > 0.0)
-
-
-def test_a_turning_circle_slides_anteriorly_and_a_rolling_one_not_at_all() -> None:
-    knee, time = model(law("kelvin_voigt")), np.arange(50) * 1e-3
-    angle, load = 0.2 + 2.0 * time, np.full(50, 500.0)
-    turning = knee.run(time, angle, load).sliding_velocity
-    assert turning[0] == 0.0  # at rest
-    assert turning[1:] == pytest.approx(2.0 * RADIUS, rel=1e-12)  # rounding of the angle's rate
-    rolls = ContactPair(Circle(RADIUS), Plane(), table([0.0, 1.0], [0.0, -RADIUS]))
-    assert replace(knee, pair=rolls).run(time, angle, load).sliding_velocity == pytest.approx(0.0, abs=1e-15)
-
-
-def test_a_femur_that_moves_on_a_slope_slides_along_it() -> None:
-    """No turn: the velocity along the height is all there is, and its part along the slope is the sliding."""
-    time = np.arange(200) * 1e-4
-    series = model(law("kelvin_voigt"), slope=0.3).run(time, np.zeros(200), 500.0 + 300.0 * np.sin(200.0 * time))
-    expected = np.gradient(series.femoral_height, time) * math.sin(0.3)
-    # central differences: a sixth of the step squared times the third derivative, some 1e4 m/s³ at 200 rad/s
-    assert series.sliding_velocity[2:-1] == pytest.approx(expected[2:-1], abs=1e-4)
-    assert np.abs(expected).max() > 5e-3
 
 
 @pytest.mark.parametrize(("time", "angle", "load", "words"), [

@@ -47,16 +47,6 @@ def test_the_static_depth_carries_the_force_whatever_the_guess(name: str, force:
 
 
 @pytest.mark.parametrize("name", CONTACT_LAWS)
-@settings(max_examples=40)
-@given(force=st.floats(1e-3, 1e5), near=st.floats(0.3, 3.0), resolution=st.floats(-12.0, -5.0))
-def test_a_coarser_resolution_is_kept(name: str, force: float, near: float, resolution: float) -> None:
-    rows = law(name).rows
-    depth = statics.plain_static_depth(rows, force)
-    coarse, _ = statics.static_depth(rows, force, near * depth, 10.0**resolution, statics.NO_LIMIT)
-    assert abs(coarse - depth) <= 10.0**resolution
-
-
-@pytest.mark.parametrize("name", CONTACT_LAWS)
 def test_no_guess_is_too_far_and_no_load_is_none(name: str) -> None:
     rows = law(name).rows
     for near in (1e-12, 1e-6, 1.0, 1e6):
