@@ -93,7 +93,7 @@ class Results(Records):
             UsageError: the model is not known, or has no patch.
         """
         if self.model is None:
-            raise UsageError("readouts: what computed these answers is not known; see the method of the model")
+            raise UsageError("readouts: the model of these answers is not known; see the method of the model")
         try:
             return self.model.readouts(self).view(Records)
         except ValueError as error:
@@ -175,7 +175,9 @@ def columns(rows: Rows) -> dict[str, NDArray[Any]]:
         UsageError: the stamp is not among the fields.
     """
     if "stamp" not in (rows.dtype.names or ()):
-        raise UsageError(f"fields {', '.join(rows.dtype.names or ())}: stamp must be one of them, which gives the time")
+        raise UsageError(
+            f"fields {', '.join(rows.dtype.names or ())}: stamp must be one of them, because it gives the time"
+        )
     flat = np.asarray(rows).view(FLAT)
     parts = [(offset, offset + kind.itemsize) for kind, offset, *_ in (rows.dtype.fields or {}).values()]
     there = [

@@ -219,7 +219,7 @@ def _by_time(parts: Sequence[Part], read: Callable[[Part], Batch]) -> Iterator[B
             > MOST_AT_ONCE
         ):
             raise UsageError(
-                f"its chunks lie over each other in time, so that more than {MOST_AT_ONCE} bytes would lie in memory: "
+                f"its chunks overlap in time, so that more than {MOST_AT_ONCE} bytes would lie in memory: "
                 "have another tool sort it, as `mcap sort`"
             )
 

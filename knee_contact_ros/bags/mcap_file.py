@@ -43,7 +43,7 @@ PARSERS: dict[int, Any] = {
 }
 """Class of the `mcap` library that parses the records of each opcode"""
 HOLE, PRIVATE = 0, 0x80
-"""In place of an opcode: bytes that are no records; the first opcode for private records of applications"""
+"""In place of an opcode: bytes that are not records; the first opcode for private records of applications"""
 CHUNK_HEAD = struct.Struct("<BQQQQII")
 """Beginning of a chunk: opcode, length, smallest and largest log time [ns], uncompressed size [B], CRC-32 of the
 records, and length [B] of the name of the compression, which follows with the compressed size"""
@@ -568,7 +568,7 @@ def contents_of(data: bytes | mmap.mmap, indices: Sequence[bytes], most: int, cu
                 declarations.append(record)
         begins = np.array(places, np.int64)
     if end != len(data) and not cut:
-        raise DamagedError(f"ends in {len(data) - end} bytes that are no records")
+        raise DamagedError(f"ends in {len(data) - end} bytes that are not records")
     heads = _heads(data, begins)
     ends = begins + HEAD.size + heads["length"].astype(np.int64)
     return Contents(

@@ -70,8 +70,8 @@ NAMESPACE = ""
 INPUT_TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in INPUTS}
 """Types of the topics that drive the model, by their absolute names"""
 OTHER_FORCE = {
-    JOINT_REACTION_FORCE: (GROUND_REACTION_FORCE, "knee-contact estimate-load makes joint reaction forces of its"),
-    GROUND_REACTION_FORCE: (JOINT_REACTION_FORCE, "knee-contact solve takes, and replay without --sensors, its"),
+    JOINT_REACTION_FORCE: (GROUND_REACTION_FORCE, "knee-contact estimate-load computes joint reaction forces from its"),
+    GROUND_REACTION_FORCE: (JOINT_REACTION_FORCE, "knee-contact solve, and replay without --sensors, read its"),
 }
 """Other input of the same type, by the name of a force that it must not be taken for, and the advice for it"""
 MCAP, SQLITE, ZSTD = ".mcap", ".db3", b"\x28\xb5\x2f\xfd"
@@ -81,13 +81,13 @@ MAGICS = {MCAP: MAGIC, SQLITE: b"SQLite format 3\x00"}
 FIXED_TYPES = ("sensor_msgs/msg/JointState", "geometry_msgs/msg/WrenchStamped")
 """Types whose messages are read by their definition in ROS 2, and by no other"""
 FOREIGN = {
-    b"#ROSBAG V": "is a bag of ROS 1: convert it, as with `rosbags-convert --src FILE --dst FOLDER`",
-    ZSTD: "is compressed (zstd): give the folder of the bag, or decompress it first, as with `unzstd`",
-    b"\x1f\x8b": "is compressed (gzip): decompress it first, as with `gunzip`",
-    b"BZh": "is compressed (bzip2): decompress it first, as with `bunzip2`",
-    b"\xfd7zXZ": "is compressed (xz): decompress it first, as with `unxz`",
+    b"#ROSBAG V": "is a bag of ROS 1: convert it, for example with `rosbags-convert --src FILE --dst FOLDER`",
+    ZSTD: "is compressed (zstd): give the folder of the bag, or decompress it first, for example with `unzstd`",
+    b"\x1f\x8b": "is compressed (gzip): decompress it first, for example with `gunzip`",
+    b"BZh": "is compressed (bzip2): decompress it first, for example with `bunzip2`",
+    b"\xfd7zXZ": "is compressed (xz): decompress it first, for example with `unxz`",
     b"PK\x03\x04": "is a zip archive: unpack it first",
-    b"\x04\x22\x4d\x18": "is compressed (lz4): decompress it first, as with `unlz4`",
+    b"\x04\x22\x4d\x18": "is compressed (lz4): decompress it first, for example with `unlz4`",
     b"version https://git-lfs": "is a pointer of Git LFS and not the file itself: fetch it with `git lfs pull`",
 }
 """What files are that are no bags, by their first bytes"""
@@ -168,7 +168,7 @@ class BagReader:
             self.connections = [key._replace(messages=count) for key, count in merged.items()]
             """Connections of all files, with one for each topic, type, encoding and definition"""
             if self.damage and not any(connection.messages for connection in self.connections):
-                raise UsageError(f"cannot read bag {path}: no message can be read of it; {in_a_line(self.damage)}")
+                raise UsageError(f"cannot read bag {path}: no message of it can be read; {in_a_line(self.damage)}")
             try:
                 self._requested = {
                     topic: _found(path, self.connections, topic, type_name, names.get(topic, topic))
@@ -325,7 +325,7 @@ def answer_blocks(
     """
     with BagReader(path, {topic: MESSAGE_TYPES[KNEE_CONTACT]}) as reader:
         if reader.damage:
-            raise UsageError(f"{path} is damaged ({in_a_line(reader.damage)}): make it whole with knee-contact recover")
+            raise UsageError(f"{path} is damaged ({in_a_line(reader.damage)}): repair it with knee-contact recover")
         (publishers, batches), done = reader.by_publisher(), 0
         for block in blocks(batches, DECODED):
             for number, messages in groupby(block, key=itemgetter(0)):
@@ -393,7 +393,9 @@ def names_in_bag(remaps: Iterable[str] = (), namespace: str = "", inputs: Sequen
             raise UsageError(f"--remap {rule!r}: the node's name comes first; say {other}:={source}")
         if topic not in names:
             allowed = " or ".join(inputs)
-            raise UsageError(f"--remap {rule!r}: {source} is no input; FROM must be {allowed}, TO is the bag's topic")
+            raise UsageError(
+                f"--remap {rule!r}: {source} is not an input; FROM must be {allowed}, TO is the bag's topic"
+            )
         if topic in remapped:
             raise UsageError(f"--remap {rule!r}: {source} is remapped twice")
         remapped.add(topic)
@@ -693,7 +695,7 @@ def refuse_input(bag: Path, output: Path) -> None:
         UsageError: It would.
     """
     if is_there(output) and any(is_there(path) and output.samefile(path) for path in files_of(bag)):
-        raise UsageError(f"{output} is the input: it is never touched; choose another name")
+        raise UsageError(f"{output} is the input, which is never changed; choose another name")
 
 
 def is_there(path: Path) -> bool:
@@ -733,7 +735,7 @@ class SqliteFile:
             self.close()
             reason = " ".join(str(error).split())[:120]
             advice = "; ".join(self.faults) or "try to get its messages into another one with sqlite3's own `.recover`"
-            raise UsageError(f"{path} is no sqlite3 bag, or a damaged one ({reason}): {advice}") from None
+            raise UsageError(f"{path} is not a sqlite3 bag, or it is damaged ({reason}): {advice}") from None
 
     @property
     def times(self) -> tuple[int, int] | None:

@@ -72,7 +72,7 @@ METADATA = "metadata.yaml"
 """Name of the file that makes a folder a bag"""
 MANY_FILES = 100
 """Number of files from which `metadata.yaml`, which grows with each, is written only at the end"""
-NODE_GONE = "the node was gone, or had given the recording up, before it was closed"
+NODE_GONE = "the node ended or gave the recording up before it was closed"
 GATHER = 0.03
 """Longest time [s] for which answers are gathered in the node: a kill of the node loses them"""
 ABSOLUTE_NAMES = {topic: f"/{topic}" for topic in RECORDED}

@@ -104,7 +104,7 @@ def recover(
             _write(partial, file, described, lambda done: advance(file.size + done, 2 * file.size))
             (partial.replace if overwrite else lambda target: rename_new(partial, target))(output)
         except FileExistsError:
-            raise UsageError(f"{output} has appeared meanwhile, and is left as it is; choose another name") from None
+            raise UsageError(f"{output} appeared in the meantime and was not changed; choose another name") from None
         finally:
             partial.unlink(missing_ok=True)
         if described and all(p.name == METADATA or p.name.startswith(output.name) for p in output.parent.iterdir()):
@@ -121,12 +121,12 @@ def _opened(source: Path, output: Path, overwrite: bool, advance: Advance) -> Mc
     if is_being_written(source):
         raise UsageError(f"{source} is being written: it is not cut off; stop the recording first")
     if output.exists() and output.samefile(source):
-        raise UsageError(f"{output} is the input: it is never touched; choose another name")
+        raise UsageError(f"{output} is the input, which is never changed; choose another name")
     if output.is_dir() or (os.path.lexists(output) and not overwrite):
         raise UsageError(f"{output} exists already; choose another name, or --overwrite")
     try:
         if kind_of(source) != MCAP:
-            raise UsageError(f"{source} is a sqlite3 file; recover makes MCAP files whole")
+            raise UsageError(f"{source} is a sqlite3 file; recover repairs MCAP files only")
         return McapFile(source, advance)
     except OSError as error:
         raise UsageError(f"cannot read {source}: {error.strerror}") from None

@@ -191,7 +191,7 @@ def is_number(text: str) -> bool:
     CLOCK,
     type=click.FloatRange(0.0, 10_000.0),
     metavar="[HZ]",
-    help="Publish /clock HZ times a second, or with every message if there is no number.",
+    help="Publish /clock HZ times a second, or with every message without HZ.",
 )
 @click.option(
     "--start-offset",

@@ -139,11 +139,11 @@ def run_replay(
     """Publish a bag's inputs in time into a namespace, with a progress bar and keys; print how late they were.
 
     Raises:
-        UsageError: the bag cannot be used, no message is in the span, nobody could end the pause at the beginning, or
+        UsageError: the bag cannot be used, no message is in the span, no key could end the pause at the beginning, or
             ROS cannot be joined.
     """
     if timing.start_paused and not has_terminal():
-        raise UsageError("--start-paused needs a terminal at standard input: nobody could end the pause")
+        raise UsageError("--start-paused needs a terminal at standard input: there is no key to end the pause")
     with ExitStack() as opened:
         opened.enter_context(unwinding_on_signals())
         reader = opened.enter_context(BagReader(bag, {f"/{topic}": MESSAGE_TYPES[topic] for topic in inputs}, names))
@@ -158,7 +158,7 @@ def run_replay(
         transforms = transform_messages(bag)
         replayer = Replayer(node, inputs=inputs, clock=timing.clock is not None, transforms=transforms)
         if not replayer.wait_for_subscribers(timing.wait, time.sleep):
-            say(f"no subscriber on every topic after {timing.wait:g} s; publishing all the same", err=True)
+            say(f"no subscriber on every topic after {timing.wait:g} s; publishing anyway", err=True)
         time.sleep(timing.delay)
         play(reader, span, replayer, timing)
 

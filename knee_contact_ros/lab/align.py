@@ -179,7 +179,7 @@ def aligned(sensor: Series, reference: Series, longest: float, max_gap: float) -
     if best < ALIKE:
         why = "are both of one knee, in one time?"
         if against >= ALIKE:
-            why = f"but against each other with {against:.2f}: is a sign turned?"
+            why = f"but in opposite directions with {against:.2f}: is a sign turned?"
         raise UsageError(f"{both} go together with r = {best:.2f} at best; {why}")
     if at in (0, len(lags) - 1):
         raise UsageError(f"{both} fit best at the longest lag tried, {lags[at]:g} s: see --longest-lag")

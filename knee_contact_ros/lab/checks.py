@@ -122,7 +122,7 @@ def check_axial(load: Floats, where: str) -> None:
     if most < -least:
         raise UsageError(
             f"{where} pulls the knee apart, by up to {-least:.0f} N, and presses with {most:.0f} N at most: it is not "
-            "what acts on the tibia, or its y does not point up"
+            "the force on the tibia, or its y does not point up"
         )
     if not SMALLEST_FORCE <= most <= LARGEST_FORCE:
         raise UsageError(f"{where} presses with {most:.3g} at most; it must be in N")
@@ -132,8 +132,8 @@ def check_upright(up: Floats, where: str) -> None:
     """Refuse a vertical ground force, shape (n,), that does not act upwards as on a walking foot."""
     if up.max() < max(STANDS, -up.min()):
         raise UsageError(
-            f"{where} goes from {up.min():.4g} to {up.max():.4g}; it must be in N, upwards, and what the ground does "
-            "to the foot"
+            f"{where} goes from {up.min():.4g} to {up.max():.4g}; it must be in N, upwards, "
+            "and the force of the ground on the foot"
         )
 
 
@@ -166,7 +166,7 @@ def impossible(angle: Series, load: Series | None = None) -> str:
     low, high = float(angle.values.min()), float(angle.values.max())
     if high - low > WIDEST or max(-low, high) > LARGEST_ANGLE:
         return (
-            f"{angle.where} goes from {math.degrees(low):.4g} to {math.degrees(high):.4g} deg, which no knee does: is "
+            f"{angle.where} goes from {math.degrees(low):.4g} to {math.degrees(high):.4g} deg, more than any knee: is "
             f"{angle.name}.unit right, and is it an angle's column?"
         )
     least, most = (float(load.values.min()), float(load.values.max())) if load else (0.0, 0.0)
@@ -297,7 +297,7 @@ def _peak(
     expected = f"{limits[0]:g} to {limits[1]:g}" if weight else f"{least:.0f} to {most:.0f} N"
     hint = f"is {load.name}.unit {unit} right, and is it a load's column?"
     if unit is None:
-        hint = "is it this person's (model), in N, and without spikes?"
+        hint = "is it of this person (model), in N, and without spikes?"
     elif weight:
         fitting = []
         for other in ("lbf", "N", "kgf", "kN", BODY_WEIGHT, PERCENT):

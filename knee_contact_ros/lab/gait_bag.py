@@ -191,7 +191,7 @@ def samples(
         at = at[np.all([bridged(at, each.stamps, max_gap) for each in every], axis=0)]
         if len(at) < 2:
             raise UsageError(f"rate {rate:g}: fewer than two samples lie outside gaps of {max_gap:g} s")
-        notes.append(f"interpolated linearly at {rate:g} Hz, and nothing where a gap is")
+        notes.append(f"interpolated linearly at {rate:g} Hz, with gaps left out")
         return at, {name: wrench.at(at) for name, wrench in wrenches.items()}, notes
     inside = {name: wrench.inside(window) for name, wrench in wrenches.items()}
     for name, wrench in inside.items():
@@ -337,7 +337,7 @@ def check_output(folder: Path, overwrite: bool) -> None:
     if not overwrite:
         raise UsageError(f"{folder} exists already; give another --output, or --overwrite")
     if not folder.is_dir():
-        raise UsageError(f"{folder} is a file and no bag's folder, and is not replaced")
+        raise UsageError(f"{folder} is a file and not a bag's folder; it is not replaced")
     others = [path.name for path in folder.iterdir() if path.suffix not in {MCAP, ".yaml"}]
     if others:
         raise UsageError(f"{folder} is no bag's folder, as it has {others[0]}, and is not replaced")

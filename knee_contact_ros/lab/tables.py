@@ -104,7 +104,7 @@ class Table(NamedTuple):
     duplicates: int
     """Number of rows that were left out for a later one of the same stamp"""
     words: Mapping[tuple[int, str], str] = {}
-    """Cells of a storage file that are no numbers, and NaN in `values`, by stamp and column"""
+    """Cells of a storage file that are not numbers, and NaN in `values`, by stamp and column"""
     day: int | str | None = None
     """Day of the first row, if times are frames or times of day, which begin anywhere: the number of an ISO date, the
     text of another one, empty without one; None: they are not"""
@@ -341,7 +341,7 @@ def _by_cells(path: Path, names: Sequence[str], rows: Sequence[str]) -> tuple[Fl
 
 
 def _stamps(path: Path, time: Floats, factor: float = 1.0, offset: float = 0.0) -> Stamps:
-    """Convert times to stamps [ns]; refuse one that is no number, or that a stamp cannot hold."""
+    """Convert times to stamps [ns]; refuse one that is not a number, or that a stamp cannot hold."""
     seconds = time * factor + offset
     if not np.isfinite(seconds).all() or np.abs(seconds).max() >= LAST_TIME:
         raise UsageError(f"{path}: a time is not a number of seconds below {LAST_TIME}")
@@ -444,8 +444,8 @@ def read_columns(path: Path, wanted: Sequence[Column], time: TimeColumn, table_f
     """Read the columns `wanted` of a file over time; an empty cell is read as NaN.
 
     Raises:
-        UsageError: the file cannot be read, a column is not there or there twice, a cell is no number, or time stands
-            still or goes back.
+        UsageError: the file cannot be read, a column is not there or there twice, a cell is not a number, or time
+            stands still or goes back.
     """
     to_seconds = factor(time.unit, TIME, "time")
     if path.suffix.lower() in {*STORAGES, C3D}:
@@ -514,7 +514,7 @@ def read_numbers(
     right below the names says in each column, and the day of the first time of day, as for `Table`.
 
     Raises:
-        UsageError: a cell is no number, or a line has not as many columns as there are names.
+        UsageError: a cell is not a number, or a line has not as many columns as there are names.
     """
     if header.path.suffix.lower() in PARQUETS:
         return _parquet(header, places, table_format), {}, None
@@ -531,7 +531,7 @@ def read_numbers(
                     continue
                 flat.append(_number(cell, "" if either else decimal, strict=not stated))
             except ValueError:
-                fault = f"{header.path}: line {line}, column {header.names[place]}: {cell[:40]!r} is no number"
+                fault = f"{header.path}: line {line}, column {header.names[place]}: {cell[:40]!r} is not a number"
                 raise UsageError(fault + _cause(cell, decimal if stated else "")) from None
             if not stated:
                 marks.add(place, cell, line)

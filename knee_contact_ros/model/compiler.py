@@ -93,7 +93,7 @@ def compiled(entry: Callable[..., Any], example: Sequence[Any]) -> Callable[...,
         if numba.config.DISABLE_JIT:
             raise ImportError("NUMBA_DISABLE_JIT is set")
     except Exception as error:  # what it finds wrong with Python, NumPy or its own libraries has many names
-        _log.warning("knee_contact_ros: Numba cannot be used (%s); the model runs plainly, slowly", _said(error))
+        _log.warning("knee_contact_ros: Numba cannot be used (%s); the model runs uncompiled and slowly", _said(error))
         return None
     made, types = twin(entry), tuple(map(numba.typeof, example))
     name = f"{stamp(entry)}-{_digest(made.targetctx.codegen().magic_tuple(), types)}{SUFFIX}"
@@ -276,4 +276,4 @@ def _refuse_others(status: os.stat_result) -> None:
     if status.st_uid not in (os.geteuid(), 0):
         raise OSError("it belongs to another user, or its folder does")
     if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-        raise OSError("others can write it, or its folder (chmod go-w makes it ours)")
+        raise OSError("others can write it or its folder (chmod go-w cures this)")

@@ -145,7 +145,7 @@ class Inputs:
                 return f"{span}, {knee} ({often}): are {raw} degrees instead of radians?"
             turned = self.least < EXTENDS and -self.most >= EXTENDS and -self.least <= FLEXES
             cause = "is its sign the other one (knee.flexion_sign -1), " * turned
-            cause += "has it an offset (knee.flexion_offset, in rad), or is it in degrees instead of radians"
+            cause += "does it have an offset (knee.flexion_offset, in rad), or is it in degrees instead of radians"
             return f"{span} ({raw} rad), {knee} ({often}): {cause}?"
         return ""
 
@@ -165,7 +165,7 @@ class Inputs:
             how = "throughout" if most <= 0.0 else "for the most part"
             return (
                 f"the load was negative {how} ({least:.0f} to {most:.0f} N): compression is force.y < 0 "
-                "in joint_reaction_force; is the sign another convention's?"
+                "in joint_reaction_force; is its sign that of another convention?"
             )
         if self._long and max(-least, most) < LEAST_LOAD:
             if least != most or least:
@@ -176,7 +176,8 @@ class Inputs:
             weights = f"{most / self.body_weight:.3g} body weights, " if self.body_weight else ""
             return (
                 f"the load reaches {most:.0f} N ({weights}beyond {self.limit:.0f} N in {self.overloaded} of "
-                f"{self.ticks} ticks), which no knee bears: is it in N, has it a spike, or is body_weight wrong?"
+                f"{self.ticks} ticks), more than any knee bears: is it in N, does it have a spike, or is body_weight "
+                "wrong?"
             )
         return percent if self._percent else ""
 
@@ -234,6 +235,6 @@ class Axes:
         if self.frame:
             return f"{carried} N in joint_reaction_force: is {name} up? Is frame.tibia {self.frame!r} right?"
         return (
-            f"{carried} N in joint_reaction_force: is {name} up? Set frame.tibia (for z up by REP 103: the name of the "
-            "forces' frame with _isb behind it), or send force.y along the tibia, < 0 in compression"
+            f"{carried} N in joint_reaction_force: is {name} up? Set frame.tibia (for z up as in REP 103: the name of "
+            "the forces' frame followed by _isb), or send force.y along the tibia, < 0 in compression"
         )

@@ -317,11 +317,13 @@ def check(law: ContactLaw) -> None:
     """
     begins = [layer.begin for layer in law.layers]
     if not begins or begins[0] != 0.0 or any(not b > a for a, b in pairwise(begins)):
-        raise ValueError(f"contact law: layers must begin at 0 m and then ever deeper, got {begins}")
+        raise ValueError(f"contact law: the first layer must begin at 0 m and each next one deeper, got {begins}")
     for number, layer in enumerate(law.layers, start=1):
         before = law.layers[number - 2].force_at(layer.begin, 0.0)[0] if number > 1 else 0.0
         if layer.form != COMMON and abs(layer.force_at(layer.begin, 0.0)[0] - before) > 1e-9 * max(1.0, abs(before)):
-            raise ValueError(f"contact law: layer {number} does not begin at the force before it")
+            raise ValueError(
+                f"contact law: layer {number} does not begin with the force at which the layer before ends"
+            )
         for beyond in TRIED if layer.form != COMMON else ():
             depth, step = layer.begin + beyond, 1e-5 * beyond
             (force, stiffness, damping), moving = layer.force_at(depth, 0.0), layer.force_at(depth, 0.1)[0]
@@ -330,6 +332,6 @@ def check(law: ContactLaw) -> None:
             linear = abs(moving - force - 0.1 * damping) <= 1e-6 * (abs(force) + abs(moving))
             if not (true and linear and math.isfinite(moving) and stiffness >= 0.0 and damping >= 0.0):
                 raise ValueError(
-                    f"contact law: layer {number} is not finite, has false or falling slopes ({stiffness:g} N/m where "
+                    f"contact law: layer {number} is not finite, has wrong or negative slopes ({stiffness:g} N/m where "
                     f"the force has {slope:g}, {damping:g} N s/m), or is not linear in the rate, at {depth:g} m"
                 )

@@ -206,7 +206,7 @@ class ContactSession(Session):
         made, which crashes at the end of the process. A signal that comes while that process is started waits until
         the process is known: it would go on compiling otherwise.
         """
-        words = f"making the model ready; if it has to be compiled, once on a machine, for some {COMPILING:.0f} s"
+        words = f"preparing the model; compiling it, once on a machine, takes about {COMPILING:.0f} s"
         self.node.get_logger().info(words)
         if find_spec("numba") and not kept_files():
             process = start(output=None, **OWN_GROUP, **python_module("knee_contact_ros.commands.main", "warm"))

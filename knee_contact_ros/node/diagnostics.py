@@ -253,8 +253,8 @@ class Health:
             others = [stream for stream in silent if stream.reliability != HANDED_OVER]
             if any(stream.publishers and not stream.meter.received for stream in others):
                 text += (
-                    ", although a publisher is there: it does not publish, or is of another user, whose shared memory "
-                    "cannot be read (FASTDDS_BUILTIN_TRANSPORTS=UDPv4 for both)"
+                    ", although there is a publisher: it sends nothing, or it runs as another user, whose shared "
+                    "memory cannot be read (FASTDDS_BUILTIN_TRANSPORTS=UDPv4 for both)"
                 )
             self.warn("silence", text)
 

@@ -168,7 +168,7 @@ class InputStream:
         self.best_effort = True
         self.close()
         self.open()
-        self._node.get_logger().info(f"a publisher of {name} is best effort; listening likewise")
+        self._node.get_logger().info(f"a publisher of {name} is best effort; the node listens in the same way")
 
     def _on_message(self, data: bytes) -> None:
         stamp = self._on_data(data)
@@ -307,8 +307,8 @@ class StaticTransformTopic:
             from tf2_msgs.msg import TFMessage
         except ImportError:
             node.get_logger().warning(
-                f"the ROS 2 package tf2_msgs is not installed: forces in other frames than {frame.wanted} are refused, "
-                "and nobody is told where that lies"
+                f"the ROS 2 package tf2_msgs is not installed: forces in other frames than {frame.wanted} are "
+                "refused, and the place of this frame is not published"
             )
             return
         own = isb_transform(frame.wanted)

@@ -81,7 +81,7 @@ class LoadSession(Session):
         self._takers = takers or HandedInputs(HandOver(), HandOver())
         self._takers.angles.source = parameters.inputs()[0]
         self._open()
-        trust = "calibrated" if parameters.calibrated else "not calibrated: nothing must be gated by it"
+        trust = "calibrated" if parameters.calibrated else "not calibrated: do not gate anything by it"
         node.get_logger().info(f"estimating the joint reaction at level {pipeline.level}, {trust}")
 
     def _described(self, parameters: LoadParameters) -> Knee:

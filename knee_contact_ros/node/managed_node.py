@@ -162,7 +162,7 @@ def run_nodes(arguments: list[str], kinds: Sequence[NodeKind]) -> int:
             joined.
     """
     if arguments and arguments[0] != ROS_ARGUMENTS:  # ROS would ignore them, and the node run without them
-        raise UsageError(f"{arguments[0]}: the node takes ROS arguments only, behind {ROS_ARGUMENTS}")
+        raise UsageError(f"{arguments[0]}: the node takes ROS arguments only, after {ROS_ARGUMENTS}")
     flagged = pairwise(["", *arguments])  # ROS knows no short names
     arguments = [str(parameter_file(word)) if flag == "--params-file" else word for flag, word in flagged]
     for flag, path in pairwise(arguments):
@@ -226,8 +226,8 @@ def check_names(nodes: Sequence[ManagedNode]) -> None:
             given, taken = giver.resolve_topic_name(topic), taker.resolve_topic_name(topic)
             if given != taken:
                 raise UsageError(
-                    f"in one process {names[1]} takes {given} from {names[0]}, and cannot listen to {taken}: give both "
-                    "the same names and namespace, or run each in a process of its own"
+                    f"in one process {names[1]} takes {given} from {names[0]}, and cannot listen to {taken}: give "
+                    "both the same names and namespace, or run each in its own process"
                 )
 
 
@@ -236,7 +236,7 @@ def spin(executor: Executor, node: ManagedNode) -> None:
     try:
         executor.spin_once(timeout_sec=SPIN_PERIOD)
     except Exception:
-        text = f"this should not happen, and the node goes on: {traceback.format_exc()}"
+        text = f"this should not happen; the node continues: {traceback.format_exc()}"
         node.get_logger().error(text, **at_most_every(FAILURE_LOG_PERIOD))
 
 

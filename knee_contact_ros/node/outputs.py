@@ -110,7 +110,7 @@ class SinkProcess:
         }
         if self.failure or self.dropped:
             return values, self.failure or f"{self.label}: {self._too_many()}", True
-        late = f"{self.label} is behind: {full} % of the answers that may wait do"
+        late = f"{self.label} is behind: {full} % of its queue is full"
         return values, late if self._fill() >= WORTH_A_WARNING else "", False
 
     @property
@@ -186,7 +186,7 @@ class SinkProcess:
         if reason and self._last.state != REFUSED:
             reason = f"{self.label} {'stopped' if was_open else 'cannot be opened'}: {reason}"
         if reason:
-            self._fail(reason + (f"; {self._lost} answers had not been handed to it" if self._lost else ""))
+            self._fail(reason + (f"; {self._lost} answers were not handed to it" if self._lost else ""))
         self._known.set()
 
     def _feed(self, connection: Connection) -> str:
@@ -350,9 +350,11 @@ class Outputs:
         path = Path(knee.parameters.record.path)
         self._ending = [sink for sink in self._ending if not sink.is_over()]
         if any(sink.state == STARTING for sink in self._ending):
-            raise UsageError(f"{self._ending[-1].name} has yet to be opened before it is completed; try again")
+            raise UsageError(f"{self._ending[-1].name} is not open yet; try again")
         if len(self._ending) >= MOST_ENDING:
-            raise UsageError(f"{len(self._ending)} recordings are still being completed; try again when one is")
+            raise UsageError(
+                f"{len(self._ending)} recordings are still being completed; try again when one is complete"
+            )
         refuse(path, knee.parameters.record.min_free * MB, size)
         sink, name = sink_of("record", knee), next(all_names(path))
         assert sink  # noqa: S101  (there is a path)

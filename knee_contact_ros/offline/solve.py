@@ -121,7 +121,7 @@ def solve(
         summary.finish()
         damage = reader.damage
         if recording:
-            late = ["what changed in the node meanwhile may come too late, as ticks before it are missing"]
+            late = ["changes in the node may be applied too late, because ticks before them are missing"]
             damage = [*recording.damage, *damage, *(late if damage and recording.changes else [])]
         if recorder:
             recorder.finish(pipeline.ending())

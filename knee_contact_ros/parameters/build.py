@@ -206,8 +206,8 @@ def parameter_doubts(parameters: Parameters, model: KneeModel) -> list[str]:
         )
     if pairing.angle_delay > 0.0 and pairing.wait <= pairing.angle_delay:
         doubts.append(
-            f"pairing.wait {pairing.wait:.7g} s does not exceed pairing.angle_delay {pairing.angle_delay:.7g} s: live, "
-            "every force is answered before its angle has come (INPUT_HELD)"
+            f"pairing.wait {pairing.wait:.7g} s does not exceed pairing.angle_delay {pairing.angle_delay:.7g} s: "
+            "live, the node answers every force before its angle arrives (INPUT_HELD)"
         )
     return [doubt for doubt in doubts if doubt]
 

@@ -148,7 +148,7 @@ def values_set_in(name: str | Path, schema: type[NodeSection] = Parameters, name
     if not path.exists() and str(path.parent) in (".", schema.folder):
         shipped = {each.stem: str(Path(schema.folder, each.stem)) for each in shipped_parameter_files(schema.folder)}
         near = difflib.get_close_matches(path.stem, shipped, n=1, cutoff=0.5)
-        reason = f"it is neither there nor one of the package's own ({', '.join(shipped.values())})"
+        reason = f"there is no such file, and it is not one of the package's own ({', '.join(shipped.values())})"
         reason += f"; did you mean {shipped[near[0]]}?" if near else ""
         raise UsageError(f"{short(str(name))}: cannot read the parameter file: {reason}")
     values = _own_values(read_sections(path), str(name), schema, namespace)

@@ -231,6 +231,6 @@ def parameters_of(rules: Iterable[str]) -> dict[str, Any]:
         try:
             (value,) = contents(text)
         except (UsageError, ValueError):
-            raise UsageError(f"-p {rule!r}: the value is no YAML; put it in quotes") from None
+            raise UsageError(f"-p {rule!r}: the value is not YAML; put it in quotes") from None
         values[name] = dict(value) if isinstance(value, Pairs) else value
     return values

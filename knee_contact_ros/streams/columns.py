@@ -288,7 +288,7 @@ def _kind(message: bytes) -> tuple[Order, int]:
     order = BYTE_ORDERS.get(message[:2])
     frame_length = int.from_bytes(message[12:FRAME_END], "little" if order == "<" else "big")
     if order is None or len(message) < FRAME_END + frame_length:
-        raise ValueError("a message is no CDR, or cut off")
+        raise ValueError("a message is not CDR, or it is cut off")
     return order, frame_length
 
 

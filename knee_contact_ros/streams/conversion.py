@@ -80,7 +80,7 @@ class Converter:
         They give the angles of `joints`, which are those of a `body`; without any they give a force.
 
         Raises:
-            UsageError: the type is not known, lacks a field or has no stamp, or the field is no number.
+            UsageError: the type is not known, lacks a field or has no stamp, or the field is not a number.
         """
         self._source, self._by, self._joints, self._body = source, by, joints, body
         self._store: Typestore | None = None
@@ -202,7 +202,9 @@ def check_path(store: Typestore, type_name: str, field: Field, by: str) -> None:
     for step in field.path:
         if isinstance(step, int):
             if kind not in (Nodetype.ARRAY, Nodetype.SEQUENCE):
-                raise UsageError(f"parameter {by}: {written(field)}: [{step}] is no element of a list in {type_name}")
+                raise UsageError(
+                    f"parameter {by}: {written(field)}: [{step}] is not an element of a list in {type_name}"
+                )
             kind, detail = detail[0]
             continue
         known = dict(store.fielddefs[detail][1]) if kind is Nodetype.NAME else {}
@@ -212,4 +214,4 @@ def check_path(store: Typestore, type_name: str, field: Field, by: str) -> None:
             raise UsageError(f"parameter {by}: {written(field)}: {what} has no field {step!r}{has}")
         kind, detail = known[step]
     if kind is not Nodetype.BASE or detail[0] not in (*FIXED, *BYTES):
-        raise UsageError(f"parameter {by}: {written(field)} of {type_name} is no number")
+        raise UsageError(f"parameter {by}: {written(field)} of {type_name} is not a number")

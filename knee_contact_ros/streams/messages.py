@@ -224,7 +224,7 @@ class Coder(Generic[Content]):
         if decoded is None:
             if data.startswith(REFUSED):
                 raise RefusedSampleError(*data[len(REFUSED) :].decode().split("\n", 1))
-            raise RefusedSampleError("undecodable", f"{topic}: {len(data)} bytes are no message of its type")
+            raise RefusedSampleError("undecodable", f"{topic}: {len(data)} bytes are not a message of its type")
         return decoded
 
     def encode(self, content: Content) -> bytes:
@@ -354,7 +354,9 @@ def number_of(message: JointState, joint: str, quantity: str) -> float:
         raise RefusedSampleError("joint_missing", f"joint_states gives no {quantity} for joint {joint!r}")
     if len(numbers) != len(message.name):
         counted = f"{len(message.name)} names and {len(numbers)} values of {quantity}"
-        raise RefusedSampleError("lengths_differ", f"joint_states has {counted}: it cannot be told which is whose")
+        raise RefusedSampleError(
+            "lengths_differ", f"joint_states has {counted}: it is not clear which value belongs to which joint"
+        )
     if not math.isfinite(numbers[index]):
         raise RefusedSampleError("not_finite", f"joint_states: {quantity} of joint {joint!r} is {numbers[index]}")
     return numbers[index]

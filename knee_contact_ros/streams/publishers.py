@@ -70,8 +70,8 @@ class Publishers:
         apart = float(np.median(found))
         often = f"{what} goes back and forth by about {apart:.{0 if apart >= 10 else 2}f} {self._unit} between samples"
         if several:
-            return f"{often}: {several} give it, and disagree; remap or stop one of them"
-        return f"{often}: do two publishers give it, and disagree, or is the sensor that noisy?"
+            return f"{often}: {several} send it and disagree; remap or stop one of them"
+        return f"{often}: do two publishers send it, or is the sensor that noisy?"
 
     def forget(self) -> None:
         """Forget what was found: once a second live, so that it is about now."""

@@ -110,7 +110,8 @@ class Doubts:
             return ""
         return (
             f"the femur is up to {MM * self.farthest:.4g} mm above the tibia, beyond {MM * FARTHEST_GAP:.3g} mm: "
-            f"{self.flown} of {self.ticks} ticks are of this flight or its landing (IMPLAUSIBLE); does the load pull, "
+            f"{self.flown} of {self.ticks} ticks belong to this flight or its landing (IMPLAUSIBLE); does the load "
+            "pull, "
             "by its sign or by the share of the compartment?"
         )
 
@@ -120,7 +121,7 @@ class Doubts:
         if not self.off:
             return ""
         return (
-            f"the contact is up to {MM * self.off_by:.3g} mm ahead of the tibia's origin or behind it, which is on no "
+            f"the contact is up to {MM * self.off_by:.3g} mm ahead of the tibia's origin or behind it, outside any "
             f"plateau, in {self.off} of {self.ticks} ticks (IMPLAUSIBLE): is the femur's profile in the femur's axes, "
             "with the origin in the knee (fit-profile --origin)?"
         )
@@ -199,8 +200,8 @@ class Split:
         if self.beyond > MOST_BEYOND * self.samples:
             return (
                 f"load or flexion lie beyond the table of shares in {100.0 * self.beyond / self.samples:.1f} % of the "
-                "samples under load, and its edge is taken there: load.share_file is of another gait, or body_weight "
-                "of another person"
+                "samples under load, where its edge is used: is load.share_file of another gait, or body_weight of "
+                "another person?"
             )
         if not self.above and not self.below:
             return ""

@@ -215,7 +215,7 @@ def open_claimed(partial: Path) -> IO[bytes]:
         raise UsageError(f"cannot write {partial}: {error.strerror}") from None
     if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
         file.close()
-        raise UsageError(f"cannot write {partial}: it is no plain file")
+        raise UsageError(f"cannot write {partial}: it is not a regular file")
     for _ in range(LOCK_TRIES):
         try:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)

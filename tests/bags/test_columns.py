@@ -76,7 +76,7 @@ def test_a_length_that_leads_back_is_not_believed(length: int) -> None:
     data = bytearray(DATA)
     data[PLACES[4] + 1 : PLACES[4] + 9] = struct.pack("<Q", length)
     for places in (PLACES, [*PLACES, PLACES[4]]):
-        with pytest.raises(DamagedError, match="bytes that are no records"):
+        with pytest.raises(DamagedError, match="bytes that are not records"):
             contents_of(bytes(data), [index(*places)], 100)
         assert contents_of(bytes(data), [index(*places)], 100, cut=True).number == 4
 

@@ -142,7 +142,7 @@ def test_a_damaged_change_is_told(
     assert main(["solve", str(recording), "--output", str(tmp_path / "out.mcap")]) == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert words in line
-    assert line.endswith("is damaged, and what it tells of is not done again")
+    assert line.endswith("is damaged; its change is not repeated")
     found = dict(metadata(tmp_path / "out.mcap"))
     assert found["parameters_changed"] == {"tick": "200", "contact.damping": "0.0"}
     assert words in found["source_damage"]["faults"]

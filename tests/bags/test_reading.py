@@ -122,7 +122,7 @@ def test_inputs_under_other_names_come_under_ours(
     [
         (["joint_states"], "", "it must be NAME:=VALUE"),
         (["joint_states:="], "", "it must be NAME:=VALUE"),
-        (["imu:=/imu"], "", "imu is no input; FROM must be joint_states or joint_reaction_force"),
+        (["imu:=/imu"], "", "imu is not an input; FROM must be joint_states or joint_reaction_force"),
         (["/exo/states:=joint_states"], "", "say joint_states:=/exo/states"),
         (["joint_states:=a", "joint_states:=b"], "", "remapped twice"),
         (["joint_states:=joint_reaction_force"], "", "two inputs cannot both be /joint_reaction_force"),
@@ -163,7 +163,7 @@ STATE, WRENCH = INPUT_TYPES.values()
         (
             [(ANGLE, STATE), ("/left/ground_reaction_force", WRENCH)],
             "no topic /joint_reaction_force (geometry_msgs/msg/WrenchStamped); "
-            "knee-contact estimate-load makes joint reaction forces of its /left/ground_reaction_force",
+            "knee-contact estimate-load computes joint reaction forces from its /left/ground_reaction_force",
         ),
         ([(ANGLE, STATE), ("/knee_contact/wrench", WRENCH)], "its topics: /joint_states, /knee_contact/wrench"),
         (
@@ -190,7 +190,7 @@ def test_what_is_there_instead_is_told_in_one_line(channels: list[tuple[str, str
 
 
 def test_a_joint_reaction_is_not_taken_for_a_ground_force(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match="; knee-contact solve takes, and replay without --sensors, its /joint_react"):
+    with pytest.raises(UsageError, match="; knee-contact solve, and replay without --sensors, read its /joint_react"):
         BagReader(
             empty(tmp_path / "bag.mcap", list(INPUT_TYPES.items())), {ANGLE: STATE, "/ground_reaction_force": WRENCH}
         )

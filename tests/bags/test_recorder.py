@@ -182,7 +182,7 @@ def test_a_queue_that_fills_is_a_warning_and_holds_no_more_than_it_may(
             assert settled <= 26  # so soon
     _, words, lost = sink.report()
     assert not lost
-    assert re.fullmatch(rf"recording {sink.name} is behind: 2\d % of the answers that may wait do", words)
+    assert re.fullmatch(rf"recording {sink.name} is behind: 2\d % of its queue is full", words)
     put(sink, range(number, number + 3000))
     assert int(sink.report()[0]["backlog"]) <= queue.queue
     assert int(sink.report()[0]["full [%]"]) <= 100

@@ -49,7 +49,7 @@ def test_a_file_with_a_lost_page_is_refused(database: Path) -> None:
     content, page = bytearray(database.read_bytes()), leaves(database)[2]
     content[page * PAGE : (page + 1) * PAGE] = bytes(PAGE)
     database.write_bytes(content)
-    with pytest.raises(UsageError, match="is no sqlite3 bag, or a damaged one"):
+    with pytest.raises(UsageError, match="is not a sqlite3 bag, or it is damaged"):
         read(database)
 
 
@@ -57,7 +57,7 @@ def test_a_file_cut_off_anywhere_is_refused(database: Path) -> None:
     content = database.read_bytes()
     for size in range(len(content) - 1, 0, -3001):
         database.write_bytes(content[:size])
-        with pytest.raises(UsageError, match="is no sqlite3 bag, or a damaged one"):
+        with pytest.raises(UsageError, match="is not a sqlite3 bag, or it is damaged"):
             read(database)
 
 

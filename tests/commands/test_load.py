@@ -124,8 +124,8 @@ def test_what_is_not_an_input_is_not_taken_for_one(
     walking: Path, right_bag: Path, tmp_path: Path, capsys: Said, asks: str
 ) -> None:
     sensed = asks in ("solve", "replay")
-    words = "estimate-load makes joint reaction forces of its /ground_reaction_force"
-    words = words if sensed else "solve takes, and replay without --sensors, its /joint_reaction_force"
+    words = "estimate-load computes joint reaction forces from its /ground_reaction_force"
+    words = words if sensed else "solve, and replay without --sensors, read its /joint_reaction_force"
     output = [] if "replay" in asks else ["--output", str(tmp_path / "out.mcap")]
     assert main([*asks.split(), str(walking if sensed else right_bag), *output]) == 2
     said = capsys.readouterr().err

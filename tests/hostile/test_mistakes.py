@@ -75,11 +75,11 @@ def by_share(folder: Path, time: np.ndarray, angle: np.ndarray, load: np.ndarray
 
 
 ANGLES: dict[str, tuple[Change, str]] = {
-    "degrees for radians": (lambda t, q, f: (t, np.degrees(q), f), "degrees|which no knee|beyond"),
+    "degrees for radians": (lambda t, q, f: (t, np.degrees(q), f), "degrees|more than any knee|beyond"),
     "an offset of 5 rad": (lambda t, q, f: (t, q + 5.0, f), "offset|angle-unit|included|rad"),
     "the sign": (lambda t, q, f: (t, -q - 0.6, f), "sign"),
     "the included angle": (lambda t, q, f: (t, np.pi - q, f), "included angle|sign"),
-    "columns swapped": (lambda t, q, f: (t, f, q), "which no knee|beyond|must not exceed|angle-unit"),
+    "columns swapped": (lambda t, q, f: (t, f, q), "more than any knee|beyond|must not exceed|angle-unit"),
 }
 TIMES: dict[str, tuple[Change, str]] = {
     "milliseconds": (lambda t, q, f: (1e3 * t, q, f), "milliseconds|In ms"),

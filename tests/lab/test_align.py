@@ -72,7 +72,7 @@ def test_gaps_of_the_reference_tell_nothing() -> None:
 @pytest.mark.parametrize(
     ("sensor", "words"),
     [
-        (lambda t: -flexion(t), r"go together with r = .* but against each other with 1\.00: is a sign turned\?"),
+        (lambda t: -flexion(t), r"go together with r = .* but in opposite directions with 1\.00: is a sign turned\?"),
         (lambda t: np.random.default_rng(1).normal(size=len(t)), "are both of one knee, in one time"),
         (lambda t: flexion(t - 0.3), "fit best at the longest lag tried, 0.25 s|r = 0"),
         (lambda t: np.zeros(len(t)), "go together with r = 0.00"),
@@ -138,7 +138,7 @@ def test_a_map_without_a_reference_is_told(tmp_path: Path, capsys: pytest.Captur
         )
         == 2
     )
-    assert "which no knee does: is reference.unit right" in capsys.readouterr().err
+    assert "more than any knee: is reference.unit right" in capsys.readouterr().err
 
 
 @needs_trials

@@ -152,9 +152,9 @@ WRONG_OPTIONS = [
 ]  # fmt: skip
 DAMAGED_FILES = [
     ("", "is empty"),
-    ("time_s,angle\n0,1\n1,b\n", "line 3, column angle: 'b' is no number"),
+    ("time_s,angle\n0,1\n1,b\n", "line 3, column angle: 'b' is not a number"),
     ("time_s,angle\n0,1\n0,1\n", "column time_s has the value of the next row"),
-    ("time_s,angle\n0,1\n1,nan\n2,3\n99,1\n", "column angle of trial drawn1 has values that are no numbers"),
+    ("time_s,angle\n0,1\n1,nan\n2,3\n99,1\n", "column angle of trial drawn1 has values that are not numbers"),
     ("time_s,angle\n1000,1\n1001,2\n", "trial drawn1: 0 samples at which all files have some"),
     ("time_s,angle,am\n0,1,1\n99,1,1\n", "column am is in another file of trial drawn1, too"),
 ]

@@ -90,7 +90,7 @@ def test_what_is_no_storage_file_is_refused_in_a_line(
     ],
 )  # fmt: skip
 def test_the_ways_in_which_storage_files_are_written(tmp_path: Path, names: str, rows: str) -> None:
-    """Also what is no number in a column that is not asked for."""
+    """Also what is not a number in a column that is not asked for."""
     path = tmp_path / "q.mot"
     path.write_text(f"Coordinates\nversion=1\ninDegrees=yes\nendheader\n{names}\n{rows}\n")
     table = read_storage(path)
@@ -154,10 +154,10 @@ def test_damage_ends_in_numbers_or_in_one_line(tmp_path: Path, damage: list[tupl
             "auto",
             "the point of '1.150' may be",
         ),
-        (["0,02;8;1.15", "0,04;9;91"], ",", r"'1\.15' is no number; table\.decimal says ',', and digits are not"),
-        (["0,02;8;0.150", "0,04;9;91"], ",", r"'0\.150' is no number; table\.decimal says ','"),
-        (["0.02\t8\t1,5", "0.04\t9\t91"], ".", r"'1,5' is no number; table\.decimal says '\.'"),
-        (['0.02,8,"1,150"', "0.04,9,91"], "auto", r"'1,150' is no number; say which mark is the decimal one"),
+        (["0,02;8;1.15", "0,04;9;91"], ",", r"'1\.15' is not a number; table\.decimal says ',', and digits are not"),
+        (["0,02;8;0.150", "0,04;9;91"], ",", r"'0\.150' is not a number; table\.decimal says ','"),
+        (["0.02\t8\t1,5", "0.04\t9\t91"], ".", r"'1,5' is not a number; table\.decimal says '\.'"),
+        (['0.02,8,"1,150"', "0.04,9,91"], "auto", r"'1,150' is not a number; say which mark is the decimal one"),
     ],
 )
 def test_a_cell_with_a_mark_of_two_meanings_is_named(tmp_path: Path, rows: list[str], decimal: str, says: str) -> None:
@@ -171,5 +171,5 @@ def test_a_cell_with_a_mark_of_two_meanings_is_named(tmp_path: Path, rows: list[
 def test_what_is_no_number_is_told_with_its_line(tmp_path: Path, text: str) -> None:
     path = tmp_path / "a.csv"
     path.write_text(f"time;x\n0;1\n1;{text}\n", encoding="utf-8")
-    with pytest.raises(UsageError, match=r"line 3, column x: .* is no number"):
+    with pytest.raises(UsageError, match=r"line 3, column x: .* is not a number"):
         read_columns(path, ["x"], TimeColumn(), TableFormat())

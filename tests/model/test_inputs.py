@@ -47,8 +47,8 @@ def told(time: np.ndarray, angle: np.ndarray, load: np.ndarray, weight: float | 
     [
         (lambda t, q, load: (t, 6.0 * q, load),
          "36.0 to 320.7 deg, and a knee has -30 to 170 (92 of 481 ticks are beyond, IMPLAUSIBLE): are 0.629 to 5.5"),
-        (lambda t, q, load: (t, q + 5.0, load), "has it an offset (knee.flexion_offset, in rad), or is it in degrees"),
-        (lambda t, q, load: (t[:90], -q[:90], load[:90]), "): is its sign the other one (knee.flexion_sign -1), has"),
+        (lambda t, q, load: (t, q + 5.0, load), "does it have an offset (knee.flexion_offset, in rad), or is it in degrees"),
+        (lambda t, q, load: (t[:90], -q[:90], load[:90]), "): is its sign the other one (knee.flexion_sign -1), does"),
         (lambda t, q, load: (t, -q, load), "deg, which is extension: is its sign the other one (knee.flexion_sign -1)"),
         (lambda t, q, load: (t, np.pi - q, load), "is it the included angle, 180 deg - flexion (knee.flexion_sign -1,"),
         (lambda t, q, load: (t, q, 0.0 * load), "the load was 0 throughout: does another axis"),
@@ -100,7 +100,7 @@ def test_a_load_along_another_axis_is_told() -> None:
     assert axes(np.where(np.arange(3) == 2, np.nan, right)) == ""  # an axis that is not measured
     mean = f"{np.abs(load).mean():.0f}"
     assert axes(right[:, [0, 2, 1]]).startswith(f"force.z carries {mean} N on average, and force.y ")
-    assert "is z up? Set frame.tibia (for z up by REP 103" in axes(right[:, [0, 2, 1]])
+    assert "is z up? Set frame.tibia (for z up as in REP 103" in axes(right[:, [0, 2, 1]])
     assert axes(right[:, [1, 0, 2]]).startswith(f"force.x carries {mean} N")
     assert axes(right[:, [0, 2, 1]], "tibia_isb").endswith("is z up? Is frame.tibia 'tibia_isb' right?")
 

@@ -161,8 +161,9 @@ def test_radii_that_do_not_fit_are_refused(femoral: float, tibial: float) -> Non
 
 
 @pytest.mark.parametrize(("begins", "words"), [
-    ((), "layers must begin at 0 m"), ((1e-4,), "layers must begin at 0 m"), ((0.0, 0.0), "ever deeper"),
-    ((0.0, 2e-4, 1e-4), "ever deeper"), ((0.0, math.nan), "ever deeper"),
+    ((), "first layer must begin at 0 m"), ((1e-4,), "first layer must begin at 0 m"), ((0.0, 0.0), "each next one "
+    "deeper"),
+    ((0.0, 2e-4, 1e-4), "each next one deeper"), ((0.0, math.nan), "each next one deeper"),
 ])  # fmt: skip
 def test_layers_out_of_order_are_refused(begins: tuple[float, ...], words: str) -> None:
     with pytest.raises(ValueError, match=words):
@@ -171,10 +172,11 @@ def test_layers_out_of_order_are_refused(begins: tuple[float, ...], words: str) 
 
 
 @pytest.mark.parametrize(("force_at", "words"), [
-    (lambda depth, rate: (1.0 + 1e6 * depth, 1e6, 0.0), "layer 2 does not begin at the force before it"),
+    (lambda depth, rate: (1.0 + 1e6 * depth, 1e6, 0.0), "layer 2 does not begin with the force at which the layer "
+    "before ends"),
     (lambda depth, rate: (math.inf if depth > 1e-3 else 1e6 * depth, 1e6, 0.0), "is not finite"),
-    (lambda depth, rate: (1e6 * depth, 2e6, 0.0), "false or falling slopes"),
-    (lambda depth, rate: (1e6 * depth - 5.0 * rate, 1e6, -5.0), "false or falling slopes"),
+    (lambda depth, rate: (1e6 * depth, 2e6, 0.0), "wrong or negative slopes"),
+    (lambda depth, rate: (1e6 * depth - 5.0 * rate, 1e6, -5.0), "wrong or negative slopes"),
     (lambda depth, rate: (1e6 * depth + 5.0 * rate**2, 1e6, 0.0), "is not linear in the rate"),
 ])  # fmt: skip
 def test_an_own_formula_that_is_no_law_is_refused(

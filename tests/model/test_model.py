@@ -174,7 +174,7 @@ def test_a_refused_tick_leaves_the_stream_as_it_was() -> None:
 
 def test_an_empty_series_gives_an_empty_answer_and_an_empty_law_none() -> None:
     assert len(model(law("kelvin_voigt")).run([], [], [])) == 0
-    with pytest.raises(ValueError, match="layers must begin at 0 m"):
+    with pytest.raises(ValueError, match="first layer must begin at 0 m"):
         model(ContactLaw((Layer(1e-3, stiffness=1e6),)))
 
 

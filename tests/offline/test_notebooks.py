@@ -118,7 +118,7 @@ def test_what_is_wrong_is_told(right_bag: Path, tmp_path: Path) -> None:
     [
         ({"values": ["contact.damping"]}, r"values: \['contact.damping'\] is not allowed; a mapping, as {'contact."),
         ({"remap": "a:=b"}, "remap: 'a:=b' is not allowed; a mapping, as {'joint_states':"),
-        ({"remap": {"joint": "/x"}}, r"^remap=\{'joint': '/x'\}: joint is no input"),
+        ({"remap": {"joint": "/x"}}, r"^remap=\{'joint': '/x'\}: joint is not an input"),
         ({"params": ""}, "parameters: '' is not allowed; a parameter file's name"),
         ({"params": "osteoarthrits"}, r"\(healthy, .*\); did you mean osteoarthritis\?"),
         ({"output": "there.mcap"}, "there.mcap exists already; choose another name, or overwrite=True$"),
@@ -156,5 +156,5 @@ def test_what_is_wrong_with_a_load_is_said_in_python(tmp_path: Path) -> None:
         knee_contact_ros.estimate_load(bag, values={"persn.mass": 60.0})
     with pytest.raises(UsageError, match=r"remap: .* is not allowed; a mapping"):
         knee_contact_ros.estimate_load(bag, remap=["joint_states"])  # type: ignore[arg-type]
-    with pytest.raises(UsageError, match="is no input; FROM must be joint_states or ground_reaction"):
+    with pytest.raises(UsageError, match="is not an input; FROM must be joint_states or ground_reaction"):
         knee_contact_ros.estimate_load(bag, remap={"joint_reaction_force": "/force"})

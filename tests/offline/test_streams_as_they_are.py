@@ -246,10 +246,10 @@ def of_bytes(content: bytes) -> Callable[[Path, list[RawMessage]], Path]:
 
 HIP = ("hip", "knee", "ankle")
 TOLD: dict[str, tuple[Callable[[Path, list[RawMessage]], Path], int, str]] = {
-    "two publishers": (lambda p, g: two_channels(p, g, 0.0), 0, "knee.*channels 1 and 2 of the bag give it, and dis"),
+    "two publishers": (lambda p, g: two_channels(p, g, 0.0), 0, "knee.*channels 1 and 2 of the bag send it and dis"),
     "a position less than names": (
         lambda p, g: mcap(p, in_order(states(g, lambda one: one._replace(name=HIP, position=(0.1, 0.2))), forces(g))),
-        2, "387 x lengths_differ.*3 names and 2 values of position: it cannot be told which is",
+        2, "387 x lengths_differ.*3 names and 2 values of position: it is not clear which value",
     ),
     "another definition": (own_definition, 2, "JointState differently from ROS 2.*setpoint where position should be"),
     "stamps that were never set": (

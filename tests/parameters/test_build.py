@@ -112,5 +112,9 @@ def test_a_level_of_earlier_versions_is_dynamic_and_one_line_says_so(caplog: pyt
 def test_a_law_of_ones_own_that_breaks_the_contract_is_refused_by_its_name(monkeypatch: pytest.MonkeyPatch) -> None:
     made = ContactLaw((Layer(stiffness=1e7), Layer(0.0, 0.0, 1e8)))
     monkeypatch.setitem(CONTACT_LAWS, "hertz", lambda *, stiffness, exponent: made)
-    with pytest.raises(UsageError, match=r"parameter contact\.law: hertz: contact law: layers must begin at 0 m and"):
+    with pytest.raises(
+        UsageError,
+        match=r"parameter contact\.law: hertz: contact law: the first layer must begin at "
+        "0 m and",
+    ):
         knee_contact_ros.load_model({"contact.law": "hertz"})

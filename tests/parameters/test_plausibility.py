@@ -52,7 +52,8 @@ def test_the_defaults_and_all_shipped_files_make_sense(config: Path) -> None:
         (TYPED, rf"^contact\.stiffness 2500 N/m\^1\.5 gives 279 mm of depth {HALF}, {FIFTH}; "
                 r"2500 N/mm\^1\.5 would be 7\.905694e\+07 N/m\^1\.5$"),
         ({"pairing.angle_delay": 0.12},
-         r"^pairing\.wait 0\.1 s does not exceed pairing\.angle_delay 0\.12 s: live, every force .* \(INPUT_HELD\)$"),
+         r"^pairing\.wait 0\.1 s does not exceed pairing\.angle_delay 0\.12 s: live, the node answers every force .* "
+         r"\(INPUT_HELD\)$"),
         ({"contact.stiffness": 2.5, "contact.exponent": 1.0},
          r"^contact\.stiffness 2\.5 N/m\^1 gives 1\.47e\+05 mm of depth .*radius$"),  # 2.5 N/mm is no cartilage either
         (TYPED | {"load.compartment": "total"}, r"under 737\.1 N \(1 body weights\), "),
@@ -121,7 +122,7 @@ def test_a_load_that_is_negative_throughout_is_told(parts: int) -> None:
     gait = -400.0 - 397.0 * np.sin(np.arange(300) * 0.1)
     assert told(gait, parts=parts) == (
         f"the load was negative throughout ({gait.min():.0f} to {gait.max():.0f} N): compression is force.y < 0 in "
-        "joint_reaction_force; is the sign another convention's?"
+        "joint_reaction_force; is its sign that of another convention?"
     )
 
 
@@ -155,7 +156,9 @@ def test_an_angle_and_a_contact_that_no_knee_has_say_so(compiled: bool) -> None:
     status = np.array([32, 32, 0, 0])
     watch.add_all(answers(np.arange(4), np.ones(4), penetration_depth=np.array([1e-4, 1e-4, 1e-4, 0.0]), status=status)
                   | {"contact_point_x": points})  # fmt: skip
-    assert watch.sentences[0].startswith("the contact is up to 500 mm ahead of the tibia's origin or behind it, which")
+    assert watch.sentences[0].startswith(
+        "the contact is up to 500 mm ahead of the tibia's origin or behind it, outside"
+    )
     assert "in 2 of 4 ticks (IMPLAUSIBLE)" in watch.sentences[0]
     assert (watch.too_deep, watch.flown) == (0, 0)
 
@@ -190,7 +193,7 @@ def test_solve_tells_of_an_offset_and_marks_the_peaks_of_a_landing(
     output = str(tmp_path / "out.mcap")
     assert main(["solve", str(right_bag), "-p", "knee.flexion_offset:=5.0", "--output", output]) == 0
     said = capsys.readouterr().err
-    assert "ticks are beyond, IMPLAUSIBLE): has it an offset (knee.flexion_offset, in rad), or is it in" in said
+    assert "ticks are beyond, IMPLAUSIBLE): does it have an offset (knee.flexion_offset, in rad), or is it in" in said
     assert said.count("\n") == 1
     loads = [-200.0 if 50 <= i < 60 else 900.0 for i in range(121)]
     thrown = make_bag(tmp_path / "thrown.mcap", [(i * 10 * MILLISECOND, 0.1, load) for i, load in enumerate(loads)])

@@ -202,5 +202,5 @@ def test_parts_of_results_know_what_is_read_off_them(results: Results) -> None:
     assert results[20:30].readouts.half_width.tolist() == whole.half_width[20:30].tolist()
     assert results.model is not None
     assert results.model.readouts(results[:5]).strain.tolist() == whole.strain[:5].tolist()
-    with pytest.raises(UsageError, match="what computed these answers is not known"):
+    with pytest.raises(UsageError, match="the model of these answers is not known"):
         np.array(results).view(Results).readouts  # noqa: B018

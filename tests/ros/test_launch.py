@@ -76,7 +76,7 @@ CASES = {
 BAD = {
     "no such parameter file": ("knee_contact.launch.py", "params:=/nowhere.yaml", "/nowhere.yaml: cannot read"),
     "unknown parameter": ("knee_contact.launch.py", "params:={}/unknown.yaml", "unknown parameter contact.stifness"),
-    "port is no number": (
+    "port is not a number": (
         "knee_contact.launch.py",
         "rerun_port:=any",
         "rerun_port:=any: it must be a number, at least 1",
@@ -86,7 +86,7 @@ BAD = {
         "respawn_delay:=0",
         "respawn_delay:=0: it must be a number, at least 0.1",
     ),
-    "delay is no number": ("two_knees.launch.py", "respawn_delay:=nan", "respawn_delay:=nan: it must be a number"),
+    "delay is not a number": ("two_knees.launch.py", "respawn_delay:=nan", "respawn_delay:=nan: it must be a number"),
     "no truth": ("knee_contact.launch.py", "respawn:=maybe", "Valid options are: ['true', 'false']"),
     "bad parameters of both knees": (
         "two_knees.launch.py",

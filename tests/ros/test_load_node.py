@@ -249,7 +249,7 @@ def test_both_nodes_in_one_process_are_the_same_and_each_has_its_own_life(
 @pytest.mark.parametrize("kind", ["load", "node"])
 def test_arguments_that_ros_would_pass_over_are_refused(kind: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert main([kind, "-p", "person.mass:=70"]) == 2
-    assert capsys.readouterr().err == "knee-contact: -p: the node takes ROS arguments only, behind --ros-args\n"
+    assert capsys.readouterr().err == "knee-contact: -p: the node takes ROS arguments only, after --ros-args\n"
 
 
 @pytest.mark.parametrize(

@@ -169,7 +169,7 @@ def test_no_more_recordings_than_four_are_being_completed(peer: Peer, start_node
         assert ask(peer, "stop")[0] is True
     assert ask(peer, "start") == (
         False,
-        f"{MOST_ENDING} recordings are still being completed; try again when one is",
+        f"{MOST_ENDING} recordings are still being completed; try again when one is complete",
     )
     for child in children(node):
         child.resume()

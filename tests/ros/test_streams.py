@@ -150,7 +150,7 @@ def test_a_reliability_that_is_given_stays(peer: Peer, start_node: Start) -> Non
     assert peer.diagnostics["knee_contact: joint_states"]["reliability"] == "reliable"
     _, output = node.stop()
     assert output.count("a publisher of /joint_states cannot be heard: its QoS does not fit the override") == 1
-    assert output.count("a publisher of /joint_reaction_force is best effort; listening likewise") == 1
+    assert output.count("a publisher of /joint_reaction_force is best effort; the node listens in the same way") == 1
 
 
 def test_a_node_that_falls_behind_says_so(peer: Peer, start_node: Start) -> None:

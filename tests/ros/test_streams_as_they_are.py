@@ -85,7 +85,7 @@ def test_a_node_tells_what_is_wrong_and_always_answers(peer: Peer, start_node: C
 
         return look
 
-    peer.wait_until(told("joint_states", "publishers give it, and disagree"))
+    peer.wait_until(told("joint_states", "publishers send it and disagree"))
     peer.node.destroy_publisher(other)
     for _ in range(20):
         message = JointState(header=header(RosMessages, now[0], ""), name=["hip", "knee"], position=[0.1])
@@ -93,5 +93,5 @@ def test_a_node_tells_what_is_wrong_and_always_answers(peer: Peer, start_node: C
     peer.wait_until(lambda: peer.diagnostics.get("knee_contact: refused samples", {}).get("lengths_differ") == "20")
     _, output = node.stop()
     assert "the joint 'knee' of joint_states goes back and forth by about 0.80 rad between samples" in output
-    assert "2 names and 1 values of position: it cannot be told which is whose" in output
+    assert "2 names and 1 values of position: it is not clear which value belongs to which joint" in output
     assert "this should not happen" not in output

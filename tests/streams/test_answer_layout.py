@@ -96,9 +96,9 @@ def test_fields_of_no_fixed_size_end_what_is_read() -> None:
 @pytest.mark.parametrize(
     ("data", "text", "words"),
     [
-        (b"short", TEXT, "no CDR"),
-        (b"\x01" + message(1, "tibia")[1:], TEXT, "no CDR"),
-        (message(1, "tibia")[:12] + struct.pack("<I", 2**31) + b"x", TEXT, "no CDR"),
+        (b"short", TEXT, "not CDR"),
+        (b"\x01" + message(1, "tibia")[1:], TEXT, "not CDR"),
+        (message(1, "tibia")[:12] + struct.pack("<I", 2**31) + b"x", TEXT, "not CDR"),
         (message(1, "tibia")[:-1], TEXT, "longer or shorter"),
         (message(1, "tibia") + b"x" * 16, TEXT, "longer or shorter"),
         (message(1, "tibia"), without(*ADDED), "longer or shorter"),

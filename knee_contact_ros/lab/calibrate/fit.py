@@ -276,8 +276,8 @@ def fitted(problem: Problem, loss: str, given: Noise, starts: int, advance: Call
     first = Minimum(problem, loss, problem.start, noise, frozenset(given))
     for unknown, slope in zip(problem.unknowns, np.abs(first.slopes).max(axis=0), strict=True):
         if slope < NO_EFFECT:
-            raise UsageError(f"--free {unknown.name}: around {unknown.start:g} it changes nothing of what was measured "
-                             f"({', '.join(measured)}); leave it fixed, or measure what it changes")  # fmt: skip
+            raise UsageError(f"--free {unknown.name}: around {unknown.start:g} it changes no measured value "
+            f"({', '.join(measured)}); leave it fixed, or measure something that it changes")  # fmt: skip
     ends = []
     for done, start in enumerate(_starts(first, starts), start=1):
         ends.append(first.searched(start, precision=COARSE, tries=COARSE_TRIES))
@@ -406,7 +406,7 @@ def trades(minimum: Minimum, bounds: Sequence[Interval] | None) -> Iterator[str]
         changes = " with ".join(_change(unknowns[index], float(steps[index])) for index in group)
         names = " and ".join(unknowns[index].name for index in group)
         known = bounds is not None and all(_is_known(bounds[index]) for index in group)
-        yield f"{names} trade off: {changes} leaves nearly the same answers; " + (
+        yield f"{names} trade off: {changes} gives nearly the same answers; " + (
             "take them from one fit, never one of them alone" if known
             else "these data cannot tell them apart: hold one of them, or measure over a wider range"
         )  # fmt: skip

@@ -62,9 +62,9 @@ def import_opensim(
         return
     if ground is not None:
         if not ground:
-            raise UsageError("--ground FILE is missing; only with --setup it is found")
+            raise UsageError("--ground FILE is missing; it is found only with --setup")
         if not files["model"]:
-            raise UsageError("--ground needs --model M.osim, which tells where the ankle is")
+            raise UsageError("--ground needs --model M.osim, to find the ankle")
         setup_files.check_opensim()
         files |= {"ground": Path(ground), "ground_data": legs.data_file(Path(ground))}
     if chosen or work:
@@ -227,10 +227,10 @@ def show_checks(found: Sequence[Check], fault: str = "") -> None:
     for check in found:
         say(f"- {check.sentence()}", hang=2)
     above = ", ".join(check.name for check in found if not check.passed)
-    text = "Residuals, reserves and markers are within what the literature allows (doi:10.1115/1.4029304)."
+    text = "Residuals, reserves and markers are within the limits in the literature (doi:10.1115/1.4029304)."
     if above:
         text = (
-            "Do not trust these results before you know why these are above what the literature allows "
+            "Do not trust these results before you know why these values exceed the limits in the literature "
             f"(doi:10.1115/1.4029304): {above}."
         )
     say(fault or text, hang=0)

@@ -234,7 +234,7 @@ def read_angles(
         UsageError: unit, sign or rate are wrong or not clear, or there are fewer than two rows.
     """
     if len(table.stamps) < 2:
-        raise UsageError(f"{table.path} has {len(table.stamps)} row, and an angle over time needs two")
+        raise UsageError(f"{table.path} has {len(table.stamps)} row, but an angle over time needs two")
     unit = checks.unit_of(table, column, settings.angle_unit)
     angle = table.column(column) * (math.radians(1.0) if unit == "deg" else 1.0)
     sign = checks.sign_of(angle, f"{table.path}: {column}", settings.angle_sign, bounds)
@@ -314,4 +314,4 @@ def read_reaction(table: Table, parts: Sequence[tuple[Reaction, Pose | None]], s
 def duplicate_notes(table: Table) -> list[str]:
     """Note on rows that were left out as the next row has the same stamp, if there are any."""
     rows = "row gave" if table.duplicates == 1 else "rows gave"
-    return [f"{table.path.name}: {table.duplicates} {rows} way to the next of the same time"] * bool(table.duplicates)
+    return [f"{table.path.name}: {table.duplicates} {rows} way to the next with the same time"] * bool(table.duplicates)

@@ -170,7 +170,7 @@ def fit(
         raise UsageError(
             f"{surface.path}: the slice at z = {1e3 * z:g} mm is no {kind}: no profile comes closer to it than "
             f"{1e3 * smoothed.roughness:.1f} mm RMS ({1e3 * smoothed.largest:.1f} mm at x = {x:.1f}, y = {y:.1f} mm); "
-            "cut off what is no articular surface, or see --slice, --side and --axes"
+            "cut off what is not articular surface, or see --slice, --side and --axes"
         )
     shape = _shape_of(smoothed.points)
     circles = _circles(shape, femur)
@@ -410,7 +410,7 @@ def _thickness(shape: Shape, chart: Chart, bone: Surface, z: float) -> Thickness
     zone = (reach >= first) & (reach <= last)
     if not zone.any():
         raise UsageError(
-            "--bone: the profile does not reach the zone that touches in gait, so no thickness can be told"
+            "--bone: the profile does not reach the zone that touches in gait, so the thickness is not known"
         )
     mean = float(along[zone].mean())
     middles, points = 0.5 * (pieces.begins + pieces.ends), shape.points[zone]

@@ -135,7 +135,7 @@ def read_surface(path: Path, unit: str | None = None, axes: str | None = None, l
         points, triangles = _read_label_map(path, label, axes)
         usual, unit = _axes_in("RAS"), unit or "mm"  # nibabel's
     elif label is not None:
-        raise UsageError(f"--label {label}: {path} is no label map; those end with {' or '.join(LABEL_MAPS)}")
+        raise UsageError(f"--label {label}: {path} is not a label map; label maps end with {' or '.join(LABEL_MAPS)}")
     elif kind in CLOUDS:
         points, triangles = _read_cloud(path), np.empty((0, 3), np.int64)
     elif kind in MESHES:
@@ -462,7 +462,7 @@ def _of_cloud(surface: Surface, z: float, slab: float) -> Slices:
             f"--slice {1e3 * z:g}: only {np.count_nonzero(inside)} points of {surface.path} lie within "
             f"{1e3 * slab:g} mm of it (--slab); it reaches from {surface.lateral_range}"
         )
-    remark = "a cloud of points is taken whole: it must hold the articular side only"
+    remark = "all points of a cloud are used: it must hold the articular side only"
     return Slices(surface.points[inside, :2], distance[inside] / (slab or 1.0), (remark,))
 
 
@@ -482,12 +482,14 @@ def _articular(pieces: Pieces, chart: Chart) -> tuple[Floats, list[str]]:
     if others:
         left = ", ".join(f"{1e3 * length:.1f}" for length in sorted(others, reverse=True)[:5])
         remarks.append(
-            f"the slice has {1 + len(others)} pieces; taken is the one of which most is seen from outside "
+            f"the slice has {1 + len(others)} pieces; the one with the longest outer side is used "
             f"({1e3 * whole[best]:.1f} mm), left out are {left} mm"
         )
     hidden = whole[best] - visible[best]
     if hidden > LEAST_LENGTH:
-        remarks.append(f"{1e3 * hidden:.1f} mm of the slice lie behind the rest and are left out, as no articular side")
+        remarks.append(
+            f"{1e3 * hidden:.1f} mm of the slice lie behind the rest and are left out, because they are not articular"
+        )
     return points, remarks
 
 

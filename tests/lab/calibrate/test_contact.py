@@ -138,7 +138,7 @@ def test_what_the_law_itself_does_not_tell_apart_is_told_with_its_direction() ->
     free = ["contact.youngs_modulus", "contact.foundation_thickness"]
     found = calibrate(table, values, free, with_intervals=False, starts=1, compiled=False)
     (warning,) = (each for each in found.warnings if "trade off" in each)
-    assert "contact.youngs_modulus 10 % up with contact.foundation_thickness 10 % up leaves nearly" in warning
+    assert "contact.youngs_modulus 10 % up with contact.foundation_thickness 10 % up gives nearly" in warning
     assert "cannot tell them apart" in warning
 
 
@@ -192,8 +192,8 @@ FREE_DAMPING = ["--free", DAMPING]
 WRONG_OPTIONS = [
     (["--free", "contact.stifness"], "did you mean contact.stiffness?"),
     (["--free", "contact.law"], "--free contact.law: it is no parameter that can be fitted to "),
-    (["--free", "tibia.radius"], "--free tibia.radius: around 0.095 it changes nothing of what was measured"),
-    (["--free", "load.share"], "around 0.5 it changes nothing of what was measured (penetration_depth)"),
+    (["--free", "tibia.radius"], "--free tibia.radius: around 0.095 it changes no measured value"),
+    (["--free", "load.share"], "around 0.5 it changes no measured value (penetration_depth)"),
     (["--free", "contact.damping=9:1"], "range '9:1' is not allowed; two numbers that grow"),
     (["--free", "contact.damping=-1:10"], "range -1:10 is not allowed; it must lie in 0 to 1e+09"),
     (["--free", "contact.damping=1:10"], "it starts from 5000, outside of 1 to 10; give another value or range"),
@@ -211,7 +211,7 @@ DAMAGED_TABLES = [
     (GOOD, "its columns must be equally long, with one sample or more"),
     (GOOD + "0,0,100,1e-4\n", "1 values are measured, for 1 parameters"),
     (GOOD + "0,0,100,1e-4\n1,0,100\n", "line 3 has 3 columns, and the names are 4"),
-    (GOOD + "0,0,100,x\n", "line 2, column penetration_depth: 'x' is no number"),
+    (GOOD + "0,0,100,x\n", "line 2, column penetration_depth: 'x' is not a number"),
     (GOOD + "0,0,100,1e-4\n0,0,100,1e-4\n", "column time must increase, by a nanosecond or more; row 2 does not"),
     (GOOD + "0,0,,1e-4\n1,0,100,1e-4\n", "column load is nan in row 1; an input must be known at every sample"),
     (GOOD + "0,0,100,inf\n1,0,100,1e-4\n", "column penetration_depth is inf in row 1; allowed are numbers"),

@@ -209,7 +209,7 @@ def test_peaks_and_what_is_allowed(run: Run, capsys: pytest.CaptureFixture[str])
     assert said.endswith("residual moment, reserve hip_flexion_r, marker error, the worst.")
     show_checks([check for check in found if check.passed])
     said = " ".join(capsys.readouterr().out.split())
-    assert "within what the literature allows" in said
+    assert "within the limits in the literature" in said
     assert "ABOVE" not in said
 
 

@@ -87,7 +87,7 @@ CASES = {
     "garbage map": ("a.nii", text("no image"), [], "cannot be read"),
     "no label": ("a.nii", label_map, [], "needs --label N: it has the labels 1, 4"),
     "another label": ("a.nii", label_map, ["--label", "7"], "--label 7: "),
-    "label": ("a.stl", mesh(), ["--label", "2"], "is no label map"),
+    "label": ("a.stl", mesh(), ["--label", "2"], "is not a label map"),
     "in mm": ("a.stl", mesh(FEMUR, 1e-3), [], "with --unit m; cartilages and bones of a knee measure 0.008 to 0.7 m: "
               "likely it is in mm, --unit mm"),
     "in m": ("a.stl", mesh(), ["--unit", "mm"], "likely it is in m, --unit m"),

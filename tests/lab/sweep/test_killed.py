@@ -89,9 +89,9 @@ def test_a_killed_scheduler(asked: Path, expected: pd.DataFrame, own: Cluster, t
     end(own.scheduler)
     said, errors = client.communicate(timeout=60)
     assert (client.returncode, said) == (1, "")
-    waits = f"knee-contact: warning: scheduler {own.address}: it has no workers yet, and is waited for\n"
+    waits = f"knee-contact: warning: scheduler {own.address}: it has no workers yet; waiting\n"
     assert errors.removeprefix(waits) == (
-        "knee-contact: the scheduler is gone; what is finished stays, and the rest is computed by the same command\n"
+        "knee-contact: the scheduler is gone; finished cases are kept; the same command computes the rest\n"
     )
     assert len(table(out)) < CASES
     own.start_scheduler()
