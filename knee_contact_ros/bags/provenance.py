@@ -218,7 +218,7 @@ def _changes(records: Iterable[tuple[str, dict[str, str]]], before: int) -> tupl
             changed = {key: json.loads(value) for key, value in values.items() if key != TICK}
         except (KeyError, ValueError, RecursionError):
             when = f" (tick {values[TICK]})" if values.get(TICK) else ""
-            damage.append(f"a record {name}{when} is damaged, and what it tells of is not done again")
+            damage.append(f"a record {name}{when} is damaged; its change is not repeated")
             continue
         changes.append(Change(tick, changed if name == PARAMETERS_CHANGED else None))
     return sorted(changes, key=lambda change: change.tick), damage

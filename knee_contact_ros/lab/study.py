@@ -89,7 +89,7 @@ PATIENCE = 10.0
 """Time [s] that a scheduler has to answer"""
 WAITING = 4
 """Blocks that are submitted for each thread of the workers: so a cluster that scales itself sees that there is work"""
-REST = "what is finished stays, and the rest is computed by the same command"
+REST = "finished cases are kept; the same command computes the rest"
 LOGS = ("distributed", "tornado", "asyncio")
 DASK: dict[str, object] = {f"logging.{name}": "critical" for name in LOGS} | {
     f"distributed.{part}.http.routes": [] for part in ("scheduler", "worker", "nanny")
@@ -532,7 +532,7 @@ class Shards:
         names = sorted(name for name in entries if not name.startswith(("_", ".")))
         for name in names:
             if not (name.startswith("cases-") and name.endswith(".parquet")):
-                raise UsageError(f"output {self.url}: holds {name}, which is none of a study's results")
+                raise UsageError(f"output {self.url}: holds {name}, which is not a result of a study")
         return names
 
     def read(self, *columns: str) -> Any:
@@ -610,7 +610,7 @@ def workers_of(number: int, scheduler: str) -> Iterator[Any]:
                 raise UsageError(f"scheduler {scheduler}: cannot be reached: {reason(error)}") from None
             raise IncompleteError(f"no workers can be started: {reason(error)}") from None
         if scheduler and not client.nthreads():
-            warn([f"scheduler {scheduler}: it has no workers yet, and is waited for"])
+            warn([f"scheduler {scheduler}: it has no workers yet; waiting"])
         yield client
 
 
@@ -656,7 +656,7 @@ def computed_by(client: Any, blocks: Iterator[Block]) -> Iterator[tuple[Block, A
         raise
     except KilledWorker:
         where = f"{len(block.keys)} cases of bag {block.bag}"
-        raise IncompleteError(f"workers died again and again at {where}: of too little memory? {REST}") from None
+        raise IncompleteError(f"workers died repeatedly at {where}: of too little memory? {REST}") from None
     except Exception as error:  # a boundary: whatever a worker may lack or meet; or the scheduler is gone
         if future is None or future.status != "error":
             raise IncompleteError(f"the scheduler is gone; {REST}") from None
@@ -716,4 +716,4 @@ def compute_all(study: Study, output: str, workers: int, scheduler: str) -> None
     with progress("Computing") as advance:
         done = run_study(study, output, workers=workers, scheduler=scheduler, advance=advance)
     warn(f"damaged, and computed as far as it can be read: {sentence}" for sentence in done.damage)
-    say(f"{study.number} cases: {done.computed} computed, {done.there} were there, {done.failed} failed")
+    say(f"{study.number} cases: {done.computed} computed, {done.there} were there already, {done.failed} failed")

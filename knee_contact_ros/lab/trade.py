@@ -91,7 +91,7 @@ def measure(
         rows, seconds = [], 0.0
         for samples in compartments:
             if samples.model is None:
-                raise UsageError("parameters changed while this recording was made; say --params FILE")
+                raise UsageError("parameters changed during this recording; give --params FILE")
             fidelity: Any = {"level": LEVELS[level], "tolerance": tolerance, "force_tolerance": 0.0}
             own, taken = answered(replace(samples.model, compiled=True, **fidelity), samples, load)
             rows.append(own)
@@ -155,16 +155,16 @@ def advice(trade: Trade) -> str:
     The tolerance itself must be within what the data are worth too, so that an answer without a flag is.
     """
     if not any(each.depth or each.force for each in trade.settings):
-        return "Every setting gives the same depth and force, as where femoral heights are prescribed: take any."
+        return "Every setting gives the same depth and force, as with prescribed femoral heights: use any."
     worth = f"{1e6 * trade.worth:.2g} um"
     good = [each for each in trade.settings if max(each.depth, each.tolerance) <= trade.worth]
     good = [each for each in good if each.flagged <= FLAGGED]
     if not good:
-        return f"No setting keeps errors below what the data are worth ({worth}) and flags at most 1 % of the ticks."
+        return f"No setting flags at most 1 % of the ticks and has errors below those of your data ({worth})."
     best = min(good, key=lambda each: (each.evaluations, -each.tolerance))
     return (
         f"Take fidelity.level {best.level} with fidelity.tolerance {best.tolerance:g}: the cheapest setting whose "
-        f"errors of the depth ({1e6 * best.depth:.2g} um at most) are below what the data are worth ({worth})."
+        f"errors of the depth ({1e6 * best.depth:.2g} um at most) are below those of your data ({worth})."
     )
 
 
@@ -178,7 +178,7 @@ def show(trade: Trade) -> None:
         table.add_row(level, *cells, f"{calls:.1f}", f"{microseconds:.2f}")
     say("Largest errors at any tick; calls of the contact law and processor time per tick")
     Console(width=WIDTH).print(table)
-    say(f"{trade.ticks} ticks. The reference is this same model at a tolerance of {REFERENCE:g} m; a run at")
+    say(f"{trade.ticks} ticks. The reference is the same model at a tolerance of {REFERENCE:g} m; a run at")
     say(f"{SECOND:g} m differs from it by {trade.reference_error:.1e} m at most.")
     say(advice(trade), hang=0)
 

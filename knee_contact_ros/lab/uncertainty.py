@@ -96,7 +96,7 @@ def deviations_of(given: Mapping[str, Any] | Name, parameters: Parameters) -> tu
     if not isinstance(given, Mapping):
         given = read_mapping(expanded(str(given)), "file of standard deviations", "names to standard deviations")
     if not given:
-        raise UsageError("uncertainty: no standard deviation is given; as contact.stiffness: 10 %")
+        raise UsageError("uncertainty: no standard deviation is given; for example contact.stiffness: 10 %")
     left_out = ("axial_load", "medial_share") if parameters.drive == "displacement" else ("femoral_height",)
     sections = SECTIONS if has_both(parameters) else SECTIONS[:-1]
     values = all_values(parameters).items()

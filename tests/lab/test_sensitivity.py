@@ -147,7 +147,8 @@ def test_a_study_gives_pictures_and_a_tidy_table(
     (tmp_path / "out" / "sensitivity_peak_force.png").write_bytes(b"earlier")
     assert run(tmp_path, short_bag, content, scheduler) == 0
     told = capsys.readouterr()
-    assert "192 cases: 128 computed, 64 were there, 0 failed" in told.out  # of two parameters, A with b is B with a
+    # Of two parameters, A with b is B with a
+    assert "192 cases: 128 computed, 64 were there already, 0 failed" in told.out
     assert "peak depth, load.share 0.4: contact.layer_depth" in told.out
     assert "warning: peak depth, load.share 0.4: not converged" in told.err
     names = {path.name for path in (tmp_path / "out").iterdir()}

@@ -59,7 +59,7 @@ def test_errors_are_those_against_the_tightest_run(found: Trade, arthritic: Resu
     assert found.worth == pytest.approx(worth, rel=1e-3)
     unknown = arthritic.copy()
     unknown.model = None
-    with pytest.raises(UsageError, match="say --params FILE"):
+    with pytest.raises(UsageError, match="give --params FILE"):
         measure(unknown)
 
 

@@ -107,7 +107,7 @@ def test_a_recording_whose_parameters_changed_is_refused_and_so_are_wrong_argume
     with pytest.raises(UsageError, match="its parameters changed, or the model was reset"):
         propagated(short_bag, provenance._replace(changes=(Change(3, None),)), {"flexion_angle": 0.01})
     for arguments, said in (
-        ((short_bag, AT_REST), r"^uncertainty: no standard deviation is given; as contact.stiffness: 10 %"),
+        ((short_bag, AT_REST), r"^uncertainty: no standard deviation is given; for example contact.stiffness: 10 %"),
         ((None, None, {"contact.stiffness": "1 %"}), r"^no bag: give one"),
         ((short_bag, AT_REST, tmp_path / "nowhere.yaml"), r"nowhere\.yaml"),
     ):

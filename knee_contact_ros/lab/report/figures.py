@@ -197,8 +197,8 @@ def over_cycle(runs: Sequence[Run], cyclic: Sequence[Run]) -> list[Figure]:
         if ranges
         else "No published range is drawn: some of the runs are of the whole joint, and some of one compartment.",
         DEPTHS: f"Grey: peak deformations in vivo, {DEPTH.lowest:.2f} to {DEPTH.highest:.2f} mm if the cartilage is "
-        f"{CARTILAGE_THICKNESS:g} mm thick. A depth here is what the contact law makes of the force, no measured "
-        f"deformation.{' Dotted: where the second layer, bone, begins.' * any(map(has_bone, cyclic))}",
+        f"{CARTILAGE_THICKNESS:g} mm thick. A depth here follows from the contact law and the force; it is not a "
+        f"measured deformation.{' Dotted: where the second layer, bone, begins.' * any(map(has_bone, cyclic))}",
         FLEXION: "",
         PRESSURE: f"In the middle of the patch. {'; '.join(laws)}.",
         PATCH: "Of a round patch, from the depth and the radii of the law.",

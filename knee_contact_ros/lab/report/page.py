@@ -110,7 +110,7 @@ def run_report(options: runs.ReportOptions, output: Path) -> list[Path]:
             replace(work / name, output / name)
     damage = [sentence for run in found if run.beside is None for sentence in run.damage]
     if damage:
-        raise IncompleteError(f"{output / PAGE} tells what can be read of a damaged bag: {in_a_line(damage)}")
+        raise IncompleteError(f"{output / PAGE} shows what can be read of a damaged bag: {in_a_line(damage)}")
     kept = sorted({f"{run.name} keeps {', '.join(run.kept)}" for run in found if run.kept})
     warn(f"--compare: {line}" for line in kept)
     return [output / name for name in files]
@@ -203,7 +203,7 @@ def first_table(found: Sequence[Run]) -> Table:
         stamp, what = int(of.columns["stamp"][of.largest]), of.driving.replace("_", " ")
         if run.beside is None and kinds and not any(span.start <= stamp < span.end for span in of.spans):
             where = f"{run.label}, at {stamp / NANOSECONDS:.3f} s,"
-            notes.append(f"The largest {what} of {where} lies in no whole gait cycle.")
+            notes.append(f"The largest {what} of {where} is not within a whole gait cycle.")
     return _side_by_side(columns, found, " ".join(notes))
 
 

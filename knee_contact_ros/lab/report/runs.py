@@ -204,7 +204,7 @@ def overlay(paths: Sequence[Path]) -> dict[str, Any]:
         values = files.values_set_in(path)
         if not any(name.startswith(SECTION) for name in values):
             raise UsageError(
-                f"--compare {path}: sets no {SECTION}* parameter, and a comparison changes these alone; to compare "
+                f"--compare {path}: sets no {SECTION}* parameter, but a comparison changes only these; to compare "
                 "something else, solve with each and report both recordings"
             )
         everything |= values

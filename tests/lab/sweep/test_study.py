@@ -296,6 +296,6 @@ def test_the_example_of_the_page_runs(address: str, file: Path, capfd: Capture) 
     file.write_text(example[1])
     out = str(file.parent / "out")
     assert main(["sweep", str(file), "--output", out, "--scheduler", address]) == 0
-    said = f"32 cases: 32 computed, 0 were there, 0 failed\ntable: {out} (pandas.read_parquet)\n"
+    said = f"32 cases: 32 computed, 0 were there already, 0 failed\ntable: {out} (pandas.read_parquet)\n"
     assert capfd.readouterr() == (said, "")
     assert len(table(Path(out))) == read_study(file, Study).number
