@@ -86,7 +86,7 @@ def test_the_cheapest_setting_that_is_good_enough_is_recommended(
 ) -> None:
     said = advice(Trade(settings, 100, 2e-5, 1e-12))
     assert f"fidelity.level {level} with fidelity.tolerance {tolerance}: " in said
-    assert advice(Trade(settings, 100, 1e-10, 1e-12)).startswith("No setting keeps")
+    assert advice(Trade(settings, 100, 1e-10, 1e-12)).startswith("No setting flags")
 
 
 def test_both_compartments_count_and_a_reset_begins_anew(right_bag: Path) -> None:

@@ -180,7 +180,7 @@ def test_a_folder_of_others_a_foreign_table_and_a_damaged_one(right_bag: Path, a
     foreign = tmp_path / "foreign.parquet"
     pd.DataFrame({"a": [1]}).to_parquet(foreign)
     for name, content, said in (
-        ("holiday.jpg", b"", r"holds holiday\.jpg, which is none of a study's results"),
+        ("holiday.jpg", b"", r"holds holiday\.jpg, which is not a result of a study"),
         ("cases-mine.parquet", foreign.read_bytes(), r"cases-mine\.parquet is damaged, or none of a study's results"),
         *((first.name, whole[:size], f"{first.name} is damaged") for size in (0, 100, len(whole) // 2)),
     ):
