@@ -162,7 +162,7 @@ def read_trial(
             if column in found:
                 raise UsageError(f"{path}: column {column} is in another file of trial {name}, too")
             if not np.isfinite(values).all():
-                raise UsageError(f"{path}: column {column} of trial {name} has values that are no numbers")
+                raise UsageError(f"{path}: column {column} of trial {name} has values that are not numbers")
             found[column] = clocks[-1], values
     for option, terms in sums.items():
         for _, column in terms:
@@ -191,7 +191,7 @@ def _terms(option: str, text: str) -> list[Term]:
     while place < len(text):
         term = TERM.match(text, place)
         if term is None or (place and not term[1]):
-            raise UsageError(f"{option} {text!r}: it must be a sum of columns, as '0.98 am + 0.97 pm - al'")
+            raise UsageError(f"{option} {text!r}: it must be a sum of columns, for example '0.98 am + 0.97 pm - al'")
         sign, weight, column = term.groups()
         terms.append(((-1.0 if sign == "-" else 1.0) * float(weight or 1.0), column.strip("'\"")))
         place = term.end()
@@ -207,12 +207,13 @@ def _refuse_impossible(trial: str, flexion: Floats, axial: Floats, medial: Float
     for wrong, reason in (
         ((reached := np.abs(flexion).max()) > LARGEST_ANGLE, f"flexion reaches {reached:g} rad, beyond "
          f"{LARGEST_ANGLE:g}{unit}"),
-        (mean < LEAST_FLEXION, f"flexion is {mean:.0f} degrees on average; it must be positive in flexion: turn the "
-         "sign in --flexion"),
-        (span < math.degrees(STIFF), f"flexion moves by {span:.3g} degrees in all, which is no knee's that walks: is "
-         "--angle-unit right?"),
+        (mean < LEAST_FLEXION, f"flexion is {mean:.0f} degrees on average; it must be positive in flexion: change the "
+        "sign in --flexion"),
+        (span < math.degrees(STIFF), f"flexion moves by {span:.3g} degrees in all, less than a walking knee: is "
+        "--angle-unit right?"),
         (not LEAST_PEAK <= most / weight <= MOST_PEAK, f"the axial force reaches {most / weight:.3g} body weights, and "
-         f"a knee that bears its body {LEAST_PEAK:g} to {MOST_PEAK:g}: are both in N, and --body-weight no mass?"),
+         f"a knee that bears its body {LEAST_PEAK:g} to {MOST_PEAK:g}: are both in N, and is --body-weight a force "
+         "and not a mass?"),
         (excess > LARGEST_EXCESS * most, f"the medial force is {excess:g} N beyond 0 or the whole; look at --axial and "
          "--medial"),
     ):  # fmt: skip
