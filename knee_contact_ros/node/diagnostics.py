@@ -284,7 +284,7 @@ class Health:
         apart += "; one of them counts from boot" if abs(lead) > FROM_BOOT else ""
         apart += ", and the answers are flagged (STALE_INPUT)" if paired.apart else ""
         _, text = warned(
-            f"{lost} angles are not recorded: more than pairing.queue came without a force" if lost else "",
+            f"{lost} angles are not recorded: more of them than pairing.queue came without a force" if lost else "",
             *(f"stamps of {topic} have jumped" for topic, number in jumps.items() if self.more(topic, number)),
             f"{off} stamps fit neither the sample before nor the other topic" if off else "",
             apart if abs(lead) > self.parameters.pairing.max_gap else "",

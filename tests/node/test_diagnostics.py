@@ -91,7 +91,10 @@ def test_a_queue_warns_from_a_quarter_on_and_is_an_error_when_it_drops(clock: Ti
         (
             30,
             130,
-            (ERROR, "30 angles are not recorded: more than pairing.queue came without a force; 100 % of pairing"),
+            (
+                ERROR,
+                "30 angles are not recorded: more of them than pairing.queue came without a force; 100 % of pairing",
+            ),
         ),
         (0, 0, (WARN, "100 % of pairing.queue wait for the other topic")),
     ):
