@@ -184,7 +184,8 @@ class BagFile(Writer):
     def add_topic(self, topic: str, type_name: str) -> None:
         """Declare a topic by its absolute name and message type; channels have the order of the declarations."""
         type_hash = typestore().hash_rihs01(type_name)
-        self.topics.append(topic_metadata(topic, type_name, "cdr", qos_of(type_name), type_hash))
+        entry = {"name": topic, "type": type_name, "serialization_format": "cdr"}
+        self.topics.append(entry | {"offered_qos_profiles": qos_of(type_name), "type_description_hash": type_hash})
         if type_name not in self._schemas:
             self._schemas[type_name] = self.register_schema(type_name, "ros2msg", definition(type_name))
         metadata = {"offered_qos_profiles": offered_qos(type_name), "topic_type_hash": type_hash}
@@ -619,19 +620,8 @@ class FileFacts(NamedTuple):
         }
 
 
-def topic_metadata(topic: str, type_name: str, encoding: str, qos: Any, type_hash: str) -> dict[str, Any]:
-    """Entry of a topic in `metadata.yaml`, without its number of messages."""
-    return {
-        "name": topic,
-        "type": type_name,
-        "serialization_format": encoding,
-        "offered_qos_profiles": qos,
-        "type_description_hash": type_hash,
-    }
-
-
 def information(files: Sequence[FileFacts], topics: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Content of `metadata.yaml` for a bag of these files, with the given entries of its topics (`topic_metadata`)."""
+    """Content of `metadata.yaml` for a bag of these files, with the given entries of its topics."""
     filled = [file for file in files if file.counts.total()]
     first, last = min((f.first for f in filled), default=0), max((f.last for f in filled), default=0)
     total = sum((file.counts for file in files), Counter[str]())

@@ -5,28 +5,17 @@ from __future__ import annotations
 import os
 from collections import Counter
 from collections.abc import Callable
-from contextlib import closing, suppress
+from contextlib import closing
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from mcap.records import Attachment, Metadata
 from mcap.writer import CompressionType, Writer
 
 from knee_contact_ros.bags.mcap_file import Advance, McapFile
 from knee_contact_ros.bags.reader import MCAP, kind_of
-from knee_contact_ros.bags.recorder import (
-    CHUNK_SIZE,
-    LIBRARY,
-    METADATA,
-    ROSBAG2,
-    FileFacts,
-    information,
-    put_metadata,
-    to_yaml,
-    topic_metadata,
-)  # fmt: skip
+from knee_contact_ros.bags.recorder import CHUNK_SIZE, LIBRARY, ROSBAG2
 from knee_contact_ros.system.errors import UsageError, in_a_line
-from knee_contact_ros.system.files import BadYamlError, parse_yaml
 from knee_contact_ros.system.output_files import is_being_written, rename_new
 
 RECOVERED = "recovered"
@@ -35,8 +24,8 @@ SUFFIX = ".recovering"
 """Suffix of the output until it is complete; `.partial` may be that of the input"""
 COMPRESSIONS = {"": CompressionType.NONE, "lz4": CompressionType.LZ4}
 """Compression of the output by the name of that in the input; zstd for others, and without chunks"""
-MOST_FAULTS, MOST_TOPICS = 1000, 2000
-"""Largest numbers of faults in the metadata record, and of topics in a `metadata.yaml` that other readers accept"""
+MOST_FAULTS = 1000
+"""Largest number of faults in the metadata record"""
 
 
 class TopicCount(NamedTuple):
@@ -89,7 +78,7 @@ def recover(
         if not file.counts.total():
             kind = "no MCAP file" if not file.streams else "an MCAP file of which no message can be read"
             raise UsageError(f"{source} is {kind}: {in_a_line(file.faults) or 'it has none'}")
-        topics, described = _topics(file), _described(file, output.name)
+        topics = _topics(file)
         partial = output.with_name(output.name + SUFFIX)
         try:
             output.parent.mkdir(parents=True, exist_ok=True)
@@ -101,15 +90,12 @@ def recover(
         except OSError as error:
             raise UsageError(f"cannot write {output}: {error.strerror}") from None
         try:
-            _write(partial, file, described, lambda done: advance(file.size + done, 2 * file.size))
+            _write(partial, file, lambda done: advance(file.size + done, 2 * file.size))
             (partial.replace if overwrite else lambda target: rename_new(partial, target))(output)
         except FileExistsError:
             raise UsageError(f"{output} appeared in the meantime and was not changed; choose another name") from None
         finally:
             partial.unlink(missing_ok=True)
-        if described and all(p.name == METADATA or p.name.startswith(output.name) for p in output.parent.iterdir()):
-            with suppress(OSError):  # the file is whole without it
-                put_metadata(output.parent, described)  # the folder is a bag's, and no working folder
     return Recovery(topics, file.times, file.size, file.unread, file.faults)
 
 
@@ -145,7 +131,7 @@ def _topics(file: McapFile) -> list[TopicCount]:
     ]
 
 
-def _write(partial: Path, file: McapFile, described: dict[str, Any] | None, advance: Callable[[int], None]) -> None:
+def _write(partial: Path, file: McapFile, advance: Callable[[int], None]) -> None:
     """Write the readable content of a file to `partial`."""
     first = next((segment.compression for segment in file.segments if segment.compression is not None), "zstd")
     with partial.open("wb") as output:
@@ -165,7 +151,7 @@ def _write(partial: Path, file: McapFile, described: dict[str, Any] | None, adva
             elif not isinstance(entry, Metadata):
                 channel_id = channels[entry.channel_id]
                 writer.add_message(channel_id, entry.log_time, entry.data, entry.publish_time, entry.sequence)
-            elif entry.name != ROSBAG2:  # a new one will have the right numbers of messages
+            elif entry.name != ROSBAG2:  # it has other numbers of messages
                 writer.add_metadata(entry.name, entry.metadata)
             advance(offset)
         origin = {
@@ -173,25 +159,6 @@ def _write(partial: Path, file: McapFile, described: dict[str, Any] | None, adva
             "messages": str(file.counts.total()), "faults": "\n".join(file.faults[:MOST_FAULTS]),
         }  # fmt: skip
         writer.add_metadata(RECOVERED, origin)
-        if described:
-            writer.add_metadata(ROSBAG2, {"serialized_metadata": to_yaml(described)})
         writer.finish()  # type: ignore[no-untyped-call]
         output.flush()
         os.fsync(output.fileno())
-
-
-def _described(file: McapFile, name: str) -> dict[str, Any] | None:
-    """Content of `metadata.yaml` for a file, from its channels alone; None for one not of ROS 2, or of many topics."""
-    if file.profile != "ros2" or len(file.streams) > MOST_TOPICS:
-        return None
-    topics = dict[str, dict[str, Any]]()
-    for _, (channel, schema) in sorted(file.streams.items()):
-        try:
-            qos = parse_yaml(channel.metadata.get("offered_qos_profiles", "")) or []
-        except BadYamlError:
-            qos = []
-        type_name, type_hash = schema.name if schema else "", channel.metadata.get("topic_type_hash", "")
-        entry = topic_metadata(channel.topic, type_name, channel.message_encoding, qos, type_hash)
-        topics.setdefault(channel.topic, entry)
-    counts = Counter({topic.topic: topic.messages for topic in _topics(file)})
-    return information([FileFacts(name, *(file.times or (0, 0)), counts)], list(topics.values()))
