@@ -275,7 +275,7 @@ class Contents(NamedTuple):
     messages: Column
     """Encoded messages"""
     declarations: list[Any]
-    """Schemas and channels"""
+    """Schemas and channels; None for one that cannot be read"""
     number: int
     """Number of all records"""
 
@@ -405,7 +405,7 @@ class McapFile:
             self._lost.append((segment.offset, segment.end, f"the chunk {fault}"))
             if not segment.compression:
                 data = self._records.read(segment.begin, min(segment.end, segment.begin + LARGEST_CHUNK))
-                for record in contents_of(data, [], LARGEST_CHUNK, cut=True).declarations:
+                for record in filter(None, contents_of(data, [], LARGEST_CHUNK, cut=True).declarations):
                     self._doubtful.setdefault((type(record), record.id), record)
         else:
             if segment.cut:
@@ -484,9 +484,11 @@ class McapFile:
             file.flush()
             return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
 
-    def _declare(self, record: Schema | Channel) -> None:
+    def _declare(self, record: Schema | Channel | None) -> None:
         """Take in a schema or channel."""
-        if self._declared.setdefault((type(record), record.id), record) != record:
+        if record is None:
+            self._note("a topic's or a type's declaration cannot be read")
+        elif self._declared.setdefault((type(record), record.id), record) != record:
             self._note("topics are declared in contradictory ways; the first one counts")
 
     def _take_other(self, piece: Piece) -> None:
@@ -564,8 +566,8 @@ def contents_of(data: bytes | mmap.mmap, indices: Sequence[bytes], most: int, cu
                 raise DamagedError(f"holds more than {most} records; another tool may write it again in smaller chunks")
             if opcode == Opcode.MESSAGE:
                 places.append(begin - HEAD.size)
-            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL) and (record := parsed(opcode, data[begin:end])):
-                declarations.append(record)
+            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+                declarations.append(parsed(opcode, data[begin:end]))
         begins = np.array(places, np.int64)
     if end != len(data) and not cut:
         raise DamagedError(f"ends in {len(data) - end} bytes that are not records")

@@ -124,6 +124,16 @@ def test_a_message_that_swallows_others_is_a_hole(tmp_path: Path) -> None:
     assert any(f"{len(WRITTEN) - 50} of {len(WRITTEN)} messages are missing" in fault for fault in faults)
 
 
+def test_without_checksums_a_chunk_tells_times_and_declarations(tmp_path: Path) -> None:
+    path = made(tmp_path, "no checksums")
+    payload = path.read_bytes().index(WRITTEN[50][2])
+    change(path, payload - 10, b"\x01")  # of its log time
+    assert any("has other times than its messages" in fault for fault in read(path)[1])
+    path = made(tmp_path, "no checksums")
+    change(path, path.read_bytes().index(b"sensor_msgs"), b"\xff")
+    assert "a topic's or a type's declaration cannot be read" in read(path)[1]
+
+
 def test_channels_come_from_a_damaged_chunk_if_nothing_else_has_them(tmp_path: Path) -> None:
     path = made(tmp_path, "plain")
     (offset, length), (last, last_length) = chunks(path)[0], chunks(path)[-1]
