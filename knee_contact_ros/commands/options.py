@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import stat
 from collections.abc import Callable
+from functools import reduce
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -102,13 +103,7 @@ parameter_values = click.option(
 
 def together(*options: Callable[[Function], Function]) -> Callable[[Function], Function]:
     """Combine several options into one decorator; the help text lists them in this order."""
-
-    def decorate(function: Function) -> Function:
-        for option in reversed(options):
-            function = option(function)
-        return function
-
-    return decorate
+    return lambda function: reduce(lambda decorated, option: option(decorated), reversed(options), function)
 
 
 def names_in_bag_options(

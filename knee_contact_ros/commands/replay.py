@@ -62,13 +62,8 @@ class Timing(NamedTuple):
     """Whether to begin with a pause, which a key ends"""
 
 
-class Span(NamedTuple):
-    """The part of a bag that is played."""
-
-    start: int
-    """Log time [ns] of the first message"""
-    stop: int
-    """Log time [ns] behind the last one"""
+Span = tuple[int, int]
+"""The part of a bag that is played: log times [ns] of the first message, and behind the last one"""
 
 
 class Replayer:
@@ -180,7 +175,7 @@ def span_of(reader: BagReader, timing: Timing) -> Span:
         raise UsageError(
             f"--start-offset {timing.start_offset:g}: bag {reader.path} has no message there; it lasts {lasts:.3f} s"
         )
-    return Span(start, min(stop, reader.end))
+    return start, min(stop, reader.end)
 
 
 def play(reader: BagReader, span: Span, replayer: Replayer, timing: Timing) -> None:

@@ -714,6 +714,16 @@ ADVICE = {
 """What to do, by the reason of most refusals"""
 
 
+def held_sentence(pipeline: PairedStreams, held: int) -> str:
+    """Sentence that most answers have an angle of another time, as `held` of them do, and what to do; else empty."""
+    if 2 * held <= pipeline.ticks:
+        return ""
+    angles, forces = pipeline.sources.values()
+    apart = ((pipeline.synchroniser.load_time.last or 0) - (pipeline.synchroniser.angle_time.last or 0)) / NANOSECONDS
+    why = pipeline.last_refusal or f"their stamps lie {apart:.4g} s apart: does one of them count from boot?"
+    return f"{held} of {pipeline.ticks} answers to {forces} hold an old angle of {angles} (INPUT_HELD): {why}"
+
+
 def unanswered_sentence(pipeline: PairedStreams, forces: int) -> str:
     """Sentence that many of a number of forces have no answer, with the reasons and what to do; else empty."""
     missing = forces - pipeline.ticks

@@ -7,14 +7,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from knee_contact_ros.bags.provenance import read_provenance
-from knee_contact_ros.bags.reader import answer_blocks, answer_topics
+from knee_contact_ros.bags.reader import answer_topics, read_answers
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.schema import has_both
@@ -84,31 +84,15 @@ def write_peak(recording: Path, output: Path) -> str:
     known = provenance.parameters
     model = build_model(known, curves=provenance.texts())
     name, words = ("contact_force", "contact force") if model.height_prescribed else ("load", "load")
-    row = with_largest(name, recording, topics[0])
-    moment = Moment(model, row["flexion_angle"], row["femoral_height"], row["contact_force"], known.body_weight)
+    answers = read_answers(recording, topics[0])
+    row = answers[int(np.nan_to_num(answers[name], nan=-math.inf).argmax())]
+    angle, height, force = (float(row[each]) for each in ("flexion_angle", "femoral_height", "contact_force"))
+    moment = Moment(model, angle, height, force, known.body_weight)
     which = f"{MEDIAL} compartment, " if has_both(known) else ""
-    title = f"{which}largest {words}, at {stamp_text(row['stamp'], begin_of(row['first_stamp']))} s"
+    title = f"{which}largest {words}, at {stamp_text(int(row['stamp']), begin_of(int(answers['stamp'][0])))} s"
     output.write_bytes(png(moment, title))
     depth = MM * row["penetration_depth"]
     return f"{title}: {moment.force}, depth {depth:.3f} mm at {math.degrees(moment.flexion_angle):.0f}° of flexion"
-
-
-def with_largest(force: str, recording: Path, topic: str) -> Mapping[str, Any]:
-    """Return the fields of the answer with the largest `force` (`load` or `contact_force`) on a topic with answers.
-
-    Forces that are NaN do not count. `first_stamp` is the stamp of the first answer [ns].
-    """
-    first, rows = [], []
-    for block in answer_blocks(recording, topic):
-        first.append(int(block["stamp"][0]))
-        rows.append(block[[int(_known(block[force]).argmax())]])
-    largest = max(rows, key=lambda row: float(_known(row[force])[0]))
-    return {"first_stamp": first[0]} | {name: largest[name][0].item() for name in largest.dtype.names or ()}
-
-
-def _known(forces: Any) -> Floats:
-    """Return forces [N], shape (n,), with minus infinity in the place of NaN."""
-    return np.asarray(np.nan_to_num(forces, nan=-math.inf))
 
 
 def png(moment: Moment, title: str) -> bytes:

@@ -227,6 +227,12 @@ def framed(g: list[RawMessage], frame: Callable[[int], str]) -> list[RawMessage]
     return found
 
 
+def later(g: list[RawMessage], by: int) -> list[RawMessage]:
+    """Forces with stamps that are later [ns]."""
+    each = [(message, WRENCH.read(message.data, "")[0]) for message in forces(g)]
+    return [message._replace(data=encode_wrench_stamped(one._replace(stamp=one.stamp + by))) for message, one in each]
+
+
 def unmerged(path: Path, g: list[RawMessage]) -> Path:
     """A sqlite3 file whose recorder was killed: all is in the log beside it."""
     write_rosbag2(path.with_suffix(""), g, StoragePlugin.SQLITE3)
@@ -255,6 +261,14 @@ TOLD: dict[str, tuple[Callable[[Path, list[RawMessage]], Path], int, str]] = {
     "stamps that were never set": (
         lambda p, g: mcap(p, [m._replace(data=m.data[:4] + bytes(8) + m.data[12:]) for m in g]),
         1, r"386 of 387 forces have no answer .*header\.stamp is not set \(0\)",
+    ),
+    "angle stamps that were never set": (
+        lambda p, g: mcap(p, in_order(states(g, lambda one: one._replace(stamp=0)), forces(g))),
+        0, r"387 of 387 answers .* hold an old angle of joint_states .*header\.stamp is not set \(0\)",
+    ),
+    "angle stamps from boot": (
+        lambda p, g: mcap(p, in_order(states(g, lambda one: one), later(g, 10**18))),
+        0, r"387 of 387 answers .* hold an old angle of .*: their stamps lie 1e\+09 s apart: .* from boot\?",
     ),
     "frames of two sensors": (
         lambda p, g: mcap(p, in_order(states(g, lambda one: one), framed(g, lambda n: f"sensor_{n % 2}"))),

@@ -14,7 +14,7 @@ from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.view import picture
-from knee_contact_ros.view.picture import Moment, Window, beyond, in_contact_frame, posed, with_largest, write_peak
+from knee_contact_ros.view.picture import Moment, Window, beyond, in_contact_frame, posed, write_peak
 from tests.offline.test_solve import make_bag, silent
 
 pytest.importorskip("matplotlib", minversion="3.7", reason="needs the extra report: matplotlib 3.7")
@@ -45,8 +45,8 @@ def test_the_picture_is_of_the_largest_load(recording: Path, tmp_path: Path, mon
     assert (np.abs(pixels - surface) < 6).all(axis=2).sum() > 800  # cartilage is seen, also half a millimetre of it
     holed = answers.copy()  # a load that is missing, as in recordings of others, is not the largest
     holed["load"][[0, 200]] = np.nan
-    monkeypatch.setattr(picture, "answer_blocks", lambda *_: iter([holed[:150], holed[150:]]))
-    assert with_largest("load", recording, "/knee_contact")["stamp"] == peak["stamp"]
+    monkeypatch.setattr(picture, "read_answers", lambda *_: holed)
+    assert write_peak(recording, tmp_path / "knee.png") == told
 
 
 @pytest.mark.parametrize(
