@@ -143,7 +143,7 @@ WRONG_OPTIONS = [
     (["--flexion=-0.01745 angle"], "flexion moves by 1.3"),
     (["--axial", "9.81 am + 9.81 pm + 9.81 lateral"],
      "reaches 23.5 body weights, and a knee that bears its body 0.75 to 8: are both"),
-    (["--flexion", "angle"], "it must be positive in flexion: turn the sign"),
+    (["--flexion", "angle"], "it must be positive in flexion: change the sign"),
     (["--axial", "-am - pm - lateral"], "the axial force reaches"),
     (["--medial", "am + pm + lateral + lateral"], "beyond 0 or the whole"),
     (["--time", "t"], "has no column t; it has"),

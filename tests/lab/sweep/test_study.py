@@ -192,7 +192,7 @@ def test_a_folder_of_others_a_foreign_table_and_a_damaged_one(right_bag: Path, a
     (out / "_unfinished").write_bytes(whole[:100])  # of one that was killed
     assert computed(asked, out, scheduler=address)[1] > 0
     assert_same(table(out), expected)
-    with pytest.raises(UsageError, match=r"holds foreign\.parquet, which is none of"):
+    with pytest.raises(UsageError, match=r"holds foreign\.parquet, which is not"):
         computed(asked, foreign, scheduler=address)
 
 
