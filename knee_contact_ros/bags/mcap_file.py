@@ -141,7 +141,7 @@ def parsed(opcode: int, content: bytes) -> Any:
     try:
         record = PARSERS[opcode].read(ReadDataStream(BytesIO(content)))
         record.write(builder)
-    except (KeyError, EndOfFile, struct.error, UnicodeDecodeError):
+    except (KeyError, EndOfFile, struct.error, UnicodeDecodeError, OverflowError):
         return None
     written: bytes = builder.end()[HEAD.size :]  # type: ignore[no-untyped-call]
     if opcode == Opcode.ATTACHMENT and content.endswith(bytes(4)):  # it has no checksum

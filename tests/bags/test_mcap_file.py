@@ -239,3 +239,12 @@ def test_chunks_over_each_other_are_not_unpacked_at_once(tmp_path: Path, monkeyp
             batches = by_arrival([file], [{1: 0}])
             with pytest.raises(UsageError, match="its chunks overlap") if refused else nullcontext():
                 assert sum(map(len, batches)) == 600
+
+
+def test_an_attachment_that_claims_more_than_any_memory_is_no_record(tmp_path: Path) -> None:
+    path, claim = tmp_path / "bag.mcap", bytes(24) + struct.pack("<Q", 2**64 - 1)
+    data = schema(1, "a/msg/B", b"") + channel(1, "/a") + message(1, b"x", 1)
+    path.write_bytes(whole(record(9, claim), chunk(data, len(data), "")))
+    found, faults = read(path)
+    assert [time for _, time, _ in found] == [1]
+    assert any("they are no valid records" in fault for fault in faults)

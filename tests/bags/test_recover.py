@@ -170,7 +170,7 @@ def test_a_disk_that_is_full_at_any_call_leaves_nothing_behind(
 
 def test_what_appears_where_the_output_is_to_be_is_left_alone(cut: Path, tmp_path: Path) -> None:
     output = tmp_path / "bag.mcap"
-    with pytest.raises(UsageError, match="has appeared meanwhile"):
+    with pytest.raises(UsageError, match="appeared in the meantime and was not changed"):
         recover(cut, output, advance=lambda _done, _total: output.write_text("precious") and None)
     assert output.read_text() == "precious"
     recover(cut, output, advance=lambda _done, _total: output.write_text("old") and None, overwrite=True)
