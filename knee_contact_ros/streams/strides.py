@@ -262,14 +262,7 @@ def impulse_per_stride(series: NDArray[np.void], body_weight: float) -> list[Imp
     Returns:
         One entry per whole stride, in order; none where there is no gait.
     """
-    stamps, force = np.asarray(series["stamp"]), np.asarray(series["contact_force"])
-    return [impulse_of(span, stamps, force) for span in _strides(stamps, series, body_weight)]
-
-
-def impulse_of(span: Span, stamps: Stamps, force: Floats) -> Impulse:
-    """Impulse of a stride, from increasing stamps [ns] and contact forces [N], both of shape (n,)."""
-    parts = [cut(stamps, force[:, np.newaxis], span.start, end, held=0) for end in (span.end, span.toe_off)]
-    return Impulse(span, *(integral(since, forces[:, 0]) for since, forces in parts))
+    return [Impulse(one.span, one.impulse, one.stance_impulse) for one in strides_of(series, body_weight)]
 
 
 def _strides(stamps: Stamps, series: NDArray[np.void], body_weight: float) -> list[Span]:
