@@ -511,16 +511,21 @@ def _unpacked(data: bytes) -> bytes:
     return zstandard.ZstdDecompressor().decompress(data, max_output_size=LARGEST_MESSAGE)
 
 
-def read_metadata(folder: Path) -> tuple[list[str], str, list[str]]:
-    """Names of a bag's files and compression mode (`file`, `message` or empty) of `metadata.yaml`; its faults."""
+def read_metadata(folder: Path) -> tuple[list[str], str, list[str], int]:
+    """Names of files, compression mode (`file`, `message` or empty), faults and messages of a `metadata.yaml`."""
     try:
         content = read_yaml(folder / METADATA, LARGEST_METADATA)["rosbag2_bagfile_information"]
         mode = str(content.get("compression_mode") or "").lower().replace("none", "")
-        return list(dict.fromkeys(Path(name).name for name in content["relative_file_paths"])), mode, []
+        return (
+            list(dict.fromkeys(Path(name).name for name in content["relative_file_paths"])),
+            mode,
+            [],
+            int(content["message_count"]),
+        )
     except FileNotFoundError:
-        return [], "", [f"{METADATA} is missing"]
-    except (OSError, BadYamlError, LookupError, TypeError, ValueError, AttributeError):
-        return [], "", [f"{METADATA} cannot be read"]
+        return [], "", [f"{METADATA} is missing"], 0
+    except (OSError, BadYamlError, LookupError, TypeError, ValueError, AttributeError, OverflowError):
+        return [], "", [f"{METADATA} cannot be read"], 0
 
 
 def _opened_files(path: Path, opened: ExitStack) -> tuple[list[File], list[str], bool]:
@@ -539,7 +544,7 @@ def _opened_files(path: Path, opened: ExitStack) -> tuple[list[File], list[str],
     soft, hard = getrlimit(RLIMIT_NOFILE)  # the usual one is 1024
     if 2 * sum(1 for _ in path.iterdir()) > soft // 2 and soft != hard:
         setrlimit(RLIMIT_NOFILE, (hard, hard))
-    listed_names, compressed, faults = read_metadata(path)
+    listed_names, compressed, faults, stated = read_metadata(path)
     names, more = _names(path, listed_names) if compressed != "file" else (listed_names, [])
     faults += more
     folder, files = path, list[File]()
@@ -560,6 +565,8 @@ def _opened_files(path: Path, opened: ExitStack) -> tuple[list[File], list[str],
         files.sort(key=lambda file: _number(file.path.name))
     else:
         files.sort(key=lambda file: file.times or (0, 0))
+    missing = stated - sum(topic.messages for file in files for topic in file.connections.values())
+    faults += [f"{missing} of {stated} messages of {METADATA} are missing"] * (missing > 0)
     return files, faults, compressed == "message"
 
 

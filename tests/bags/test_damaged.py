@@ -90,3 +90,10 @@ def test_of_several_sqlite3_files_one_may_be_broken(tmp_path: Path) -> None:
     metadata.write_text(metadata.read_text().replace("- bag.db3", "- bag.db3\n  - bag_1.db3", 1))
     assert [tuple(message) for message in raw_inputs(tmp_path / "bag")] == list(messages())
     assert any(fault.startswith("bag_1.db3: ") for fault in damage_of(tmp_path / "bag"))
+
+
+def test_a_file_that_metadata_does_not_list_is_missed_by_its_messages(tmp_path: Path) -> None:
+    split(tmp_path / "bag")
+    metadata = tmp_path / "bag" / "metadata.yaml"
+    metadata.write_text("\n".join(line for line in metadata.read_text().splitlines() if line.strip() != "- bag_1.mcap"))
+    assert any("messages of metadata.yaml are missing" in fault for fault in damage_of(tmp_path / "bag"))
