@@ -31,8 +31,9 @@ class Leg:
     """Makes the messages about the leg, tick by tick or for many; they depend on stamps and answers alone."""
 
     def __init__(self) -> None:
-        """Begin without ticks."""
+        """Begin without ticks; the leg's file is read here, and at no tick."""
         self._last = -1
+        _urdf()
 
     def records(self, stamp: int, frame_id: str, row: bytes) -> list[Record]:
         """Messages of a tick at a stamp [ns], of whose answer the bytes of the `row` are given."""
@@ -55,11 +56,15 @@ class Leg:
             yield topic, ticks, np.array([np.frombuffer(one, np.uint8) for one in data])
 
 
+@lru_cache(maxsize=1)
+def _urdf() -> str:
+    return (share_folder() / LEG_URDF).read_text(encoding="utf-8")
+
+
 @lru_cache(maxsize=4)
 def description(frame_id: str) -> bytes:
     """Bytes of a std_msgs/String with the URDF of a leg whose shank is `frame_id`, or `shank` if that is empty."""
-    urdf = (share_folder() / LEG_URDF).read_text(encoding="utf-8")
-    text = urdf.replace(f'"{SHANK}', f'"{escape(frame_id or SHANK, QUOTE)}').encode() + b"\0"
+    text = _urdf().replace(f'"{SHANK}', f'"{escape(frame_id or SHANK, QUOTE)}').encode() + b"\0"
     return HEADER + len(text).to_bytes(4, "little") + text
 
 
