@@ -520,7 +520,7 @@ def read_metadata(folder: Path) -> tuple[list[str], str, list[str], int]:
             list(dict.fromkeys(Path(name).name for name in content["relative_file_paths"])),
             mode,
             [],
-            int(content["message_count"]),
+            int(content.get("message_count") or 0),
         )
     except FileNotFoundError:
         return [], "", [f"{METADATA} is missing"], 0

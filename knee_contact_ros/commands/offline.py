@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -20,14 +21,17 @@ from knee_contact_ros.commands.options import (
     parameter_files_option,
     parameter_values,
 )
-from knee_contact_ros.system.errors import IncompleteError, UsageError
+from knee_contact_ros.system.errors import IncompleteError, ToldError, UsageError
 
 LONGEST_NAME = 80
 """Most letters in the name of several bags together"""
 
 
-def as_one(bags: Sequence[Path]) -> Path:
-    """Return a bag, or a folder with links to the files of several, which are read together by time.
+@contextmanager
+def as_one(bags: Sequence[Path]) -> Iterator[Path]:
+    """Give a bag, or a folder with links to the files of several, which are read together by time.
+
+    Errors that the folder causes name the files as they were given.
 
     Raises:
         UsageError: a bag is given twice or does not exist, or it is not clear which files belong to it.
@@ -37,20 +41,27 @@ def as_one(bags: Sequence[Path]) -> Path:
     from knee_contact_ros.system.files import refuse_twice
 
     if len(bags) == 1:
-        return bags[0]
+        yield bags[0]
+        return
     refuse_twice(bags)
     if missing := [bag for bag in bags if not bag.exists()]:
         raise UsageError(f"no bag at {missing[0]}: give an .mcap file or a rosbag2 folder")
-    work = click.get_current_context().with_resource(TemporaryDirectory(prefix="knee_contact_bags_"))
-    folder = Path(work, "+".join(bag.name for bag in bags)[:LONGEST_NAME])
-    folder.mkdir()
-    files = [file.resolve() for bag in bags for file in files_of(bag)]
+    files = [file for bag in bags for file in files_of(bag)]
     links = [f"{file.stem}.{number}{file.suffix}" for number, file in enumerate(files)]
-    for link, file in zip(links, files, strict=True):
-        (folder / link).symlink_to(file)
-    content = {"relative_file_paths": links, "topics_with_message_count": []}
-    (folder / METADATA).write_text(json.dumps({"rosbag2_bagfile_information": content}))  # JSON is YAML
-    return folder
+    with TemporaryDirectory(prefix="knee_contact_bags_") as work:
+        folder = Path(work, "+".join(bag.name for bag in bags)[:LONGEST_NAME])
+        folder.mkdir()
+        for link, file in zip(links, files, strict=True):
+            (folder / link).symlink_to(file.resolve())
+        content = {"relative_file_paths": links, "topics_with_message_count": []}
+        (folder / METADATA).write_text(json.dumps({"rosbag2_bagfile_information": content}))  # JSON is YAML
+        try:
+            yield folder
+        except ToldError as error:
+            told = str(error)
+            for link, file in zip(links, files, strict=True):
+                told = told.replace(str(folder / link), link).replace(link, str(file))
+            raise type(error)(told.replace(str(folder), " and ".join(map(str, bags)))) from None
 
 
 @click.command()
@@ -96,25 +107,27 @@ def solve(
     bags = bags or ((person.bag,) if person and person.bag else ())
     if not bags:
         raise UsageError("no BAG: give a BAG, or a --subject file that names one")
-    bag = as_one(bags)
-    basis = basis_of(bag, parameter_files or None, parameters_of(parameter_values), person, namespace)
-    names = names_in_bag(remaps, namespace)
-    with progress("Solving") as advance:
-        summary = solve_bag(bag, basis, output, advance, overwrite, names)
-    given = (subject, *parameter_files) if subject else parameter_files or (DEFAULT_PARAMETERS,)
-    files = ", ".join(map(str, given))
-    source = f"those in {bag.name}, made with {basis.package}" if isinstance(basis, Provenance) else files
-    rows = {"parameters": ", ".join([source, *parameter_values])}
-    parameters = parameters_in(basis)
-    if weight_of(bag) == parameters.body_weight:
-        rows["body weight"] = f"{parameters.body_weight:.7g} N, as {bag.name} was imported with"
-    show_summary(summary, rows, {"Recording": str(output)})
-    warn(sentence for one in bags for sentence in others_beside(one))
-    warn(weight_doubt(bag, parameters))
-    warn(summary.warnings)
-    damage = f" is damaged, and solved as far as it can be read: {in_a_line(summary.damage)}" if summary.damage else ""
-    if damage or summary.unanswered:
-        raise IncompleteError(f"bag {bag}{damage}" + (f": {summary.unanswered}" if summary.unanswered else ""))
+    with as_one(bags) as bag:
+        basis = basis_of(bag, parameter_files or None, parameters_of(parameter_values), person, namespace)
+        names = names_in_bag(remaps, namespace)
+        with progress("Solving") as advance:
+            summary = solve_bag(bag, basis, output, advance, overwrite, names)
+        given = (subject, *parameter_files) if subject else parameter_files or (DEFAULT_PARAMETERS,)
+        files = ", ".join(map(str, given))
+        source = f"those in {bag.name}, made with {basis.package}" if isinstance(basis, Provenance) else files
+        rows = {"parameters": ", ".join([source, *parameter_values])}
+        parameters = parameters_in(basis)
+        if weight_of(bag) == parameters.body_weight:
+            rows["body weight"] = f"{parameters.body_weight:.7g} N, as {bag.name} was imported with"
+        show_summary(summary, rows, {"Recording": str(output)})
+        warn(sentence for one in bags for sentence in others_beside(one))
+        warn(weight_doubt(bag, parameters))
+        warn(summary.warnings)
+        damage = (
+            f" is damaged, and solved as far as it can be read: {in_a_line(summary.damage)}" if summary.damage else ""
+        )
+        if damage or summary.unanswered:
+            raise IncompleteError(f"bag {bag}{damage}" + (f": {summary.unanswered}" if summary.unanswered else ""))
 
 
 @click.command()

@@ -46,6 +46,11 @@ def test_solve_takes_inputs_and_parameters_from_elsewhere(
     assert capsys.readouterr().err == ""  # no progress bar in a pipe
     assert main(["solve", str(plain), str(plain), "--output", str(tmp_path / "d.mcap")]) == 2
     assert capsys.readouterr().err == f"knee-contact: {plain} is given twice\n"
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(next(plain.glob("*.mcap")).read_bytes()[:-100])
+    assert main(["solve", str(plain), str(cut), "--output", str(tmp_path / "e.mcap")]) == 1
+    assert f"knee-contact: bag {plain} and {cut} is damaged, " in (told := capsys.readouterr().err)
+    assert f"{cut}: the end is missing" in told  # by the names that were given
 
 
 @pytest.mark.parametrize(
