@@ -52,13 +52,13 @@ def clock(dice: random.Random) -> str:
     pipeline = ContactStream(load_parameters({"pairing.max_gap": gap}), compiled=False)
     away = dice.choice([-1.0, 1.0]) * gap * math.exp(dice.choice([-1.0, 1.0]) * dice.uniform(0.2, 2.0))
     found = []
-    for i in range(int(4.0 * rate)):
+    for i in range(int((4.0 + 2.0 * abs(away)) * rate)):
         stamp = round(1e9 * (10.0 + i / rate))
         ahead = stamp + (round(1e9 * away) if i >= rate else 0)
         angle = encode_joint_state(JointState(ahead, "", ("knee",), (0.6 + 0.5 * math.sin(6.0 * i / rate),), (), ()))
         answers = [*pipeline.joint_state(angle)]
         answers += pipeline.force(encode_wrench_stamped(WrenchStamped(stamp, "", (0.0, -1e3, 0.0), (0.0, 0.0, 0.0))))
-        found += [answer.row[STATUS] for answer in answers if i > 2.5 * rate]
+        found += [answer.row[STATUS] for answer in answers if i > (2.5 + abs(away)) * rate]
     flagged = sum(bool(status & Status.STALE_INPUT) for status in found)
     wrong = flagged < len(found) if abs(away) > gap else flagged > 0
     told = f"{away:.3f} s apart, max_gap {gap:.3f} s, {rate} Hz: {flagged} of {len(found)} flagged"
