@@ -14,7 +14,7 @@ class Silent(Session):
 
     def __init__(self) -> None:
         parameters = SimpleNamespace(pairing=SimpleNamespace(wait=0.1))
-        anything: Any = SimpleNamespace(ticks=0)
+        anything: Any = SimpleNamespace(ticks=0, start_timer=lambda: None)
         super().__init__(anything, parameters, anything, anything)
         self.inputs: Any = ()
 

@@ -147,6 +147,6 @@ def test_two_nodes_share_a_viewer(peer: Peer, start_node: Start) -> None:
     each = {
         f"{side}: {what}"
         for side in ports
-        for what in ("cartilage 2 × 2.2 mm (drawn only)", "contact and level", "events")
+        for what in ("cartilage 2 × 2.2 mm (drawn only)", "contact and level", "events", "leg and contact force")
     }
     assert set(names) - plots == each | {"What you see", "Stance, shaded, and swing"}

@@ -14,7 +14,7 @@ from knee_contact_ros.model.types import ROW, Status
 from studies.honesty.budgets import BUDGETS, COUNT, pulled, turned
 from studies.honesty.cut import PARTS
 from studies.honesty.judging import judge
-from studies.honesty.kinds import SETTINGS, STUDIES
+from studies.honesty.kinds import SETTINGS, STUDIES, TIGHT
 from studies.honesty.long_runs import long_runs, scene_of
 from studies.honesty.scenes import FAMILIES, TICKS, draw
 from studies.honesty.study import COLUMNS, row, save, table
@@ -91,7 +91,9 @@ def test_counts_add_up(tmp_path: Path) -> None:
         ]
 
 
-@pytest.mark.parametrize(("study", "runs"), [("scenes", 2 * len(SETTINGS)), ("cut", len(PARTS) - 1), ("tight", 4)])
+@pytest.mark.parametrize(
+    ("study", "runs"), [("scenes", 2 * len(SETTINGS)), ("cut", len(PARTS) - 1), ("tight", 2 * len(TIGHT))]
+)
 def test_a_number_is_judged(study: str, runs: int) -> None:
     rows = list(STUDIES[study][0](1_000_000))
     assert len(rows) == runs

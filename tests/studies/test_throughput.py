@@ -26,4 +26,5 @@ def test_all_ways_read_and_write_the_same_number_of_messages(tmp_path: Path) -> 
             summary = make_reader(file).get_summary()
         assert summary is not None
         assert summary.statistics is not None
-        assert summary.statistics.message_count == 4 * TICKS
+        counts = sorted(summary.statistics.channel_message_counts.values())
+        assert counts[-4:] == 4 * [TICKS]  # beside them the leg, now and then

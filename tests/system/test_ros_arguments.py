@@ -28,7 +28,7 @@ def test_values_have_the_types_of_a_parameter_file(config: Path) -> None:
         ("knee.joint_nam:=x", "unknown parameter knee.joint_nam; did you mean knee.joint_name?"),
         ("load.share:=2.0", "parameter load.share: 2.0 is not allowed"),
         ("knee.joint_name:=5", "parameter knee.joint_name: 5 is not allowed"),
-        ("femur.profile:=[a", "the value is no YAML"),
+        ("femur.profile:=[a", "the value is not YAML"),
     ],
 )
 def test_a_wrong_value_is_told_in_one_line(rule: str, words: str) -> None:

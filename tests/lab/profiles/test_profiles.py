@@ -195,7 +195,7 @@ def test_a_cloud_of_points_gives_nearly_the_profile_of_its_mesh(separator: str, 
     cloud = tmp_path / "a.txt"
     np.savetxt(cloud, points, "%.7f", delimiter=separator, header=separator.join("xyz"), comments="")
     of_cloud, of_mesh = fit(read_surface(cloud), MIDDLE), fit(surface((points, triangles)), MIDDLE)
-    assert any("taken whole" in remark for remark in of_cloud.remarks)
+    assert any("all points of a cloud are used" in remark for remark in of_cloud.remarks)
     assert radii(of_cloud) == pytest.approx(radii(of_mesh), abs=0.2 * MM)  # facets cut in by 3 um on arcs 2 mm high
     np.savetxt(tmp_path / "slice.csv", femoral_curve()[0], delimiter=separator, header="x,y")
     of_slice = fit(read_surface(tmp_path / "slice.csv"), MIDDLE)

@@ -207,7 +207,7 @@ def test_recordings_of_others_and_of_two_knees_in_one(recording: Path, tmp_path:
     assert depths == pytest.approx([0.538, 0.747] * 2, abs=0.0005)
     assert "contact.law: not told → kelvin_voigt" in text_of(out)
     assert not list(out.glob("knee_*.png"))  # of surfaces that nobody knows
-    assert "Recorded without its parameters; healthy.yaml is used for body weight and law." in text_of(out)
+    assert "Recorded without its parameters; healthy.yaml is taken for body weight and law." in text_of(out)
     assert main(["report", str(path), "-p", "body_weight:=600.0", "--output", str(tmp_path / "again")]) == 0
     row = rows_of(tmp_path / "again" / "peaks.csv")[0]
     assert float(row["load_BW"]) == pytest.approx(float(row["load_N"]) / 600.0, rel=1e-8)
