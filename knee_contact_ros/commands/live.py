@@ -66,7 +66,10 @@ def demo(
     It starts the real node and replays a recorded gait over real topics, on this machine only. It records to MCAP,
     writes a Rerun file and prints the peaks.
     """
-    if missing_middleware():  # the graph is its own, and what is there will do
+    from knee_contact_ros.system.terminal import warn
+
+    if words := missing_middleware():  # the graph is its own, and what is there will do
+        warn([f"{words}; the demo runs without it"])
         del os.environ["RMW_IMPLEMENTATION"]
     check_ros()
     from knee_contact_ros.commands.demo import LOAD_FILE, Recorded, Sensors, run_demo

@@ -13,6 +13,7 @@ import pytest
 
 from knee_contact_ros.commands.main import INTERRUPTED, knee_contact, main
 from knee_contact_ros.system.files import share_folder
+from tests import ROOT
 
 
 @pytest.fixture
@@ -56,20 +57,38 @@ def test_ctrl_c_while_a_data_class_is_made_is_an_interruption(tmp_path: Path) ->
     assert done.stderr.strip() == "knee-contact: interrupted"
 
 
-@pytest.mark.parametrize("arguments", [["node"], ["demo", "--output", "new"], ["replay", "gait2354_right"]])
-def test_another_ros_on_the_path_is_named_with_the_cure(arguments: list[str], tmp_path: Path) -> None:
-    humble = tmp_path / "humble"
-    (humble / "rclpy").mkdir(parents=True)
-    (humble / "rclpy" / "__init__.py").write_text("from rclpy._rclpy_pybind11 import rclpy\n")
+STARTS = [["node"], ["demo", "--output", "new"], ["replay", "gait2354_right"]]
+"""What starts ROS"""
+
+
+def refused(arguments: list[str], path: str, **environment: str) -> str:
+    """What a command writes that is refused, in an environment with this path of Python."""
     done = subprocess.run(
         [sys.executable, "-m", "knee_contact_ros.commands.main", *arguments],
-        env=os.environ | {"PYTHONPATH": f"{humble}:{Path(__file__).parents[2]}"}, cwd=share_folder() / "bags",
+        env=os.environ | {"PYTHONPATH": path} | environment, cwd=share_folder() / "bags",
         capture_output=True, text=True, timeout=60, check=False,
     )  # fmt: skip
     assert done.returncode == 2
-    assert done.stderr.startswith("knee-contact: ROS cannot be loaded (No module named 'rclpy._rclpy_pybind11'): is ")
-    assert "by PYTHONPATH" in done.stderr
-    assert "env -u PYTHONPATH" in done.stderr
+    return done.stderr
+
+
+@pytest.mark.parametrize("arguments", STARTS)
+def test_another_ros_on_the_path_is_named_with_the_cure(arguments: list[str], tmp_path: Path) -> None:
+    (tmp_path / "rclpy").mkdir()
+    (tmp_path / "rclpy" / "__init__.py").write_text("from rclpy._rclpy_pybind11 import rclpy\n")
+    told = refused(arguments, f"{tmp_path}:{ROOT}")
+    assert told.startswith("knee-contact: ROS cannot be loaded (No module named 'rclpy._rclpy_pybind11'): is ")
+    assert "by PYTHONPATH" in told
+    assert "env -u PYTHONPATH" in told
+
+
+@pytest.mark.parametrize("arguments", STARTS)
+def test_a_middleware_that_is_not_there_is_named_with_the_cure(arguments: list[str], tmp_path: Path) -> None:
+    """The demo goes on without it, and here with a ROS that cannot be loaded, to the same end."""
+    (tmp_path / "rclpy.py").write_text("raise ImportError('none')\n")
+    told = refused(arguments, f"{tmp_path}:{ROOT}", RMW_IMPLEMENTATION="rmw_none_cpp")
+    assert "RMW_IMPLEMENTATION asks for rmw_none_cpp, which is not installed here" in told.splitlines()[0]
+    assert ("the demo runs without it" in told) == (arguments[0] == "demo") == ("ROS cannot be loaded" in told)
 
 
 def test_the_bare_command_shows_every_command_in_its_group(capsys: pytest.CaptureFixture[str]) -> None:
