@@ -448,10 +448,15 @@ def draw(design: SalibDesign, panels: Sequence[tuple[str, Analysed]]) -> bytes:
     if design.method == "sobol":
         kinds, text, factor = ["S1", "ST"], f"share of the variance of {title}", 1.0
     names = sum(one.final(kinds[0])["value"] for _, one in panels).sort_values().index
-    size = (WIDTH, (HEIGHT + BAR * len(names)) * len(panels))
+    columns = min(2, len(panels))
+    rows = -(-len(panels) // columns)
+    size = (WIDTH * (1.0 + 0.6 * (columns - 1)), (HEIGHT + BAR * len(names)) * rows)
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=size, layout="constrained")
-        for (label, one), axis in zip(panels, figure.subplots(len(panels), 1, squeeze=False)[:, 0], strict=True):
+        axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
+        for unused in axes[len(panels) :]:
+            unused.remove()
+        for (label, one), axis in zip(panels, axes, strict=False):
             table = one.table.pivot(index="parameter", columns="index")
             reach = (table["high"] - table["value"]).loc[names, kinds].clip(lower=0.0)
             (factor * table["value"].loc[names, kinds]).plot.barh(
