@@ -17,9 +17,9 @@ from studies.fuzz_bags.bags import CHUNK, TICKS
 from studies.fuzz_bags.judge import BAD, GOOD, LIMIT, SAID, Verdict, run
 
 ABOUT = (
-    f"One recording of {TICKS} ticks in every form, damaged at random, through reading, pipeline and writing as in "
-    f"`solve`; MCAP files through `recover` too. Each case in a process with a limit of {LIMIT:g} s. "
-    f"MCAP files have chunks of {CHUNK} bytes. Columns:\n\n"
+    f"A recording of {TICKS} ticks is written in every form and damaged at random. It is then read, computed and "
+    f"written as `solve` does it, and MCAP files are recovered as well. Each case runs in a process of its own, for at "
+    f"most {LIMIT:g} s. MCAP files have chunks of {CHUNK} bytes. The columns are:\n\n"
     "- *no damage found, same answers*: what was damaged carries nothing (free pages, texts that nobody needs), or the "
     "damage left everything as it was.\n"
     "- *damage said, rest solved*: exit code 1, and one line that says what is missing.\n"
