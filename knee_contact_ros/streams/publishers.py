@@ -31,28 +31,25 @@ class Publishers:
     def __init__(self, topic: str, difference: float, unit: str) -> None:
         """Begin without samples: of a topic, whose publishers disagree from a `difference` in a unit on."""
         self._topic, self._difference, self._unit = topic, difference, unit
-        self._stamps: list[int] = []
-        self._values: list[float] = []  # samples that have yet to be looked at
+        self._waiting: list[tuple[int, float]] = []  # samples that have yet to be looked at
         self._last = np.empty(0, np.int64), np.empty(0)  # the last two of those that were
         self._samples = 0
         self._found = np.empty(0)  # sizes of the changes back and forth
 
     def add(self, stamp: int, value: float) -> None:
         """Add a sample with its stamp [ns]."""
-        self._stamps.append(stamp)
-        self._values.append(value)
-        if len(self._stamps) >= MOST:
+        self._waiting.append((stamp, value))
+        if len(self._waiting) >= MOST:
             self.look()
 
     def look(self) -> None:
         """Look at the samples that have come since the last look."""
-        stamps, values = np.array(self._stamps, np.int64), np.array(self._values)
-        self._stamps, self._values = [], []
-        self.add_all(stamps, values)
+        waiting, self._waiting = self._waiting, []
+        self.add_all(np.array([stamp for stamp, _ in waiting], np.int64), np.array([value for _, value in waiting]))
 
     def add_all(self, stamps: NDArray[np.int64], values: NDArray[np.float64]) -> None:
         """Add many samples, shape (n,), and look at them."""
-        if self._stamps:
+        if self._waiting:
             self.look()
         stamps, values = np.append(self._last[0], stamps), np.append(self._last[1], values)
         self._last = stamps[-2:], values[-2:]
