@@ -2,8 +2,8 @@
 
 The node's side of an output is a queue and a thread that sends what waits; it is woken right after a tick, when the
 next sample is furthest. The other side is `output_process.py`. They communicate through a pair of sockets: the node
-sends a `Job`, then lists of parts of answers, notes, and at last the `Ending`; the process sends `Report`s. Each side
-learns from the socket that the other one has ended, for whatever reason.
+sends module and arguments, then lists of parts of answers, notes, and at last the `Ending`; the process sends
+`Report`s. Each side learns from the socket that the other one has ended, for whatever reason.
 """
 
 from __future__ import annotations
@@ -89,7 +89,7 @@ class SinkProcess:
         self._put_size += size_of(item)
         self._waiting.append(item)
         now = time.monotonic()
-        if now >= self._due:
+        if now >= self._due or not len(self._waiting) % BATCH:  # many may not fit while they are gathered
             self._due = now + self._sink.gather
             self._wake.set()
 
@@ -196,7 +196,8 @@ class SinkProcess:
         writable.register(connection.fileno(), select.POLLOUT)
         connection.send((self._sink.module, self._sink.arguments))
         while True:
-            self._wake.wait(max(LATEST, 2.0 * self._sink.gather) if self.state == OPEN else LATEST)
+            gathers = self.state == OPEN and not self._closed
+            self._wake.wait(max(LATEST, 2.0 * self._sink.gather) if gathers else LATEST)
             self._wake.clear()
             while readable.poll(0):
                 self._hear(connection)

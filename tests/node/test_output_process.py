@@ -15,7 +15,7 @@ from typing import Any
 import psutil
 import pytest
 
-from knee_contact_ros.node.outputs import SinkProcess, size_of
+from knee_contact_ros.node.outputs import BATCH, SinkProcess, size_of
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
@@ -32,6 +32,7 @@ from tests.helpers.sinks import (
     pid,
     put,
     recorded_ticks,
+    recording,
     settled_backlog,
     shown_ticks,
     wait_until,
@@ -49,6 +50,16 @@ def test_a_rerun_file_holds_every_answer(started: Started, tmp_path: Path) -> No
     assert (sink.failure, sink.dropped, started.told) == ("", 0, [])
     assert [path.name for path in tmp_path.iterdir()] == ["knee.rrd"]
     assert shown_ticks(tmp_path / "knee.rrd") == list(range(387))
+
+
+def test_a_batch_is_sent_however_long_answers_are_gathered(started: Started, tmp_path: Path) -> None:
+    """A small queue would be full before."""
+    sink = started.begun(recording(tmp_path / "knee.mcap")._replace(gather=1e4), True, MayWait(100, 1.0))
+    for ticks in (range(1), range(1, 1 + BATCH)):
+        put(sink, ticks)
+        wait_until(lambda: sink.report()[0]["backlog"] == "0")
+    close(sink)
+    assert recorded_ticks(tmp_path / "knee.mcap") == list(range(1 + BATCH))
 
 
 @needs_viewer
