@@ -28,7 +28,7 @@ from benchmarks.latency.driver import PARAMETERS, QOS, Driver, joined, rests, sa
 from benchmarks.report import Section, machine, save
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.bags.reader import BagReader, RawMessage
-from knee_contact_ros.commands.stage import RECORDING, node_process
+from knee_contact_ros.commands.demo import RECORDING, node_process
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.schema import Parameters

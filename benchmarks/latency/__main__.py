@@ -42,7 +42,7 @@ from benchmarks.latency.driver import (
 )
 from benchmarks.report import Section, machine, save, table
 from knee_contact_ros.bags.reader import BagReader
-from knee_contact_ros.commands.stage import RECORDING, node_process
+from knee_contact_ros.commands.demo import RECORDING, node_process
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES

@@ -30,7 +30,7 @@ from sensor_msgs.msg import JointState
 
 from benchmarks.gait import gait
 from benchmarks.latency import bare
-from knee_contact_ros.commands.stage import node_process
+from knee_contact_ros.commands.demo import node_process
 from knee_contact_ros.parameters.schema import Knee, Load
 from knee_contact_ros.streams import messages as cdr
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, NANOSECONDS

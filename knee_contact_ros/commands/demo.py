@@ -1,9 +1,10 @@
 """`knee-contact demo`: the real nodes in processes of their own, fed over real topics in a private ROS graph.
 
-`Recorded` plays a recorded joint reaction to the contact node, `Sensors` (`--from-sensors`) a leg's sensors to the load
-node before it. With a companion the loop of the sensors is closed through the estimate: the torque that it commands is
-the `effort` in the joint states that are played, the load node subtracts it from the net moment, and load and contact,
-to which the companion listens, follow.
+As a rule a recorded joint reaction is played to the contact node; with parameters of the load node (`--from-sensors`) a
+leg's sensors are played to that node before it. The example of an assist controller can listen as a companion in a
+further process. With sensors it closes the loop: the torque that it commands is the `effort` in the joint states that
+are played, the load node subtracts it from the net moment, and load and contact, to which the companion listens,
+follow.
 
 The results appear under their names when all is done; an interrupted demo leaves nothing behind.
 """
@@ -12,148 +13,328 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Mapping, Sequence
-from contextlib import AbstractContextManager, ExitStack, suppress
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
+from dataclasses import dataclass, field
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import click
 import numpy as np
+import rclpy
+from diagnostic_msgs.msg import DiagnosticArray
 from numpy.typing import NDArray
+from rclpy.node import Node
+from rclpy.qos import QoSProfile
+from rclpy.signals import SignalHandlerOptions
+from std_msgs.msg import Float64MultiArray
 
 from knee_contact_ros.bags.reader import OWN_NAMES, BagReader, RawMessage, answer_blocks, read_bag
-from knee_contact_ros.commands import stage
+from knee_contact_ros.commands.player import Command, Player
+from knee_contact_ros.commands.replay import Replayer
 from knee_contact_ros.commands.tables import counts, show_summary
 from knee_contact_ros.model.types import Rows
+from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints
 from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.offline.summary import Summary, read_summary
+from knee_contact_ros.offline.summary import read_summary
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.parameters.schema import ActuatedJoint, LoadParameters, Parameters
-from knee_contact_ros.streams.contact_stream import ContactStream, angle_sample
-from knee_contact_ros.streams.messages import JOINT_STATE, RefusedSampleError, decode_joint_state, encode_joint_state
+from knee_contact_ros.parameters.schema import ActuatedJoint, LoadParameters
+from knee_contact_ros.streams.contact_stream import ContactStream
+from knee_contact_ros.streams.messages import decode_joint_state, encode_joint_state, stamp_in
 from knee_contact_ros.streams.topics import (
     INPUTS,
     JOINT_REACTION_FORCE,
     JOINT_STATES,
+    KNEE_CONTACT,
     LOAD_ESTIMATE,
     LOAD_INPUTS,
     MESSAGE_TYPES,
+    stamp_to_ns,
 )
-from knee_contact_ros.streams.watch import Doubts
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import share_folder
-from knee_contact_ros.system.output_files import replace, work_folder
-from knee_contact_ros.system.processes import Child
-from knee_contact_ros.system.ros import private_graph
-from knee_contact_ros.system.terminal import warn
+from knee_contact_ros.system.output_files import partial_name, replace, work_folder
+from knee_contact_ros.system.processes import PATIENCE, Child, child_process
+from knee_contact_ros.system.ros import executor_of, joining, private_graph
+from knee_contact_ros.system.terminal import progress, warn
 from knee_contact_ros.view.picture import write_peak
 from knee_contact_ros.view.viewer import NOT_INSTALLED, has_screen, look_at, viewer
 
-PICTURE = Path("knee.png")
-RESULTS = (
-    stage.RECORDING.parent, stage.LOAD_RECORDING.parent, stage.RERUN_FILE, PICTURE, stage.NODE_LOG, stage.LOAD_LOG,
-    stage.COMPANION_LOG,
-)  # fmt: skip
+BAG, RECORDED = "gait2354_right_sensors", "gait2354_right"
+"""Bundled bags: a leg's sensors, and the joint reaction of the same gait by a musculoskeletal model"""
+LOAD_FILE = "load/gait2354.yaml"
+"""Parameter file of the load node for `BAG`"""
+FORCE_LIMIT = 700.0
+"""Contact force [N] above which the companion lowers its torque beside sensors; its default is above what they reach"""
+NODE_START = 300.0
+"""Time [s] that the nodes may take to appear; they may have to compile first"""
+POLL_PERIOD = 0.05
+"""Time [s] between two looks at files that are being completed"""
+LAST_ANSWERS = 3.0
+"""Time [s] to wait for further answers after the last one"""
+RECORDING = Path("recording") / "recording_0.mcap"
+LOAD_RECORDING = Path("load_recording") / "load_recording_0.mcap"
+RERUN_FILE, PICTURE = Path("knee_contact.rrd"), Path("knee.png")
+NODE_LOG, LOAD_LOG, COMPANION_LOG = Path("node.log"), Path("load.log"), Path("companion.log")
+RESULTS = RECORDING.parent, LOAD_RECORDING.parent, RERUN_FILE, PICTURE, NODE_LOG, LOAD_LOG, COMPANION_LOG
 """Names of the results of all demos: a demo replaces those of an earlier one"""
+COMPANION_COMMANDS = "knee_effort_controller/commands"
+NOT_KNOWN = (
+    "people change how much they co-contract when assisted, and this estimate cannot see that: it only takes the "
+    "torque off the net moment"
+)
 
 
-class Recorded:
-    """What a demo plays, to which nodes, and what it reports of it: a recorded joint reaction, to the contact node."""
+@dataclass
+class Listener:
+    """Counts published inputs and answers, and measures how long each answer took."""
 
-    inputs: Sequence[str] = INPUTS
-    """Names of the topics of the bag that are played, angles first"""
-    heard: Sequence[str] = tuple(f"knee_contact: {topic}" for topic in INPUTS)
-    """Inputs that the nodes must hear before the demo begins, as in `stage.Listener.heard`"""
-    companion_values: Mapping[str, str] = MappingProxyType({})
-    """Parameters of the companion"""
+    force_topic: str
+    """Name of the topic of the forces, each of which has an answer"""
+    published: dict[int, float] = field(default_factory=dict)
+    """Time [s] at which the force of a stamp [ns] was published"""
+    latencies: list[float] = field(default_factory=list)
+    """Times [s] from publishing a force to receiving its answer"""
+    torques: list[float] = field(default_factory=lambda: [0.0])
+    """Torques [N m] that the companion commanded, after 0"""
+    heard: set[str] = field(default_factory=set)
+    """Inputs of nodes that have a publisher, by their diagnostics, as `knee_contact: joint_states`"""
 
-    def __init__(self, bag: Path, files: list[Path], companion: bool, **values: Any) -> None:
-        """Play a bag, with the example of an assist controller listening too if there is a `companion`.
+    def on_published(self, message: RawMessage) -> None:
+        """Note the time at which an input was published, if it is a force."""
+        if message.topic == f"/{self.force_topic}":
+            self.published[stamp_in(message.data)] = time.perf_counter()
 
-        Parameters of the contact node are those of `files` and further `values`.
+    def on_contact(self, message: KneeContact) -> None:
+        """Note the latency of an answer."""
+        sent = self.published.get(stamp_to_ns(message.header.stamp))
+        if sent is not None:
+            self.latencies.append(time.perf_counter() - sent)
 
-        Raises:
-            UsageError: a parameter file cannot be used.
-        """
-        self.bag, self.companion, self._files, self._values = bag, companion, files, values
-        self.parameters: Parameters = load_parameters([*files, values])
+    def on_command(self, message: Float64MultiArray) -> None:
+        """Note the torque that the companion commands."""
+        self.torques.append(message.data[0])
 
-    def check(self) -> Doubts:
-        """Refuse what a node could only refuse; return the doubts about the parameters. The first angle is tried.
+    def on_diagnostics(self, message: DiagnosticArray) -> None:
+        """Note which inputs have a publisher: a node may find a publisher later than the publisher finds the node."""
+        for status in message.status:
+            if any(value.key == "publishers" and value.value != "0" for value in status.values):
+                self.heard.add(status.name)
 
-        Raises:
-            UsageError: a profile cannot be used, a joint is missing from the bag, and the like.
-        """
-        pipeline = ContactStream(self.parameters, compiled=False)
-        with BagReader(self.bag) as reader:
-            angle = next(message.data for message in reader.raw_messages() if message.topic == f"/{JOINT_STATES}")
-        try:
-            message, _ = JOINT_STATE.read(angle, JOINT_STATES)
-            angle_sample(message, pipeline.parameters.knee, pipeline.model.height_prescribed)
-        except RefusedSampleError as refused:
-            raise UsageError(f"bag {self.bag}: {refused} (parameters knee.*)") from None
-        return pipeline.doubts
-
-    def processes(self, work: Path) -> list[AbstractContextManager[Child]]:
-        """Make the processes of the nodes and the companion, which leave their files in the folder `work`."""
-        values = {name: str(value) for name, value in self._values.items()}
-        companion = [stage.companion_process(work, self.companion_values)] if self.companion else []
-        return [stage.node_process(self._files, work, values=values), *companion]
-
-    def changed(self, message: RawMessage, torque: float) -> RawMessage:  # noqa: ARG002
-        """Return an input as it is published while the companion commands a torque [N m]: as a rule unchanged."""
-        return message
-
-    def rows(self, work: Path, summary: Summary) -> dict[str, str]:  # noqa: ARG002
-        """Return rows of the table that only this source has: as a rule none."""
-        return {}
-
-    def files(self, output: Path) -> dict[str, str]:  # noqa: ARG002
-        """Return names and places of results that only this source has: as a rule none."""
-        return {}
+    @property
+    def missing(self) -> int:
+        """Number of forces without an answer so far."""
+        return len(self.published) - len(self.latencies)
 
 
-def run_demo(source: Recorded, output: Path, rate: float) -> None:
+def run_demo(
+    bag: Path | None, files: list[Path], load_files: list[Path], companion: bool, output: Path, rate: float
+) -> None:
     """Run the demo and print its table.
+
+    Args:
+        bag: Bag to play; None: a bundled one.
+        files: Parameter files of the contact node.
+        load_files: Parameter files of the load node, to which sensors are played; without any there is no such node.
+        companion: Whether the example of an assist controller runs too.
+        output: Folder of the results.
+        rate: Seconds of the bag per second.
 
     Raises:
         UsageError: the bag, a parameter or the output folder cannot be used, ROS cannot be joined, a node or the
             companion has failed, or the contact node has answered nothing.
     """
-    doubts, types = source.check(), {f"/{topic}": MESSAGE_TYPES[topic] for topic in source.inputs}
-    with BagReader(source.bag, types) as reader, work_folder(output) as work, private_graph() as environment:
+    bag = bag or share_folder() / "bags" / (BAG if load_files else RECORDED)
+    assisted = {"knee.assisted": True} if companion and load_files else {}
+    load = load_parameters([*load_files, assisted], LoadParameters) if load_files else None
+    values = {"body_weight": load.person.constants.weight} if load else {}
+    parameters = load_parameters([*files, values])
+    doubts = ContactStream(parameters, compiled=False).doubts
+    with BagInputs(bag, load or parameters, OWN_NAMES) as opened_bag:
+        check_joints(opened_bag, parameters.joints() | (load.joints() if load else {}))
+
+    def changed(message: RawMessage) -> RawMessage:
+        if not load or not assisted or message.topic != f"/{JOINT_STATES}":
+            return message
+        return message._replace(data=with_assistance(message.data, load.knee, listener.torques[-1]))
+
+    inputs = LOAD_INPUTS if load else INPUTS
+    heard = {f"knee_contact: {topic}" for topic in INPUTS} | {f"knee_load: {topic}" for topic in inputs if load}
+    listener, types = Listener(inputs[1]), {f"/{topic}": MESSAGE_TYPES[topic] for topic in inputs}
+    with BagReader(bag, types) as reader, work_folder(output) as work, private_graph() as environment:
         os.environ.update(environment)
-        listener = stage.Listener(source.inputs[1])
+        processes = [node_process(files, work, values=values)]
+        if companion:
+            processes.append(companion_process(work, {"force_limit": FORCE_LIMIT} if load else {}))
+        if load:
+            processes.append(load_process(load_files, work, {"knee.assisted": "true"} if assisted else {}))
         with ExitStack() as opened:
-            children = [opened.enter_context(process) for process in source.processes(work)]
-
-            def all_are_alive() -> None:
-                for child in children:
-                    child.check()
-
-            options = stage.Play(rate, source.inputs, source.heard, source.companion, source.changed)
-            stage.play(reader, options, listener, all_are_alive)
-        summary = read_summary(work / stage.RECORDING.parent, source.parameters.body_weight, doubts)
+            children = [opened.enter_context(process) for process in processes]
+            play(reader, rate, inputs, heard, companion, changed, listener, children)
+        summary = read_summary(work / RECORDING.parent, parameters.body_weight, doubts)
         if not summary.ticks:
-            raise UsageError(f"bag {source.bag}: the node has answered nothing; refused: {counts(summary.refused)}")
-        rows = live_rows(listener, summary) | source.rows(work, summary)
+            raise UsageError(f"bag {bag}: the node has answered nothing; refused: {counts(summary.refused)}")
+        rows = live_rows(listener, summary.ticks) | (load_rows(bag, load, work) if load else {})
+        if load and assisted:
+            rows |= assisted_rows(bag, load, parameters, work, summary.peaks["contact_force"].value)
         picture = draw_peak(work, output)
         for result in RESULTS:
             replace(work / result, output / result)
-    files = source.files(output) | result_files(output, source.companion) | picture
-    show_summary(summary, rows, files)
+    show_summary(summary, rows, result_files(output, load is not None, companion) | picture)
     warn(summary.sentences)
     if viewer():
-        offer(output / stage.RERUN_FILE)
+        offer(output / RERUN_FILE)
+
+
+def live_rows(listener: Listener, ticks: int) -> dict[str, str]:
+    """Return the rows of the table that only a live run has."""
+    rows = {"dropped": str(len(listener.published) - ticks)}
+    if listener.latencies:
+        median, p99, most = np.percentile(listener.latencies, [50, 99, 100]) * 1e3
+        name = "latency" if listener.force_topic == JOINT_REACTION_FORCE else "sensors to contact"
+        rows[name] = f"{median:.2f} ms median, {p99:.2f} ms p99, {most:.2f} ms max"
+    if (highest := max(torques := listener.torques)) > 0.0:
+        rows["assist torque"] = f"{highest:.1f} N m, lowered to {min(torques[torques.index(highest) :]):.1f} N m"
+    return rows
+
+
+def result_files(output: Path, load: bool, companion: bool) -> dict[str, str]:
+    """Return the names and places of the results, and the command that shows them."""
+    logs = {"Companion's log": output / COMPANION_LOG} if companion else {}
+    places = {"Recording": output / RECORDING.parent, "Node's log": output / NODE_LOG, **logs}
+    if load:
+        places = {"Load's recording": output / LOAD_RECORDING.parent, "Load's log": output / LOAD_LOG, **places}
+    scene = {"Not drawn": NOT_INSTALLED}
+    if viewer():
+        see = f"{Path(sys.executable).with_name('knee-contact')} view {output / RERUN_FILE}"
+        scene = {"Rerun file": str(output / RERUN_FILE), "To see it": see}
+    return {name: str(place) for name, place in places.items()} | scene
+
+
+def play(
+    reader: BagReader, rate: float, inputs: Sequence[str], heard: set[str], companion: bool,
+    changed: Callable[[RawMessage], RawMessage], listener: Listener, children: Sequence[Child],
+) -> None:  # fmt: skip
+    """Replay the bag, and collect the answers and the companion's commands.
+
+    Args:
+        reader: The bag.
+        rate: Seconds of the bag per second.
+        inputs: Names of the topics that are played.
+        heard: Inputs that must have a publisher before the bag is played, as in `Listener.heard`.
+        companion: Whether there is a companion to wait for.
+        changed: Function that returns an input as it is published.
+        listener: Gets what is published and heard.
+        children: Processes that must run.
+
+    Raises:
+        UsageError: the nodes did not appear in time, or a process has ended.
+    """
+    with joining():
+        rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
+        node = Node("knee_contact_demo")
+    executor = executor_of(node)
+
+    def spin(seconds: float) -> Sequence[Command]:
+        executor.spin_once(timeout_sec=seconds)
+        return ()
+
+    def check() -> None:
+        for child in children:
+            child.check()
+
+    try:
+        node.create_subscription(KneeContact, KNEE_CONTACT, listener.on_contact, QoSProfile(depth=1000))
+        node.create_subscription(Float64MultiArray, COMPANION_COMMANDS, listener.on_command, QoSProfile(depth=1000))
+        node.create_subscription(DiagnosticArray, "/diagnostics", listener.on_diagnostics, QoSProfile(depth=100))
+        messages = list(reader.raw_messages())
+        replayer = Replayer(node, inputs=inputs)
+        with progress("Starting the node (a new kind of knee is compiled)"):
+            deadline = time.monotonic() + NODE_START
+            while not (
+                replayer.wait_for_subscribers(0.1, spin)
+                and node.count_publishers(KNEE_CONTACT)
+                and listener.heard >= heard
+                and (not companion or len(listener.torques) > 1)
+            ):
+                spin(0.1)
+                check()
+                if time.monotonic() > deadline:
+                    raise UsageError(f"the node did not appear within {NODE_START:g} s")
+        with progress("Walking") as advance:
+            player = Player(lambda message: replayer.publish(changed(message)), spin, rate=rate)
+            for number, (message, _) in enumerate(player.play(messages), start=1):
+                listener.on_published(message)
+                advance(number, len(messages))
+        missing, since = listener.missing, time.monotonic()
+        while missing and time.monotonic() - since < LAST_ANSWERS:
+            spin(0.1)
+            if listener.missing != missing:
+                missing, since = listener.missing, time.monotonic()
+        check()
+    finally:
+        executor.shutdown()
+        node.destroy_node()
+        rclpy.shutdown()
+
+
+def node_process(
+    parameter_files: list[Path], work: Path, patience: float = PATIENCE, values: Mapping[str, Any] | None = None
+) -> AbstractContextManager[Child]:
+    """Run the contact node in a process of its own, which records, and draws if Rerun is installed, in `work`.
+
+    `values` are further parameters, as ROS 2 spells them on the command line; for `patience` [s] see `child_process`.
+    """
+    outputs, more = {"record.path": work / RECORDING}, dict(values or {})
+    if viewer():
+        outputs["rerun.path"], more["rerun.mode"] = work / RERUN_FILE, '"file"'
+    return _node("the node", "node", parameter_files, outputs, more, work / NODE_LOG, patience)
+
+
+def load_process(files: list[Path], work: Path, values: Mapping[str, Any]) -> AbstractContextManager[Child]:
+    """Run the load node in a process of its own, which records in `work`; `values` are further parameters."""
+    return _node("the load node", "load", files, {"record.path": work / LOAD_RECORDING}, values, work / LOAD_LOG)
+
+
+@contextmanager
+def _node(
+    name: str, command: str, files: list[Path], outputs: Mapping[str, Path], values: Mapping[str, Any], log: Path,
+    patience: float = PATIENCE,
+) -> Iterator[Child]:  # fmt: skip
+    """Run a command that is a node, with parameter files, paths of outputs by parameter, and further parameters."""
+    paths = {name: f'"{path}"' for name, path in outputs.items()}
+    arguments = ["-m", "knee_contact_ros.commands.main", command, *ros_arguments(files, {**paths, **values})]
+    with child_process(name, arguments, log, patience) as node:
+        yield node
+    deadline = time.monotonic() + patience  # a busy machine completes the files after their node has ended
+    while any(partial_name(path).exists() for path in outputs.values()) and time.monotonic() < deadline:
+        time.sleep(POLL_PERIOD)
+
+
+def companion_process(work: Path, values: Mapping[str, Any]) -> AbstractContextManager[Child]:
+    """Run the example of an assist controller in a process of its own; `values` are parameters that differ."""
+    example = share_folder() / "examples" / "assist_as_needed.py"
+    arguments = [str(example), *ros_arguments([example.with_suffix(".yaml")], values)]
+    return child_process("the companion", arguments, work / COMPANION_LOG)
+
+
+def ros_arguments(files: Iterable[Path], values: Mapping[str, Any]) -> list[str]:
+    """Return the arguments of a node with parameter files and further parameters."""
+    arguments = ["--ros-args"]
+    for path in files:
+        arguments += ["--params-file", str(path)]
+    for name, value in values.items():
+        arguments += ["-p", f"{name}:={value}"]
+    return arguments
 
 
 def draw_peak(work: Path, output: Path) -> dict[str, str]:
     """Draw the knee at the largest load; return the row with the picture's place, or with why there is none."""
     try:
-        write_peak(work / stage.RECORDING.parent, work / PICTURE)
+        write_peak(work / RECORDING.parent, work / PICTURE)
     except UsageError as error:
         return {"No picture": str(error)}
     return {"Knee at the peak": str(output / PICTURE)}
@@ -166,43 +347,6 @@ def offer(scene: Path) -> None:
     with suppress(click.Abort):  # Ctrl-D or Ctrl-C: all is there, and said
         if click.confirm("Open the scene in the Rerun viewer?", default=True):
             look_at(scene)
-
-
-def live_rows(listener: stage.Listener, summary: Summary) -> dict[str, str]:
-    """Return the rows of the table that only a live run has."""
-    rows = {"dropped": str(len(listener.published) - summary.ticks)}
-    if listener.latencies:
-        median, p99, largest = np.percentile(listener.latencies, [50, 99, 100]) * 1e3
-        name = "latency" if listener.force_topic == JOINT_REACTION_FORCE else "sensors to contact"
-        rows[name] = f"{median:.2f} ms median, {p99:.2f} ms p99, {largest:.2f} ms max"
-    if listener.torques:
-        highest = max(listener.torques)
-        lowest = min(listener.torques[listener.torques.index(highest) :])
-        rows["assist torque"] = f"{highest:.1f} N m, lowered to {lowest:.1f} N m"
-    return rows
-
-
-def result_files(output: Path, companion: bool) -> dict[str, str]:
-    """Return the names and places of the results, and the command that shows them."""
-    files = {"Recording": str(output / stage.RECORDING.parent), "Node's log": str(output / stage.NODE_LOG)}
-    if companion:
-        files["Companion's log"] = str(output / stage.COMPANION_LOG)
-    if not viewer():
-        return files | {"Not drawn": NOT_INSTALLED}
-    to_see = f"{Path(sys.executable).with_name('knee-contact')} view {output / stage.RERUN_FILE}"
-    return files | {"Rerun file": str(output / stage.RERUN_FILE), "To see it": to_see}
-
-
-BAG, RECORDED = "gait2354_right_sensors", "gait2354_right"
-"""Bundled bags: a leg's sensors, and the joint reaction of the same gait by a musculoskeletal model"""
-LOAD_FILE = "load/gait2354.yaml"
-"""Parameter file of the load node for `BAG`"""
-FORCE_LIMIT = 700.0
-"""Contact force [N] above which the companion lowers its torque; its default is above what the estimate reaches"""
-NOT_KNOWN = (
-    "people change how much they co-contract when assisted, and this estimate cannot see that: it only takes the "
-    "torque off the net moment"
-)
 
 
 class Peak(NamedTuple):
@@ -219,84 +363,40 @@ class Peak(NamedTuple):
         return f"{self.axial:.1f} N ({self.axial / weight:.2f} BW){deviation}"
 
 
-class Sensors(Recorded):
-    """A leg's sensors, played to the load node, whose estimate the contact node answers."""
+def largest(bag: Path, topic: str) -> Peak:
+    """Return the largest joint reaction of a bag, on the topic `joint_reaction_force` or `load_estimate`."""
+    messages = [message.message for message in read_bag(bag, {f"/{topic}": MESSAGE_TYPES[topic]})]
+    if topic == LOAD_ESTIMATE:
+        return max(Peak(message.axial_force, message.standard_deviation) for message in messages)
+    return max(Peak(-message.wrench.force.y, 0.0) for message in messages)
 
-    inputs = LOAD_INPUTS
-    heard = (*(f"knee_load: {topic}" for topic in LOAD_INPUTS), *Recorded.heard)
-    companion_values = MappingProxyType({"force_limit": str(FORCE_LIMIT)})
 
-    def __init__(self, bag: Path | None, files: list[Path], load_files: list[Path], companion: bool) -> None:
-        """Read the parameter files of both nodes.
+def load_rows(bag: Path, load: LoadParameters, work: Path) -> dict[str, str]:
+    """Return rows on the estimated load, and on the recorded one of the bundled bag."""
+    weight = load.person.constants.weight
+    calibrated = "yes" if load.calibrated else "no: for looking, not for gating anything"
+    rows = {"load's level": load.chosen_level, "calibrated": calibrated}
+    rows["estimated load"] = largest(work / LOAD_RECORDING.parent, LOAD_ESTIMATE).text(weight)
+    if bag.resolve() == (share_folder() / "bags" / BAG).resolve():
+        recorded = largest(bag.with_name(RECORDED), JOINT_REACTION_FORCE)
+        rows["recorded load"] = f"{recorded.text(weight)}, by OpenSim from muscles"
+    return rows
 
-        Args:
-            bag: The bag to play; None: the bundled one.
-            files: Parameter files of the contact node, which gets the person's body weight too.
-            load_files: Parameter files of the load node.
-            companion: Whether the example of an assist controller closes the loop.
 
-        Raises:
-            UsageError: a parameter file cannot be used.
-        """
-        self._load_files = load_files
-        assisted = {"knee.assisted": True} if companion else {}
-        self.load_parameters: LoadParameters = load_parameters([*load_files, assisted], LoadParameters)
-        self.weight = self.load_parameters.person.constants.weight
-        """Body weight [N] of the person"""
-        super().__init__(bag or share_folder() / "bags" / BAG, files, companion, body_weight=self.weight)
-
-    def check(self) -> Doubts:
-        """See `Recorded.check`; all joints that the nodes need are looked for."""
-        pipeline = ContactStream(self.parameters, compiled=False)
-        with BagInputs(self.bag, self.load_parameters, OWN_NAMES) as inputs:
-            check_joints(inputs, self.load_parameters.joints())
-            check_joints(inputs, self.parameters.joints())
-        return pipeline.doubts
-
-    def processes(self, work: Path) -> list[AbstractContextManager[Child]]:
-        """See `Recorded.processes`."""
-        assisted = {"knee.assisted": "true"} if self.companion else {}
-        return [*super().processes(work), stage.load_process(self._load_files, work, assisted)]
-
-    def changed(self, message: RawMessage, torque: float) -> RawMessage:
-        """Return an input; joint states get the companion's torque as the effort of the knee."""
-        if not self.companion or message.topic != f"/{JOINT_STATES}":
-            return message
-        return message._replace(data=with_assistance(message.data, self.load_parameters.knee, torque))
-
-    def rows(self, work: Path, summary: Summary) -> dict[str, str]:
-        """Return rows on the estimated and the recorded load, and on the contact with and without assistance."""
-        calibrated = "yes" if self.load_parameters.calibrated else "no: for looking, not for gating anything"
-        rows = {"load's level": self.load_parameters.chosen_level, "calibrated": calibrated}
-        rows["estimated load"] = largest(work / stage.LOAD_RECORDING.parent, LOAD_ESTIMATE).text(self.weight)
-        if self.bag.resolve() == (share_folder() / "bags" / BAG).resolve():
-            recorded = largest(self.bag.with_name(RECORDED), JOINT_REACTION_FORCE)
-            rows["recorded load"] = f"{recorded.text(self.weight)}, by OpenSim from muscles"
-        return rows | (self._assisted_rows(work, summary) if self.companion else {})
-
-    def files(self, output: Path) -> dict[str, str]:
-        """See `Recorded.files`."""
-        return {
-            "Load's recording": str(output / stage.LOAD_RECORDING.parent),
-            "Load's log": str(output / stage.LOAD_LOG),
-        }
-
-    def _assisted_rows(self, work: Path, summary: Summary) -> dict[str, str]:
-        """Return rows that compare the contact with that of the same bag without assistance, computed offline."""
-        loads, blocks = work / "without_assistance.mcap", list[Rows]()
-        parameters = load_parameters([self.load_parameters, {"knee.assisted": False}], LoadParameters)
-        estimate_load(self.bag, parameters, loads, lambda _done, _total: None)
-        keep = lambda rows: blocks.append(rows[0])  # noqa: E731
-        without = solve(loads, self.parameters, None, lambda _done, _total: None, keep=keep).peaks["contact_force"]
-        less = relief(np.concatenate(blocks), np.concatenate([*answer_blocks(work / stage.RECORDING.parent)]))
-        return {
-            "gives way above": f"{FORCE_LIMIT:.0f} N of contact force",
-            "largest contact": f"{without.value:.1f} N without assistance, "
-            f"{summary.peaks['contact_force'].value:.1f} N with it",
-            "at one moment": f"up to {max(less.max(), 0.0):.1f} N less with assistance, "
-            f"or {max(-less.min(), 0.0):.1f} N more",
-            "warning": NOT_KNOWN,
-        }
+def assisted_rows(bag: Path, load: LoadParameters, parameters: Any, work: Path, most: float) -> dict[str, str]:
+    """Return rows that compare the contact, `most` [N], with that of the same bag without assistance, offline."""
+    loads, blocks = work / "without_assistance.mcap", list[Rows]()
+    estimate_load(bag, load_parameters([load, {"knee.assisted": False}], LoadParameters), loads, lambda *_: None)
+    without = solve(loads, parameters, None, lambda *_: None, keep=lambda rows: blocks.append(rows[0]))
+    less = relief(np.concatenate(blocks), np.concatenate([*answer_blocks(work / RECORDING.parent)]))
+    alone = without.peaks["contact_force"].value
+    return {
+        "gives way above": f"{FORCE_LIMIT:.0f} N of contact force",
+        "largest contact": f"{alone:.1f} N without assistance, {most:.1f} N with it",
+        "at one moment": f"up to {max(less.max(), 0.0):.1f} N less with assistance, "
+        f"or {max(-less.min(), 0.0):.1f} N more",
+        "warning": NOT_KNOWN,
+    }
 
 
 def relief(without: Rows, assisted: Rows) -> NDArray[np.float64]:
@@ -318,11 +418,3 @@ def with_assistance(data: bytes, knee: ActuatedJoint, torque: float) -> bytes:
     efforts = [*message.effort, *[0.0] * (len(message.name) - len(message.effort))]
     efforts[message.name.index(knee.joint_name)] = -knee.sign * torque
     return encode_joint_state(message._replace(effort=tuple(efforts)))
-
-
-def largest(bag: Path, topic: str) -> Peak:
-    """Return the largest joint reaction of a bag, on the topic `joint_reaction_force` or `load_estimate`."""
-    messages = [message.message for message in read_bag(bag, {f"/{topic}": MESSAGE_TYPES[topic]})]
-    if topic == LOAD_ESTIMATE:
-        return max(Peak(message.axial_force, message.standard_deviation) for message in messages)
-    return max(Peak(-message.wrench.force.y, 0.0) for message in messages)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -16,9 +17,7 @@ from knee_contact_ros.system.files import missing_middleware
 
 ROS_PATHS = ("PYTHONPATH", "LD_LIBRARY_PATH", "AMENT_PREFIX_PATH")
 """Environment variables by which the setup file of a ROS puts itself on the path"""
-CLOCK = "--clock"
-WITH_EVERY_MESSAGE = "0"
-"""Value of `--clock` where no number is given"""
+CLOCK, NUMBER = "--clock", re.compile(r"[-+]?[\d.]+(e[-+]?\d+)?")
 
 
 @click.command()
@@ -72,18 +71,12 @@ def demo(
         warn([f"{words}; the demo runs without it"])
         del os.environ["RMW_IMPLEMENTATION"]
     check_ros()
-    from knee_contact_ros.commands.demo import LOAD_FILE, Recorded, Sensors, run_demo
-    from knee_contact_ros.system.files import share_folder
+    from knee_contact_ros.commands.demo import LOAD_FILE, run_demo
 
     if load_files and not from_sensors:
         raise click.UsageError("--load-params is for --from-sensors")
-    files = find_parameters(parameter_files)
-    source: Recorded
-    if from_sensors:
-        source = Sensors(bag, files, find_parameters(load_files, LOAD_FILE), companion)
-    else:
-        source = Recorded(bag or share_folder() / "bags" / "gait2354_right", files, companion)
-    run_demo(source, output, rate)
+    of_load = find_parameters(load_files, LOAD_FILE) if from_sensors else []
+    run_demo(bag, find_parameters(parameter_files), of_load, companion, output, rate)
 
 
 def check_ros() -> None:
@@ -166,22 +159,11 @@ class OptionalClockRate(click.Command):
     """A command whose option `--clock` may come without its number, also before the argument BAG."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Give a `--clock` without a number the value `WITH_EVERY_MESSAGE`."""
-        following = [*args, ""][1:]
-        filled = [
-            f"{CLOCK}={WITH_EVERY_MESSAGE}" if argument == CLOCK and not is_number(after) else argument
-            for argument, after in zip(args, following, strict=True)
-        ]
-        return super().parse_args(ctx, filled)
-
-
-def is_number(text: str) -> bool:
-    """Return whether an argument is a number."""
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
+        """Give a `--clock` without a number the value 0: with every message."""
+        for i, argument in enumerate(args):
+            if argument == CLOCK and not NUMBER.fullmatch("".join(args[i + 1 : i + 2])):
+                args = [*args[:i], f"{CLOCK}=0", *args[i + 1 :]]
+        return super().parse_args(ctx, args)
 
 
 @click.command(cls=OptionalClockRate)

@@ -1,8 +1,8 @@
 """Publishes the messages of a bag when they are due, obeys keys, and measures how late each was. Needs no ROS.
 
 For keys the terminal is put into cbreak mode: they come at once and without echo, Ctrl-C and Ctrl-Z keep their meaning.
-It is in this mode only while this process is in the foreground: it is restored before Ctrl-Z stops the process, put
-into the mode again when the process continues, and restored at the end, whatever happens.
+It is in this mode only while this process is in the foreground, and is restored before Ctrl-Z stops the process and at
+the end, whatever happens.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ import tty
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass
 from enum import Enum
 from types import FrameType
 from typing import Any
@@ -37,15 +38,12 @@ class Command(Enum):
     SLOWER = "slower"
 
 
-COMMANDS = {
-    b" ": Command.PAUSE,
-    b"s": Command.STEP,
-    b"\x1b[C": Command.STEP,
-    b"\x1b[A": Command.FASTER,
+KEYS = {
+    b" ": Command.PAUSE, b"s": Command.STEP, b"\x1b[C": Command.STEP, b"\x1b[A": Command.FASTER,
     b"\x1b[B": Command.SLOWER,
-}
+}  # fmt: skip
 HELP = "space: pause, s: step, up/down: rate"
-KEY = re.compile(rb"\x1b[\[O][A-Z]|.", re.DOTALL)
+KEY = re.compile(rb"\x1b\[[A-Z]|.", re.DOTALL)
 LONGEST_LOOK = 0.2
 """Time [s] after which to look whether this process is in the foreground"""
 
@@ -55,16 +53,16 @@ class Keyboard:
 
     def __init__(self, stood_still: Callable[[float], None]) -> None:
         """Call `stood_still` with the time [s] for which the process was stopped, whenever it continues."""
-        self._input = sys.stdin.fileno() if has_terminal() else None
+        self._terminal = sys.stdin.fileno() if has_terminal() else None
         self._stood_still = stood_still
         self._usual: list[Any] | None = None  # the terminal's modes while it is ours
         self._stop_handler: Any = None
 
     def __enter__(self) -> Keyboard:
-        if self._input is not None:
-            if signal.getsignal(signal.SIGTSTP) == signal.SIG_DFL:  # a shell without job control has it ignored
-                self._stop_handler = signal.signal(signal.SIGTSTP, self._on_stop)
-            self._take()
+        # A shell without job control ignores SIGTSTP.
+        if self._terminal is not None and signal.getsignal(signal.SIGTSTP) == signal.SIG_DFL:
+            self._stop_handler = signal.signal(signal.SIGTSTP, self._on_stop)
+        self._take()
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -74,35 +72,30 @@ class Keyboard:
 
     def wait(self, seconds: float) -> list[Command]:
         """Wait for keys, for `seconds` at most; return their commands."""
-        if self._usual is None:
+        self._take()
+        if self._terminal is None or self._usual is None:
             time.sleep(min(seconds, LONGEST_LOOK))
-            self._take()
             return []
-        if self._input is None or not select.select([self._input], [], [], min(seconds, LONGEST_LOOK))[0]:
+        if not select.select([self._terminal], [], [], min(seconds, LONGEST_LOOK))[0]:
             return []
-        return self._pressed()
-
-    def _pressed(self) -> list[Command]:
-        """Return the commands of the keys that were pressed."""
         keys = b""
-        with suppress(OSError):  # the terminal is gone
-            keys = os.read(self._input or 0, 1024)
-        if not keys:
-            self._input = self._usual = None
-        sequences = (key.group().replace(b"\x1bO", b"\x1b[") for key in KEY.finditer(keys))
-        return [COMMANDS[key] for key in sequences if key in COMMANDS]
+        with suppress(OSError):
+            keys = os.read(self._terminal, 1024)
+        if not keys:  # the terminal is gone
+            self._terminal = self._usual = None
+        return [KEYS[key] for key in KEY.findall(keys.replace(b"\x1bO", b"\x1b[")) if key in KEYS]
 
     def _take(self) -> None:
         """Put the terminal into cbreak mode if this process is in the foreground; the kernel stops others that try."""
-        if self._input is not None and self._usual is None and in_foreground(self._input):
-            self._usual = termios.tcgetattr(self._input)
-            tty.setcbreak(self._input, termios.TCSANOW)
+        if self._terminal is not None and self._usual is None and in_foreground(self._terminal):
+            self._usual = termios.tcgetattr(self._terminal)
+            tty.setcbreak(self._terminal, termios.TCSANOW)
 
     def _give_back(self) -> None:
         """Restore the modes of the terminal."""
-        if self._input is not None and self._usual is not None:
+        if self._terminal is not None and self._usual is not None:
             with suppress(termios.error):  # the terminal is gone
-                termios.tcsetattr(self._input, termios.TCSANOW, self._usual)
+                termios.tcsetattr(self._terminal, termios.TCSANOW, self._usual)
         self._usual = None
 
     def _on_stop(self, number: int, _frame: FrameType | None) -> None:
@@ -146,49 +139,6 @@ def unwinding_on_signals() -> Iterator[None]:
             signal.signal(number, signal.SIG_DFL)
 
 
-class Schedule:
-    """Relation of the bag's time to the time of a clock.
-
-    Both are known at one moment, the beginning or the last change. All other times are computed from there, so that
-    rounding errors do not accumulate.
-    """
-
-    def __init__(self, begin: int, rate: float, now: float, *, paused: bool = False) -> None:
-        """Begin at the bag's time `begin` [ns] and the clock's `now` [s], with `rate` seconds of the bag per second."""
-        self.rate = rate
-        self.paused = paused
-        self._bag = begin
-        self._clock = now
-
-    def due(self, log_time: int) -> float:
-        """Return the time [s] of the clock at which a time of the bag [ns] is due, without further pauses."""
-        return self._clock + (log_time - self._bag) / NANOSECONDS / self.rate
-
-    def at(self, now: float) -> int:
-        """Return the bag's time [ns] at `now` [s] of the clock."""
-        return self._bag if self.paused else self._bag + round((now - self._clock) * NANOSECONDS * self.rate)
-
-    def pause(self, now: float) -> None:
-        """Stop the bag's time at `now` [s] of the clock."""
-        self._bag, self._clock, self.paused = self.at(now), now, True
-
-    def resume(self, now: float) -> None:
-        """Continue the bag's time at `now` [s] of the clock."""
-        self._clock, self.paused = now, False
-
-    def change_rate(self, rate: float, now: float) -> None:
-        """Continue at another rate from `now` [s] of the clock on."""
-        self._bag, self._clock, self.rate = self.at(now), now, rate
-
-    def step_to(self, log_time: int, now: float) -> None:
-        """Set the bag's time [ns] at `now` [s] of the clock."""
-        self._bag, self._clock = log_time, now
-
-    def stood_still(self, seconds: float) -> None:
-        """Leave out a time [s] for which the whole process was stopped."""
-        self._clock += seconds
-
-
 LEAST_RATE, LARGEST_RATE = 0.01, 100.0
 RATE_STEP = 1.1
 """Factor by which a key multiplies or divides the rate"""
@@ -198,21 +148,16 @@ LONGEST_WAIT = 1.0
 """Longest wait [s] at once"""
 LOOK_PERIOD = 0.05
 """Time [s] after which keys are looked for although messages are due all the time"""
-
-Wait = Callable[[float], Sequence[Command]]
-"""Function that waits for a time [s] or shorter, and returns the commands of the keys pressed meanwhile"""
+LONGEST_PAUSE = 600 * NANOSECONDS
+"""Longest pause [ns] that is waited for"""
+JITTER = 1_000_000
+"""Time [ns] by which log times may go back without a clock that was set"""
 
 
 def sleep(seconds: float) -> Sequence[Command]:
     """Wait for a time [s] where there are no keys."""
     time.sleep(seconds)
     return ()
-
-
-LONGEST_PAUSE = 600 * NANOSECONDS
-"""Longest pause [ns] that is waited for"""
-JITTER = 1_000_000
-"""Time [ns] by which log times may go back without a clock that was set"""
 
 
 def paced(messages: Iterable[RawMessage]) -> Iterator[tuple[RawMessage, int]]:
@@ -229,152 +174,139 @@ def paced(messages: Iterable[RawMessage]) -> Iterator[tuple[RawMessage, int]]:
         yield message, message.log_time + (step if 0 < step <= LONGEST_PAUSE else 0)
 
 
+@dataclass
 class Player:
-    """Plays messages one after another."""
+    """Plays messages one after another.
 
-    def __init__(
-        self,
-        publish: Callable[[RawMessage], None],
-        wait: Wait = sleep,
-        *,
-        rate: float = 1.0,
-        paused: bool = False,
-        changed: Callable[[float, bool], None] = lambda _rate, _paused: None,
-    ) -> None:
-        """Publish by `publish`, at `rate` in seconds of the bag per second.
+    The bag's time is known at one moment, the beginning or the last change. All other times are computed from there, so
+    that rounding errors do not accumulate.
+    """
 
-        `changed` is called with rate and pause whenever a key changes one of them.
-        """
-        self.rate = rate
-        self.paused = paused
-        self._publish = publish
-        self._wait = wait
-        self._changed = changed
-        self.skipped: Callable[[float], None] = lambda _pause: None
-        """Called with a pause [s] that is left out"""
-        self._schedule: Schedule | None = None
-        self._publish_clock: Callable[[int], None] | None = None
-        self._clock_period = 0.0
-        self._clock_began = 0.0
-        self._clock_due = math.inf
+    publish: Callable[[RawMessage], None]
+    """Function that publishes a message"""
+    wait: Callable[[float], Sequence[Command]] = sleep
+    """Function that waits for a time [s] or shorter, and returns the commands of the keys pressed meanwhile"""
+    rate: float = 1.0
+    """Seconds of the bag per second"""
+    paused: bool = False
+    changed: Callable[[float, bool], None] = lambda _rate, _paused: None
+    """Called with rate and pause whenever a key changes one of them"""
+    skipped: Callable[[float], None] = lambda _pause: None
+    """Called with a pause [s] that is left out"""
+    tell_time: Callable[[int], None] = lambda _time: None
+    """Called with the bag's time [ns]"""
+    clock_rate: float = 0.0
+    """Rate [Hz] at which `tell_time` is called; 0: before every message"""
+
+    def __post_init__(self) -> None:
+        """Begin with no message."""
+        self._bag, self._clock = 0, 0.0  # the bag's time [ns] at a time of the clock [s]
+        self._tick = math.inf  # when the time is told again
         self._look = 0.0
         self._commands: deque[Command] = deque()
-
-    def drive_clock(self, publish_clock: Callable[[int], None], rate: float) -> None:
-        """Call `publish_clock` with the bag's time [ns] at `rate` [Hz]; 0: before every message."""
-        self._publish_clock = publish_clock
-        self._clock_period = 1.0 / rate if rate else 0.0
 
     def play(self, messages: Iterable[RawMessage]) -> Iterator[tuple[RawMessage, float | None]]:
         """Publish each message when it is due, the first at once; yield the message and how late [s] it was.
 
         The delay is None for a message to which a key stepped.
         """
-        self._schedule = None
+        last = None
         for message, due in paced(messages):
-            if self._schedule is None:
-                self._schedule, last = self._begin(due), due
-            if not -JITTER <= due - last <= LONGEST_PAUSE:  # a clock was set, or nothing came for long
+            if last is None:
+                self._set(due)
+                self._tick = self._clock if self.clock_rate else math.inf
+            elif not -JITTER <= due - last <= LONGEST_PAUSE:  # a clock was set, or nothing came for long
                 if due > last:
                     self.skipped((due - last) / NANOSECONDS)
-                self._schedule.step_to(due, time.perf_counter())
+                self._set(due)
             last = due
-            late = self._wait_for(due, self._schedule)
-            if self._publish_clock and not self._clock_period:
-                self._publish_clock(message.log_time)
-            self._publish(message)
+            late = self._wait_for(due)
+            if not self.clock_rate:
+                self.tell_time(message.log_time)
+            self.publish(message)
             yield message, late
 
     def stood_still(self, seconds: float) -> None:
         """Leave out a time [s] for which the process was stopped."""
-        if self._schedule:
-            self._schedule.stood_still(seconds)
+        self._clock += seconds
 
-    def _begin(self, log_time: int) -> Schedule:
-        now = time.perf_counter()
-        if self._clock_period:
-            self._clock_began = self._clock_due = now
-        return Schedule(log_time, self.rate, now, paused=self.paused)
+    def _set(self, time_of_bag: int) -> None:
+        """Let the bag's time [ns] be now."""
+        self._bag, self._clock = time_of_bag, time.perf_counter()
 
-    def _wait_for(self, log_time: int, schedule: Schedule) -> float | None:
+    def _at(self, now: float) -> int:
+        """Return the bag's time [ns] at `now` [s] of the clock."""
+        return self._bag if self.paused else self._bag + round((now - self._clock) * NANOSECONDS * self.rate)
+
+    def _wait_for(self, time_of_bag: int) -> float | None:
         """Wait until a message is due; return how late [s] it is then, None if a key has stepped to it."""
         while True:
             now = time.perf_counter()
-            if now >= self._clock_due:
-                self._publish_time(schedule, now)
-            due = math.inf if schedule.paused else schedule.due(log_time)
+            if now >= self._tick:
+                self.tell_time(self._at(now))
+                self._tick = max(self._tick + 1.0 / self.clock_rate, now)
+            due = math.inf if self.paused else self._clock + (time_of_bag - self._bag) / NANOSECONDS / self.rate
             if due <= now < self._look:
                 return now - due
             if not self._commands:
-                self._wait_precisely(min(due, self._clock_due), now)
+                self._wait_precisely(min(due, self._tick), now)
             while self._commands:
                 command = self._commands.popleft()
-                if command is Command.STEP and schedule.paused:
-                    schedule.step_to(log_time, time.perf_counter())
+                if command is Command.STEP and self.paused:
+                    self._set(time_of_bag)
                     return None
-                self._obey(command, schedule)
+                self._obey(command)
 
     def _wait_precisely(self, end: float, now: float) -> None:
         """Wait until `end` [s] at most: asleep, and shortly before it in a loop."""
         if end - now > MARGIN or now >= self._look:
-            self._commands += self._wait(max(0.0, min(end - now - MARGIN, LONGEST_WAIT)))
+            self._commands += self.wait(max(0.0, min(end - now - MARGIN, LONGEST_WAIT)))
             self._look = time.perf_counter() + LOOK_PERIOD
-            return
-        while time.perf_counter() < end:
+        while time.perf_counter() < end <= now + MARGIN:
             pass
 
-    def _publish_time(self, schedule: Schedule, now: float) -> None:
-        """Publish the bag's time, and plan the next time to do so."""
-        if self._publish_clock:
-            self._publish_clock(schedule.at(now))
-        periods = math.floor((now - self._clock_began) / self._clock_period + 1e-6)
-        self._clock_due = self._clock_began + (periods + 1) * self._clock_period
-
-    def _obey(self, command: Command, schedule: Schedule) -> None:
-        now = time.perf_counter()
+    def _obey(self, command: Command) -> None:
+        """Change rate or pause from now on."""
+        self._set(self._at(time.perf_counter()))
         if command is Command.PAUSE:
-            (schedule.resume if schedule.paused else schedule.pause)(now)
-        elif command in (Command.FASTER, Command.SLOWER):
-            rate = schedule.rate * RATE_STEP if command is Command.FASTER else schedule.rate / RATE_STEP
-            schedule.change_rate(min(max(rate, LEAST_RATE), LARGEST_RATE), now)
-        self.rate, self.paused = schedule.rate, schedule.paused
-        self._changed(self.rate, self.paused)
+            self.paused = not self.paused
+        elif command is not Command.STEP:
+            factor = RATE_STEP if command is Command.FASTER else 1.0 / RATE_STEP
+            self.rate = min(max(self.rate * factor, LEAST_RATE), LARGEST_RATE)
+        self.changed(self.rate, self.paused)
 
 
 LATE = 1e-3
 """Delay [s] above which a message counts as late"""
-MS = 1e3
 
 
+@dataclass
 class Lateness:
     """Counts published messages, and measures how much later than due they were."""
 
-    def __init__(self) -> None:
-        self.messages = 0
-        self.late = 0
-        self.largest = 0.0
-        """Largest delay [s]"""
-        self.drift = 0.0
-        """Delay [s] of the last message of a pass through the bag, the largest of all passes"""
-        self._last = 0.0
+    messages: int = 0
+    late: int = 0
+    largest: float = 0.0
+    """Largest delay [s]"""
+    drift: float = 0.0
+    """Delay [s] of the last message of a pass through the bag, the largest of all passes"""
+    last: float = 0.0
+    """Delay [s] of the last message"""
 
     def add(self, seconds: float | None) -> None:
         """Count a message that was `seconds` late; None: a key stepped to it, and it is never late."""
-        self.messages += 1
-        self._last = seconds or 0.0
-        if self._last > LATE:
-            self.late += 1
-        self.largest = max(self.largest, self._last)
+        self.messages, self.last = self.messages + 1, seconds or 0.0
+        self.late += self.last > LATE
+        self.largest = max(self.largest, self.last)
 
     def end(self) -> None:
         """Note the end of a pass through the bag."""
-        self.drift = max(self.drift, self._last)
-        self._last = 0.0
+        self.drift, self.last = max(self.drift, self.last), 0.0
 
     def __str__(self) -> str:
         """Return the report as one line."""
         percent = 100.0 * self.late / max(self.messages, 1)
         return (
-            f"{self.messages} messages published, {self.late} ({percent:.3g} %) later than {LATE * MS:g} ms, "
-            f"the latest by {self.largest * MS:.2f} ms; drift at the end {self.drift * MS:.2f} ms"
+            f"{self.messages} messages published, {self.late} ({percent:.3g} %) later than {1e3 * LATE:g} ms, "
+            f"the latest by {1e3 * self.largest:.2f} ms; drift at the end {1e3 * self.drift:.2f} ms"
         )

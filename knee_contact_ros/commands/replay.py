@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import gc
-import sys
 import time
-from collections import deque
-from collections.abc import Callable, Generator, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, closing, contextmanager
-from itertools import islice
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from itertools import repeat
 from pathlib import Path
 from typing import NamedTuple
 
@@ -31,7 +28,7 @@ from knee_contact_ros.streams.frames import TF_STATIC
 from knee_contact_ros.streams.topics import INPUTS, JOINT_STATES, MESSAGE_TYPES, NANOSECONDS
 from knee_contact_ros.system.errors import UsageError, in_a_line
 from knee_contact_ros.system.ros import joining
-from knee_contact_ros.system.terminal import Bar, progress, say
+from knee_contact_ros.system.terminal import progress, say
 
 QOS = QoSProfile(depth=1000)
 LATCHED = QoSProfile(depth=1000, durability=DurabilityPolicy.TRANSIENT_LOCAL)
@@ -60,10 +57,6 @@ class Timing(NamedTuple):
     """Time [s] to wait before the first message"""
     start_paused: bool = False
     """Whether to begin with a pause, which a key ends"""
-
-
-Span = tuple[int, int]
-"""The part of a bag that is played: log times [ns] of the first message, and behind the last one"""
 
 
 class Replayer:
@@ -158,8 +151,8 @@ def run_replay(
         play(reader, span, replayer, timing)
 
 
-def span_of(reader: BagReader, timing: Timing) -> Span:
-    """Return the part of the bag that the timing selects.
+def span_of(reader: BagReader, timing: Timing) -> tuple[int, int]:
+    """Return the part of the bag that is played: log times [ns] of the first message, and behind the last one.
 
     Raises:
         UsageError: no message is in this part.
@@ -178,103 +171,33 @@ def span_of(reader: BagReader, timing: Timing) -> Span:
     return start, min(stop, reader.end)
 
 
-def play(reader: BagReader, span: Span, replayer: Replayer, timing: Timing) -> None:
+def play(reader: BagReader, span: tuple[int, int], replayer: Replayer, timing: Timing) -> None:
     """Play the span once or in a loop; the report on lateness is printed even if a signal ends the replay."""
-    lateness = Lateness()
-    done = False
+    name, lateness, (start, stop), patience = reader.path.name, Lateness(), span, LAST_ACKNOWLEDGEMENTS
+
+    def described(rate: float, paused: bool) -> str:
+        keys = f" ({HELP})" if has_terminal() else ""
+        return f"{'Paused' if paused else 'Replaying'} {name} at rate {rate:.3g}{keys}"
+
+    player = Player(
+        replayer.publish, rate=timing.rate, paused=timing.start_paused,
+        changed=lambda rate, paused: bar.describe(described(rate, paused)),
+        skipped=lambda pause: say(f"{name} pauses for {pause:.6g} s, which is skipped", err=True),
+        tell_time=replayer.publish_clock, clock_rate=timing.clock or 0.0,
+    )  # fmt: skip
+    gc.collect()
+    gc.freeze()  # or the garbage collector would take the interpreter for milliseconds
     with ExitStack() as opened:
         opened.callback(lambda: click.echo(str(lateness)))  # when bar and keyboard have left the terminal
-        opened.enter_context(undisturbed())
-        bar = opened.enter_context(progress(description(reader.path.name, timing.rate, timing.start_paused)))
-        player = make_player(replayer, timing, bar, reader.path.name, opened)
+        bar = opened.enter_context(progress(described(timing.rate, timing.start_paused)))
+        player.wait = opened.enter_context(Keyboard(player.stood_still)).wait
         try:
-            play_once(player, reader, span, lateness, bar)
-            while timing.loop:
-                play_once(player, reader, span, lateness, bar)
-            done = True
+            for _ in repeat(None) if timing.loop else (None,):
+                for message, late in player.play(reader.raw_messages(start=start, stop=stop)):
+                    lateness.add(late)
+                    bar(message.log_time - start, stop - start)
+                lateness.end()
+            patience = timing.wait
         finally:
-            replayer.wait_for_acknowledgements(timing.wait if done else LAST_ACKNOWLEDGEMENTS)
+            replayer.wait_for_acknowledgements(patience)
             lateness.end()
-
-
-def make_player(replayer: Replayer, timing: Timing, bar: Bar, name: str, opened: ExitStack) -> Player:
-    """Make a player, which obeys keys if there is a terminal."""
-
-    def stood_still(seconds: float) -> None:
-        player.stood_still(seconds)
-
-    def changed(rate: float, paused: bool) -> None:
-        bar.describe(description(name, rate, paused))
-
-    def skipped(pause: float) -> None:
-        say(f"{name} pauses for {pause:.6g} s, which is skipped", err=True)
-
-    keyboard = opened.enter_context(Keyboard(stood_still))
-    player = Player(replayer.publish, keyboard.wait, rate=timing.rate, paused=timing.start_paused, changed=changed)
-    player.skipped = skipped
-    if timing.clock is not None:
-        player.drive_clock(replayer.publish_clock, timing.clock)
-    return player
-
-
-def play_once(player: Player, reader: BagReader, span: Span, lateness: Lateness, bar: Bar) -> None:
-    """Play the span from beginning to end."""
-    start, stop = span
-    with closing(read_ahead(reader.raw_messages(start=start, stop=stop))) as messages:
-        for message, late in player.play(messages):
-            lateness.add(late)
-            bar(message.log_time - start, stop - start)
-    lateness.end()
-
-
-def description(name: str, rate: float, paused: bool) -> str:
-    """Return the text beside the progress bar."""
-    state = "Paused" if paused else "Replaying"
-    keys = f" ({HELP})" if has_terminal() else ""
-    return f"{state} {name} at rate {rate:.3g}{keys}"
-
-
-@contextmanager
-def undisturbed() -> Iterator[None]:
-    """Keep other threads and the garbage collector from taking the interpreter for milliseconds."""
-    gc.collect()
-    gc.freeze()
-    usual = sys.getswitchinterval()
-    sys.setswitchinterval(SWITCH_INTERVAL)
-    try:
-        yield
-    finally:
-        sys.setswitchinterval(usual)
-        gc.unfreeze()
-
-
-BLOCK = 256
-"""Number of messages that are handed over at once: each handover wakes the other thread"""
-BLOCKS = 64
-"""Largest number of waiting blocks: 8 s of two topics at 1 kHz, some MB"""
-SWITCH_INTERVAL = 1e-4
-"""Time [s] for which a thread may keep the interpreter while another wants it; Python's default is 5 ms"""
-
-
-def read_ahead(messages: Iterator[RawMessage]) -> Generator[RawMessage, None, None]:
-    """Yield messages that a thread of its own reads ahead; an error is raised after all that came before it."""
-    errors: list[Exception] = []
-
-    def block() -> list[RawMessage]:
-        found: list[RawMessage] = []
-        try:
-            found.extend(islice(messages, BLOCK))  # keeps what came before an error
-        except Exception as error:  # whatever it is, it belongs to whoever uses the messages
-            errors.append(error)
-        return found
-
-    thread = ThreadPoolExecutor(1, "read ahead")
-    try:
-        waiting = deque(thread.submit(block) for _ in range(BLOCKS))
-        while found := waiting.popleft().result():
-            waiting.append(thread.submit(block))
-            yield from found
-    finally:
-        thread.shutdown(cancel_futures=True)
-    if errors:
-        raise errors[0]

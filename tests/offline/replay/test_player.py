@@ -100,8 +100,7 @@ def test_the_rate_goes_up_and_down_by_the_same_factor_within_its_limits() -> Non
 
 def test_the_clock_tells_the_time_of_every_message() -> None:
     told: list[int] = []
-    player = Player(lambda _: None)
-    player.drive_clock(told.append, 0.0)
+    player = Player(lambda _: None, tell_time=told.append)
     for _ in player.play(bag(10)):
         pass
     assert told == [message.log_time for message in bag(10)]
@@ -109,8 +108,8 @@ def test_the_clock_tells_the_time_of_every_message() -> None:
 
 def test_the_clock_ticks_at_its_own_rate_also_in_pauses() -> None:
     told: list[int] = []
-    player = Player(lambda _: None, Keys([], [], [], [], [Command.PAUSE]), paused=True)
-    player.drive_clock(told.append, 100.0)
+    keys = Keys([], [], [], [], [Command.PAUSE])
+    player = Player(lambda _: None, keys, paused=True, tell_time=told.append, clock_rate=100.0)
     for _ in player.play(bag(2, 300 * MILLISECOND)):
         pass
     assert told == sorted(told)
@@ -133,8 +132,7 @@ def test_equal_log_times_are_paced_by_the_stamps_and_long_pauses_are_told_and_le
     day = [stamped(BEGIN + 86_400 * 10**9, BEGIN)]
     sent: list[float] = []
     pauses: list[float] = []
-    player = Player(lambda _: sent.append(time.perf_counter()))
-    player.skipped = pauses.append
+    player = Player(lambda _: sent.append(time.perf_counter()), skipped=pauses.append)
     late = [lateness for _, lateness in player.play([*first, *today, *back, *day])]
     assert len(sent) == len(late) == 19
     assert sent[-1] - sent[0] > 0.29
