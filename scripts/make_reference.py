@@ -34,7 +34,7 @@ SECTION = re.compile(r"^(Args|Returns|Raises|Yields):$", re.MULTILINE)
 PYTHON = {
     "Functions": [
         "load_model", "solve", "estimate_load", "uncertainty", "sweep", "sensitivity", "calibrate", "UsageError",
-        "streams.strides.sliding_per_stride", "streams.strides.impulse_per_stride", "streams.strides.strides_of",
+        "streams.strides.strides_of",
     ],
     "The model": ["model.knee.KneeModel: run stream readouts uncertainty plausible_depth cartilage_thickness",
                   "model.knee.Stream: tick"],
@@ -46,7 +46,7 @@ PYTHON = {
     "Studies": [
         "lab.uncertainty.Uncertainty", "lab.uncertainty.Propagated", "lab.uncertainty.Sampled", "lab.sweep.Cohort",
         "lab.sensitivity.Sensitivity: outcomes remarks cohort to_pandas", "lab.calibrate.Calibration",
-        "lab.calibrate.fit.Interval", "streams.strides.Sliding", "streams.strides.Impulse", "streams.strides.Stride",
+        "lab.calibrate.fit.Interval", "streams.strides.Stride",
         "streams.strides.Span: duration stance percent",
     ],
 }  # fmt: skip

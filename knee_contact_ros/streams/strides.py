@@ -1,16 +1,16 @@
-"""Strides, from a heel strike to the next of the same leg: sliding distance and impulse in each."""
+"""Strides, from a heel strike to the next of the same leg, and what the contact was in each."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from knee_contact_ros.model.types import ROW, UNUSABLE, ContactState, Rows
-from knee_contact_ros.streams.gait_events import GAP, HEEL_STRIKE, LOAD_PEAK, SECOND, TOE_OFF, GaitEvent, GaitEvents
+from knee_contact_ros.streams.gait_events import GAP, HEEL_STRIKE, LOAD_PEAK, SECOND, GaitEvent, GaitEvents
 
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -49,24 +49,6 @@ class Span(NamedTuple):
         return 100.0 * (stamp - self.start) / (self.end - self.start)
 
 
-class Sliding(NamedTuple):
-    """Sliding of the femur in a stride."""
-
-    span: Span
-    distance: float
-    """Sliding distance along the tibia [m], forward and backward, while in contact"""
-
-
-class Impulse(NamedTuple):
-    """Impulse of the contact force in a stride."""
-
-    span: Span
-    impulse: float
-    """Impulse from heel strike to heel strike [N s]"""
-    stance_impulse: float
-    """Impulse from heel strike to toe-off [N s]"""
-
-
 class Stride(NamedTuple):
     """What the contact was in a stride."""
 
@@ -83,6 +65,8 @@ class Stride(NamedTuple):
     """Largest rise of the contact force over `RISE_TIME` in the first half of stance [N/s]"""
     usable: bool
     """Whether no answer of the stride has a bit of `UNUSABLE`"""
+    sliding_distance: float
+    """Distance [m] that the femur slides along the tibia, forward and backward, while in contact; NaN: not recorded"""
 
 
 def spans(strikes: Sequence[int], toe_offs: Sequence[int]) -> list[Span]:
@@ -95,25 +79,23 @@ def spans(strikes: Sequence[int], toe_offs: Sequence[int]) -> list[Span]:
     return strides
 
 
-def cut(stamps: Stamps, values: Floats, start: int, end: int, held: int) -> tuple[Floats, Floats]:
-    """Samples between two stamps [ns], with the values of `at_stamps` at both.
+def cut(stamps: Stamps, values: Floats, start: int, end: int) -> tuple[Floats, Floats]:
+    """Samples between two stamps [ns], with the values at both: interpolated, but for the last column, which is held.
 
     Returns:
         Time [s] since `start`, shape (n,), and values, shape (n, columns).
     """
     inner = slice(*np.searchsorted(stamps, (start + 1, end)))
+    edges = at_stamps(stamps, values, np.array([start, end]))
     at = np.concatenate(([start], stamps[inner], [end]))
-    edges = at_stamps(stamps, values, np.array([start, end]), held)
     return (at - start) / SECOND, np.concatenate((edges[:1], values[inner], edges[1:]))
 
 
-def at_stamps(stamps: Stamps, values: Floats, at: Stamps, held: int) -> Floats:
-    """Values at stamps [ns], shape (n, columns): interpolated, except for the last `held` columns, which are held."""
-    since = (stamps - stamps[0]).astype(np.float64)
-    wanted = (at - stamps[0]).astype(np.float64)
-    last = values[np.clip(np.searchsorted(stamps, at, "right") - 1, 0, None)]
-    between = [np.interp(wanted, since, column) for column in values.T[: values.shape[1] - held]]
-    return np.column_stack((*between, *last.T[values.shape[1] - held :]))
+def at_stamps(stamps: Stamps, values: Floats, at: Stamps) -> Floats:
+    """Values at stamps [ns], shape (n, columns): interpolated, but for the last column, which is held."""
+    since, wanted = (stamps - stamps[0]).astype(float), (at - stamps[0]).astype(float)
+    last = values[np.clip(np.searchsorted(stamps, at, "right") - 1, 0, None), -1]
+    return np.column_stack((*(np.interp(wanted, since, column) for column in values.T[:-1]), last))
 
 
 def sliding_distance(time: Floats, sliding_velocity: Floats, contact_state: Floats) -> float:
@@ -205,16 +187,16 @@ class Strides:
         return strides
 
 
-def stride_of(span: Span, rows: Rows) -> Stride:
-    """What the contact was in a stride, from answers around it with increasing stamps, shape (n,)."""
-    stamps, values = rows["stamp"], np.column_stack((rows["contact_force"], rows["penetration_depth"]))
-    time, whole = cut(stamps, values, span.start, span.end, held=0)
-    stance_time, stance = cut(stamps, values, span.start, span.toe_off, held=0)
+def stride_of(span: Span, rows: Rows | Mapping[str, NDArray[Any]]) -> Stride:
+    """What the contact was in a stride, from answers around it: rows, or arrays by field, with increasing stamps."""
+    stamps, names = rows["stamp"], ("contact_force", "penetration_depth", "sliding_velocity", "contact_state")
+    values = np.column_stack([rows[name] for name in names])
+    (time, whole), (stance_time, stance) = (cut(stamps, values, span.start, end) for end in (span.end, span.toe_off))
     within = slice(*np.searchsorted(stamps, (span.start, span.end)))
     return Stride(
         span, float(whole[:, 0].max()), float(whole[:, 1].max()),
-        integral(time, whole[:, 0]), integral(stance_time, stance[:, 0]),
-        loading_rate(stance_time, stance[:, 0]), not (rows["status"][within] & UNUSABLE).any(),
+        integral(time, whole[:, 0]), integral(stance_time, stance[:, 0]), loading_rate(stance_time, stance[:, 0]),
+        not (rows["status"][within].astype(int) & UNUSABLE).any(), sliding_distance(time, *whole.T[2:]),
     )  # fmt: skip
 
 
@@ -230,43 +212,3 @@ def strides_of(series: Rows, body_weight: float) -> list[Stride]:
     """
     strides = Strides(body_weight)
     return strides.add(np.asarray(series)) + strides.finish()
-
-
-def sliding_per_stride(time: ArrayLike, series: NDArray[np.void], body_weight: float) -> list[Sliding]:
-    """Find the strides in flexion angle and load (see `GaitEvents`), with their sliding distances. Needs no ROS.
-
-    Args:
-        time: Times [s], shape (n,), increasing, as they were given to `KneeModel.run`.
-        series: Result of `KneeModel.run` for them, shape (n,).
-        body_weight: Body weight [N].
-
-    Returns:
-        One entry per whole stride, in order; none where there is no gait.
-    """
-    stamps = np.rint(np.asarray(time, dtype=np.float64) * SECOND).astype(np.int64)
-    values = np.column_stack((series["sliding_velocity"], series["contact_state"]))
-    strides = []
-    for span in _strides(stamps, series, body_weight):
-        since, (velocity, state) = (columns.T for columns in cut(stamps, values, span.start, span.end, held=1))
-        strides.append(Sliding(span, sliding_distance(since, velocity, state)))
-    return strides
-
-
-def impulse_per_stride(series: NDArray[np.void], body_weight: float) -> list[Impulse]:
-    """Find the strides in flexion angle and load (see `GaitEvents`), with the impulses of the contact force.
-
-    Args:
-        series: Answers, shape (n,), with increasing stamps.
-        body_weight: Body weight [N].
-
-    Returns:
-        One entry per whole stride, in order; none where there is no gait.
-    """
-    return [Impulse(one.span, one.impulse, one.stance_impulse) for one in strides_of(series, body_weight)]
-
-
-def _strides(stamps: Stamps, series: NDArray[np.void], body_weight: float) -> list[Span]:
-    finder = GaitEvents(body_weight)
-    events = finder.add(stamps, series["flexion_angle"], series["load"]) + finder.finish()
-    strikes, toe_offs = (sorted(event.stamp for event in events if event.kind == k) for k in (HEEL_STRIKE, TOE_OFF))
-    return spans(strikes, toe_offs)

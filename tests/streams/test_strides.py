@@ -11,9 +11,7 @@ from knee_contact_ros.model.types import ContactState
 from knee_contact_ros.streams.strides import (
     Stride,
     Strides,
-    impulse_per_stride,
     sliding_distance,
-    sliding_per_stride,
     spans,
     strides_of,
 )
@@ -58,22 +56,21 @@ def test_the_distance_is_the_integral_of_the_speed() -> None:
 def test_the_sliding_of_a_walking_knee() -> None:
     """A circle on a fixed axis slides by its radius times all turns, to and fro; where it is apart, not at all."""
     stamps, angle, load = walking(200.0, 8.0)
-    time = (stamps - stamps[0]) / SECOND
-    series = model(law("kelvin_voigt"), level="quasi_static").run(time, angle, load)
-    found = sliding_per_stride(time, series, BODY_WEIGHT)
+    series = model(law("kelvin_voigt"), level="quasi_static").run((stamps - stamps[0]) / SECOND, angle, load)
+    found = strides_of(series, BODY_WEIGHT)
     assert len(found) == 6
-    for span, distance in found:
-        assert span.duration == pytest.approx(STRIDE, abs=0.002)  # straight lines of 10 ms between samples
-        inside = (stamps - stamps[0] >= span.start) & (stamps - stamps[0] <= span.end)
+    for each in found:
+        assert each.span.duration == pytest.approx(STRIDE, abs=0.002)  # straight lines of 10 ms between samples
+        inside = (series["stamp"] >= each.span.start) & (series["stamp"] <= each.span.end)
         # The rate of a tick is that of the interval before it, half a tick of 5 ms late; and the stride's ends
-        assert distance == pytest.approx(RADIUS * np.abs(np.diff(angle[inside])).sum(), rel=0.01)
-    assert sliding_per_stride(time[:100], series[:100], BODY_WEIGHT) == []
+        assert each.sliding_distance == pytest.approx(RADIUS * np.abs(np.diff(angle[inside])).sum(), rel=0.01)
+    assert strides_of(series[:100], BODY_WEIGHT) == []
     series.contact_state = ContactState.SEPARATED
-    assert [distance for _, distance in sliding_per_stride(time, series, BODY_WEIGHT)] == [0.0] * 6
+    assert [each.sliding_distance for each in strides_of(series, BODY_WEIGHT)] == [0.0] * 6
 
 
 @pytest.mark.parametrize("size", [1, 37, 10_000])
-def test_strides_do_not_depend_on_batches_and_are_those_of_impulse_and_report(size: int) -> None:
+def test_strides_do_not_depend_on_batches_and_are_those_of_the_whole(size: int) -> None:
     stamps, angle, load = walking(200.0, 8.0)
     series = model(law("kelvin_voigt"), level="quasi_static").run((stamps - stamps[0]) / SECOND, angle, load)
     twice = np.concatenate([series, series])  # time goes back: a run of its own
@@ -85,8 +82,6 @@ def test_strides_do_not_depend_on_batches_and_are_those_of_impulse_and_report(si
         late += [(batch["stamp"][-1] - each.span.end) / SECOND for each in new if size == 1]
     found += stream.finish()
     assert found == 2 * strides_of(series, BODY_WEIGHT)
-    impulses = impulse_per_stride(series, BODY_WEIGHT)
-    assert [(each.span, each.impulse, each.stance_impulse) for each in found] == 2 * impulses
     assert all(each.peak_depth > 0.0 for each in found)
     assert [each.peak_force for each in found[:6]] == pytest.approx(6 * [max(series.contact_force)], rel=0.01)
     if size == 1:  # what a controller waits for: all but the last one, which the end of the run makes certain

@@ -17,7 +17,7 @@ from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.results import DATES_FROM
 from knee_contact_ros.streams.contact_stream import ContactStream
-from knee_contact_ros.streams.strides import impulse_per_stride
+from knee_contact_ros.streams.strides import strides_of
 from knee_contact_ros.view.anatomy import POINTS, KneeOutlines, drawing_of
 from knee_contact_ros.view.layout import DETAILS, FORCES, KNEE, SOLVER, about, plane_title, plots_of, title_of
 from knee_contact_ros.view.scene import PICTURE_PERIOD, Remarks
@@ -260,7 +260,7 @@ def test_events_are_told_with_their_times(knee: Knee, drawn: Path) -> None:
         (1408, "swing"),
         (1854, "stance"),
     ]
-    (one,) = impulse_per_stride(knee[1], WEIGHT)
+    (one,) = strides_of(knee[1], WEIGHT)
     words = f"stride of {one.span.duration:.2f} s: impulse {one.impulse:.1f} N s, stance {one.stance_impulse:.1f} N s"
     assert f"{one.span.end / 1e9:.3f} s  {words}" in texts
 
@@ -270,7 +270,7 @@ def test_every_stride_has_its_impulse_though_old_samples_go(right_bag: Path) -> 
     gait: Any = np.asarray(solve(right_bag))
     length = int(gait["stamp"][-1] - gait["stamp"][0]) + 5_000_000
     walked = np.concatenate([at(gait, gait["stamp"] + place * length) for place in range(8)])
-    expected = impulse_per_stride(walked, WEIGHT)
+    expected = strides_of(walked, WEIGHT)
     assert len(expected) >= 8
     whole = np.concatenate([walked, walked])
     for batches in ([whole], np.array_split(whole, 57), np.array_split(whole, 1000)):

@@ -30,7 +30,7 @@ from knee_contact_ros.parameters.build import build_model, material_stiffness
 from knee_contact_ros.parameters.schema import Parameters, constants_of, has_both
 from knee_contact_ros.streams.contact_stream import answering
 from knee_contact_ros.streams.gait_events import GAP, HEEL_STRIKE, LOAD_PEAK, TOE_OFF, GaitEvents
-from knee_contact_ros.streams.strides import Span, at_stamps, cut, integral, loading_rate, sliding_distance, spans
+from knee_contact_ros.streams.strides import Span, at_stamps, cut, spans, stride_of
 from knee_contact_ros.streams.topics import KNEE, KNEE_CONTACT, LATERAL, MEDIAL, NANOSECONDS, is_lateral, knee_name
 from knee_contact_ros.streams.watch import Doubts, doubts_about
 from knee_contact_ros.system.errors import UsageError
@@ -143,7 +143,8 @@ class Gathered:
         for span in whole:
             first = begin + int(np.searchsorted(own, span.start, "right")) - 1
             last = begin + int(np.searchsorted(own, span.end))
-            curve, numbers = _cycle(columns, slice(first, min(last + 1, end)), span)
+            near = slice(first, min(last + 1, end))
+            curve, numbers = _cycle({name: column[near] for name, column in columns.items()}, span)
             self._curves.append(curve)
             self._strides.append(numbers)
         for event in sorted(found, key=lambda event: event.stamp):
@@ -169,24 +170,19 @@ class Gathered:
         return "load" if self.doubts.inputs.driven else "contact_force"
 
 
-def _cycle(columns: Mapping[str, NDArray[Any]], ticks: slice, span: Span) -> tuple[Floats, tuple[float, ...]]:
+def _cycle(columns: Mapping[str, NDArray[Any]], span: Span) -> tuple[Floats, tuple[float, ...]]:
     """Bring the ticks of a cycle to percent, and compute its characteristic values, `NUMBERS`; NaN: not known."""
-    stamps, unknown = columns["stamp"][ticks], np.full(len(columns["stamp"][ticks]), np.nan)
-    values = np.column_stack(
-        [*(columns[name][ticks] if name in columns else unknown for name in CURVES), columns["contact_state"][ticks]]
-    )
+    stamps, unknown, stride = columns["stamp"], np.full(len(columns["stamp"]), np.nan), stride_of(span, columns)
+    values = np.column_stack([*(columns.get(name, unknown) for name in CURVES), columns["contact_state"]])
     percents = span.start + np.round((span.end - span.start) * PERCENT / 100.0).astype(np.int64)
-    curves = at_stamps(stamps, values, percents, 1)[:, :-1]  # the state is held between ticks
-    time, cycle = cut(stamps, values, span.start, span.end, 1)
-    stance_time, stance = cut(stamps, values, span.start, span.toe_off, 1)
-    force, sliding = (cycle[:, CURVES.index(name)] for name in ("contact_force", "sliding_velocity"))
-    stance_force, state = stance[:, CURVES.index("contact_force")], cycle[:, -1]
+    time, cycle = cut(stamps, values, span.start, span.end)
+    sliding, state = cycle[:, CURVES.index("sliding_velocity")], cycle[:, -1]
     steps, touching = np.diff(time), state != ContactState.SEPARATED
     most = dict(zip(CURVES, cycle[:, :-1].max(axis=0).tolist(), strict=True))
-    return curves, (
-        span.duration, span.stance, MM * sliding_distance(time, sliding, state),
-        MM * float(np.abs(sliding[touching]).max(initial=0.0)), most["contact_force"], MM * most["penetration_depth"],
-        integral(time, force), integral(stance_time, stance_force), loading_rate(stance_time, stance_force),
+    return at_stamps(stamps, values, percents)[:, :-1], (
+        span.duration, span.stance, MM * stride.sliding_distance,
+        MM * float(np.abs(sliding[touching]).max(initial=0.0)), stride.peak_force, MM * stride.peak_depth,
+        stride.impulse, stride.stance_impulse, stride.loading_rate,
         float(steps[state[1:] == ContactState.BONE].sum()), float(steps[~touching[1:]].sum()), MM * most["half_width"],
         MEGA * most["mean_pressure"], MEGA * most["peak_pressure"], 100.0 * most["strain"],
     )  # fmt: skip
