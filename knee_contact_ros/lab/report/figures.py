@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.lab.report.runs import CURVES, FIRST, MEGA, MM, PERCENT, SECOND, Floats, Run
+from knee_contact_ros.lab.report.runs import FIRST, MEGA, MM, PERCENT, SECOND, Floats, Run
 from knee_contact_ros.lab.uncertainty import LEVEL, Propagated
 from knee_contact_ros.model.readouts import OWN_PRESSURE
 from knee_contact_ros.parameters.schema import Parameters, has_both
@@ -109,17 +109,17 @@ class Quantity(NamedTuple):
     axis: str
     """Label of the vertical axis, with the unit in brackets"""
     field: str
-    """Name of the field of the answers, one of `CURVES`"""
+    """Name of the field of the answers, one of `CURVED`"""
     factor: float | None
     """Factor from SI units to the unit of the axis; None: the quantity is a force in body weights"""
 
     def scaled(self, run: Run, values: Floats) -> Floats:
         """Values of a run in the unit of the axis."""
-        return values / run.parameters.body_weight if self.factor is None else self.factor * values
+        return values / run.weight if self.factor is None else self.factor * values
 
     def of(self, run: Run) -> Floats:
         """Values in the unit of the axis of all cycles of a run, shape (cycles, 101)."""
-        return self.scaled(run, run.gathered.curves[:, :, CURVES.index(self.field)])
+        return self.scaled(run, run.gathered.curves[self.field])
 
 
 FLEXION = Quantity("flexion", "Flexion angle", "flexion angle [°]", "flexion_angle", math.degrees(1.0))
@@ -149,11 +149,6 @@ def with_comparisons(runs: Sequence[Run]) -> list[list[Run]]:
     """Group runs: each run that is no comparison, followed by the comparisons with it."""
     bases = [place for place, run in enumerate(runs) if run.beside is None]
     return [[runs[place], *(other for other in runs if other.beside == place)] for place in bases]
-
-
-def has_bone(run: Run) -> bool:
-    """Whether the contact law of a run has a second layer, the bone."""
-    return run.parameters.contact.law.startswith("two_layer")
 
 
 def is_total(parameters: Parameters) -> bool:
@@ -198,7 +193,7 @@ def over_cycle(runs: Sequence[Run], cyclic: Sequence[Run]) -> list[Figure]:
         else "No published range is drawn: some of the runs are of the whole joint, and some of one compartment.",
         DEPTHS: f"Grey: peak deformations in vivo, {DEPTH.lowest:.2f} to {DEPTH.highest:.2f} mm if the cartilage is "
         f"{CARTILAGE_THICKNESS:g} mm thick. A depth here follows from the contact law and the force; it is not a "
-        f"measured deformation.{' Dotted: where the second layer, bone, begins.' * any(map(has_bone, cyclic))}",
+        f"measured deformation.{' Dotted: where bone, the second layer, begins.' * any(r.has_bone for r in cyclic)}",
         FLEXION: "",
         PRESSURE: f"In the middle of the patch. {'; '.join(laws)}.",
         PATCH: "Of a round patch, from the depth and the radii of the law.",
@@ -231,7 +226,7 @@ def knees(runs: Sequence[Run]) -> list[Figure]:
     figures, drawn = [], dict[str, dict[str, picture.Moment]]()
     for run in runs:
         if model := run.model:
-            columns, weight = run.gathered.columns, run.parameters.body_weight
+            columns, weight = run.gathered.columns, run.weight
             angles, heights, forces = (columns[name] for name in ("flexion_angle", "femoral_height", "contact_force"))
             drawn[run.label] = {
                 title: picture.Moment(model, float(angles[tick]), float(heights[tick]), float(forces[tick]), weight)
@@ -303,7 +298,7 @@ def _panel(canvas: Any, runs: Sequence[Run], cyclic: Sequence[Run], what: Quanti
         else:
             shade: Any = {"facecolor": "0.85", "edgecolor": "none", "zorder": 0, "alpha": 0.6}
             axis.fill_between(each.window, each.lowest, each.highest, label=each.text, **shade)
-    for layer in sorted({run.parameters.contact.layer_depth for run in cyclic if what is DEPTHS and has_bone(run)}):
+    for layer in sorted({run.parameters.contact.layer_depth for run in cyclic if what is DEPTHS and run.has_bone}):
         axis.axhline(MM * layer, color="0.35", linestyle=":", linewidth=1.2)
         axis.annotate(f"bone from {MM * layer:g} mm", (99.0, MM * layer), ha="right", va="bottom", fontsize=8.5)
     for run in cyclic:
@@ -341,7 +336,7 @@ def _rows(canvas: Any, runs: Sequence[Run], looks: Sequence[dict[str, Any]]) -> 
             time, values = run.gathered.elapsed / NANOSECONDS, what.scaled(run, run.gathered.columns[what.field])
             style = look | {"linewidth": 0.7 * look["linewidth"], "marker": "." if len(time) < FEW_POINTS else None}
             axis.plot(time, values, **style, label=_plain(run.label))
-            if what is DEPTHS and has_bone(run):
+            if what is DEPTHS and run.has_bone:
                 axis.axhline(MM * run.parameters.contact.layer_depth, color="0.35", linestyle=":", linewidth=1.2)
         for time, kind in _marks(runs[0]).itertuples(index=False):
             axis.axvline(time, linewidth=0.9, zorder=1.5, **MARKS[kind])

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import base64
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,7 +14,7 @@ import pandas as pd
 
 from knee_contact_ros import __version__
 from knee_contact_ros.lab.report import figures, runs
-from knee_contact_ros.lab.report.runs import CURVES, FIRST, MEGA, MM, NONE, PERCENT, SECOND, Run
+from knee_contact_ros.lab.report.runs import CURVES, FIRST, MM, NONE, PERCENT, SECOND, Run
 from knee_contact_ros.lab.uncertainty import LEVEL, Propagated
 from knee_contact_ros.model.types import ContactState, Status
 from knee_contact_ros.parameters.schema import Parameters
@@ -36,17 +37,8 @@ EARLIER = (*(f"{name}.png" for name in PICTURES), UNCERTAINTY)
 DOUBTFUL = " (implausible)"
 """Mark of what comes from a tick that is `IMPLAUSIBLE`"""
 MICRO = 1e6
-CURVE_COLUMNS = {
-    "flexion_angle_deg": ("flexion_angle", math.degrees(1.0)), "load_N": ("load", 1.0), "load_BW": ("load", None),
-    "contact_force_N": ("contact_force", 1.0), "contact_force_BW": ("contact_force", None),
-    "penetration_depth_mm": ("penetration_depth", MM), "bone_depth_mm": ("bone_depth", MM),
-    "contact_point_x_mm": ("contact_point_x", MM), "sliding_velocity_mm_per_s": ("sliding_velocity", MM),
-    "patch_half_width_mm": ("half_width", MM), "mean_pressure_MPa": ("mean_pressure", MEGA),
-    "peak_pressure_MPa": ("peak_pressure", MEGA), "cartilage_strain_percent": ("strain", 100.0),
-}  # fmt: skip
-"""Name of a quantity in cycles.csv → field of the answers and factor from SI units; None: in body weights"""
 CYCLE_COLUMNS = ("run", "gait_cycle_percent", "cycles",
-                 *(f"{name}_{kind}" for name in CURVE_COLUMNS for kind in ("mean", "sd")))  # fmt: skip
+                 *(f"{name}_{kind}" for name in CURVES for kind in ("mean", "sd")))  # fmt: skip
 UNCERTAINTY_COLUMNS = ("run", "input", "standard_deviation", "depth_at_largest_load_um", "force_at_largest_load_N",
                        "depth_rms_um", "force_rms_N")  # fmt: skip
 # "at_largest_load": where the femoral height drives, at the largest contact force
@@ -138,7 +130,7 @@ def contents(found: Sequence[Run]) -> dict[str, str | bytes]:
     )  # fmt: skip
     environment.filters["base64"] = lambda data: base64.b64encode(data).decode("ascii")
     bases = [run for run in found if run.beside is None]
-    loads = (figures.which_load(run.parameters) for run in found if not runs.prescribed(run.parameters))
+    loads = (figures.which_load(run.parameters) for run in found if not run.prescribed)
     page = environment.get_template(TEMPLATE).render(
         title=f"Knee contact: {', '.join(run.name for run in bases)}",
         lead=lead(bases),
@@ -186,12 +178,12 @@ def first_table(found: Sequence[Run]) -> Table:
     columns, notes = [], ["Largest: anywhere in the recording."]
     notes += ["First and second peak: of the stances in whole gait cycles, mean ± standard deviation."] if kinds else []
     for run in found:
-        of, weight, cells = run.gathered, run.parameters.body_weight, []
+        of, weight, cells = run.gathered, run.weight, []
         units = {"load": 1.0 / weight, "contact_force": 1.0 / weight, "penetration_depth": MM}
         for field, name, digits in QUANTITIES:
             at = int(np.argmax(of.columns[field]))
             mark = DOUBTFUL * bool(int(of.columns["status"][at]) & Status.IMPLAUSIBLE)
-            driven = field != "load" or not runs.prescribed(run.parameters)
+            driven = field != "load" or not run.prescribed
             value = f"{units[field] * of.columns[field][at]:{digits}}{mark}"
             cells.append((f"largest {name}", value if driven else NONE))
         for which in kinds:
@@ -209,44 +201,49 @@ def first_table(found: Sequence[Run]) -> Table:
 
 def cycle_summary(run: Run) -> list[tuple[str, str]]:
     """Names of the rows of the table of cycles, with mean and spread of the characteristic values."""
-    weight, strides = run.parameters.body_weight, run.gathered.strides
+    weight, strides = run.weight, run.gathered.strides
     rows = [("cycles", str(len(strides)))]
     for name, key, digits in CYCLE_ROWS:
-        own = strides[key][: 0 if name.startswith("bone") and not figures.has_bone(run) else None]
+        own = strides[key][: 0 if name.startswith("bone") and not run.has_bone else None]
         rows.append((name, _spread(own / (weight if "[BW" in name else 1.0), digits)))
     return rows
 
 
 def summary(run: Run) -> dict[str, str]:
     """Whole run and its accuracy, by the names of the table's rows."""
-    of = run.gathered
-    stamps, state = of.columns["stamp"], of.columns["contact_state"]
-    rate = f"{(of.ticks - 1) / of.time:.0f} Hz" if of.time else "one tick"
-    apart, missing = state == ContactState.SEPARATED, of.strikes - len(of.spans)
+    of, bits = run.gathered, Counter[str]()
+    stamps, state, status = of.columns["stamp"], of.columns["contact_state"], of.columns["status"]
+    apart, missing, time = state == ContactState.SEPARATED, of.strikes - len(of.spans), float(of.seconds.sum())
     left_out = f" ({missing} more between heel strikes left out: too long, too short, or not one toe-off)"
-    groups = np.flatnonzero(np.diff(apart, prepend=~apart[:1]))
-    longest = np.add.reduceat(of.seconds, groups)[apart[groups]].max(initial=0.0)
-    flags = ", ".join(f"{count} × {name}" for name, count in of.flagged.items() if name != "NOT_CONVERGED")
-    refused = ", ".join(f"{count} × {name}" for name, count in run.refused.items())
+    bits.update({bit.name or "": n for bit in Status if (n := int(np.count_nonzero(status & bit)))})
+    otherwise = int(np.count_nonzero(status & ~int(Status.NOT_CONVERGED)))
+
+    def told(which: Any) -> str:
+        """Time of some ticks, and its part of the whole."""
+        part = float(of.seconds[which].sum())
+        return f"{part:.3f} s ({100.0 * part / (time or 1.0):.1f} %)"
+
     return {
         "file": run.source.name + ("" if run.topic == "/knee_contact" else f" {run.topic}"),
         "load": figures.which_load(run.parameters),
         "from … to [s]": f"{stamps[0] / NANOSECONDS:.3f} … {stamps[-1] / NANOSECONDS:.3f}",
-        "ticks": f"{of.ticks} in {of.time:.2f} s ({rate})",
+        "ticks": f"{of.ticks} in {time:.2f} s ({f'{(of.ticks - 1) / time:.0f} Hz' if time else 'one tick'})",
         "gait cycles": f"{len(of.spans)}{left_out if missing > 0 else ''}",
         "pressure": figures.pressure_of(run),
-        "in bone contact": _time(of, state == ContactState.BONE)
-        if figures.has_bone(run)
-        else "the contact law has one layer",
-        "lifted off": _time(of, apart) + (f", at most {longest:.3f} s at one go" if apart.any() else ""),
-        "error bound of the depth": _bounds(of.columns["error_estimate"], _length),
-        "error bound of the contact force": _bounds(of.columns["force_error_estimate"], _newtons),
-        "ticks not converged": str(of.flagged["NOT_CONVERGED"]),
-        "ticks flagged otherwise": f"{of.flagged_otherwise}" + (f" ({flags})" if flags else ""),
-        "samples refused": f"{sum(run.refused.values())}" + (f" ({refused})" if refused else ""),
-        "levels of the model": ", ".join(f"{k} {100.0 * n / of.ticks:.1f} %" for k, n in sorted(of.levels.items())),
+        "in bone contact": told(state == ContactState.BONE) if run.has_bone else "the contact law has one layer",
+        "lifted off": told(apart),
+        "error bound of the depth": _bounds(MICRO * of.columns["error_estimate"], "µm", MICRO),
+        "error bound of the contact force": _bounds(of.columns["force_error_estimate"], "N", math.inf),
+        "ticks not converged": str(bits.pop("NOT_CONVERGED", 0)),
+        "ticks flagged otherwise": f"{otherwise}{_counted(bits)}",
+        "samples refused": f"{sum(run.refused.values())}{_counted(run.refused)}",
         "contact law evaluations": f"{of.columns['evaluations'].mean():.1f} a tick",
     }
+
+
+def _counted(counts: Mapping[str, int]) -> str:
+    """Numbers with their reasons, in brackets."""
+    return f" ({', '.join(f'{count} × {name}' for name, count in counts.items())})" if counts else ""
 
 
 def contribution_table(run: Run, of: Propagated) -> Table:
@@ -312,7 +309,7 @@ def _csv(columns: Sequence[str], several: Sequence[tuple[Run, pd.DataFrame]]) ->
 
 def with_units(run: Run, events: pd.DataFrame) -> pd.DataFrame:
     """Give events with the columns of events.csv and peaks.csv."""
-    weight = run.parameters.body_weight
+    weight = run.weight
     return events.assign(
         stamp_s=[_seconds(stamp) for stamp in events["stamp"]], load_N=events["load"], load_BW=events["load"] / weight,
         contact_force_N=events["contact_force"], contact_force_BW=events["contact_force"] / weight,
@@ -323,14 +320,11 @@ def with_units(run: Run, events: pd.DataFrame) -> pd.DataFrame:
 
 def curves_of(run: Run) -> pd.DataFrame:
     """Give the columns of cycles.csv: mean and standard deviation, which a single cycle has not, at every percent."""
-    curves, weight = run.gathered.curves, run.parameters.body_weight
-    spread = curves.std(axis=0, ddof=1) if len(curves) > 1 else np.full(curves.shape[1:], np.nan)
-    columns = {
-        f"{name}_{kind}": values[:, CURVES.index(field)] * (factor or 1.0 / weight)
-        for name, (field, factor) in CURVE_COLUMNS.items()
-        for kind, values in (("mean", curves.mean(axis=0)), ("sd", spread))
-    }
-    return pd.DataFrame({"gait_cycle_percent": PERCENT.astype(int), "cycles": len(curves), **columns})
+    columns = {"gait_cycle_percent": PERCENT.astype(int), "cycles": len(run.gathered.spans)}
+    for name, (field, factor) in CURVES.items():
+        curves = pd.DataFrame(run.gathered.curves[field]) * (factor or 1.0 / run.weight)
+        columns |= {f"{name}_mean": curves.mean(skipna=False), f"{name}_sd": curves.std(skipna=False)}
+    return pd.DataFrame(columns)
 
 
 def _seconds(stamp: int) -> str:
@@ -352,26 +346,12 @@ def _spread(values: pd.Series[float], digits: str) -> str:
     return mean if len(values) == 1 else f"{mean} ± {values.std():{digits}}"
 
 
-def _time(of: runs.Gathered, which: Any) -> str:
-    """Time of some ticks, and its part of the whole."""
-    time = float(of.seconds[which].sum())
-    return f"{time:.3f} s ({100.0 * time / of.time if of.time else 0.0:.1f} %)"
-
-
-def _bounds(errors: Any, text: Callable[[float], str]) -> str:
-    """Text of the largest and the median of estimated errors, one of which that is NaN bounds nothing."""
+def _bounds(errors: Any, unit: str, most: float) -> str:
+    """Text of the largest and the median error bound; NaN, and one from `most` on, bound nothing."""
     if np.isnan(errors).all():
         return "not in this recording"
-    bounds = np.nan_to_num(errors, nan=math.inf, posinf=math.inf)
-    return f"{text(float(bounds.max()))} at most, {text(float(np.median(bounds)))} median"
-
-
-def _length(error: float) -> str:
-    """Text of an error bound [m]; one of a metre or more bounds nothing."""
-    if error >= 1.0:
-        return "no bound"
-    return f"{MICRO * error:.2g} µm" if error < 1e-3 else f"{MM * error:.2g} mm"
-
-
-def _newtons(error: float) -> str:
-    return f"{error:.2g} N" if math.isfinite(error) else "no bound"
+    bounds = np.nan_to_num(errors, nan=math.inf)
+    largest, median = (
+        f"{each:.2g} {unit}" if each < most else "no bound" for each in (bounds.max(), np.median(bounds))
+    )
+    return f"{largest} at most, {median} median"

@@ -6,6 +6,7 @@ is gathered from all of its answers, which are held in memory meanwhile.
 
 from __future__ import annotations
 
+import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
@@ -19,10 +20,10 @@ from numpy.typing import NDArray
 from knee_contact_ros import __version__
 from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT, Provenance, read_provenance, with_values
 from knee_contact_ros.bags.reader import OWN_NAMES, Names, answer_blocks, answer_topics, names_in_bag
-from knee_contact_ros.lab.uncertainty import Propagated, Uncertainty, propagated
+from knee_contact_ros.lab.uncertainty import Propagated, propagated
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.readouts import SPREAD
-from knee_contact_ros.model.types import FLAT, ContactState, Fidelity, Status
+from knee_contact_ros.model.types import FLAT, ContactState, Status
 from knee_contact_ros.offline.solve import parameters_for, parameters_in, solve, texts_of, weight_doubt
 from knee_contact_ros.offline.summary import read_refused
 from knee_contact_ros.parameters import files
@@ -43,21 +44,22 @@ Source = Path | dict[str, Any]
 MM, MEGA = 1e3, 1e-6
 PERCENT = np.arange(101.0)
 """Percent of the gait cycle at which curves are given, shape (101,)"""
-CURVES = ("flexion_angle", "load", "contact_force", "penetration_depth", "contact_point_x", "bone_depth",
-          "sliding_velocity", *SPREAD)  # fmt: skip
-"""Fields of the answers, and readouts, that become curves over the gait cycle"""
-FIELDS = (*CURVES[: -len(SPREAD)], "gap", "stamp", "error_estimate", "force_error_estimate", "femoral_height",
-          "contact_state", "fidelity", "status", "evaluations")  # fmt: skip
+CURVES = {
+    "flexion_angle_deg": ("flexion_angle", math.degrees(1.0)), "load_N": ("load", 1.0), "load_BW": ("load", None),
+    "contact_force_N": ("contact_force", 1.0), "contact_force_BW": ("contact_force", None),
+    "penetration_depth_mm": ("penetration_depth", MM), "bone_depth_mm": ("bone_depth", MM),
+    "contact_point_x_mm": ("contact_point_x", MM), "sliding_velocity_mm_per_s": ("sliding_velocity", MM),
+    "patch_half_width_mm": ("half_width", MM), "mean_pressure_MPa": ("mean_pressure", MEGA),
+    "peak_pressure_MPa": ("peak_pressure", MEGA), "cartilage_strain_percent": ("strain", 100.0),
+}  # fmt: skip
+"""Curves over the gait cycle: name in cycles.csv → field of the answers, or readout, and its factor from SI units;
+None: in body weights"""
+CURVED = list(dict.fromkeys(field for field, _ in CURVES.values()))
+FIELDS = [*(field for field in CURVED if field not in SPREAD), "gap", "stamp", "error_estimate",
+          "force_error_estimate", "femoral_height", "contact_state", "fidelity", "status", "evaluations"]  # fmt: skip
 """Fields of the answers that are kept"""
 AT_EVENTS = ("load", "contact_force", "penetration_depth", "force_error_estimate", "error_estimate", "status")
 """Fields of the answers that are given at events"""
-NUMBERS = (
-    "duration_s", "stance_percent", "sliding_distance_mm", "largest_sliding_velocity_mm_per_s",
-    "largest_contact_force_N", "largest_penetration_depth_mm", "impulse_N_s", "stance_impulse_N_s",
-    "loading_rate_N_per_s", "bone_contact_s", "lifted_off_s", "largest_patch_half_width_mm",
-    "largest_mean_pressure_MPa", "largest_peak_pressure_MPa", "largest_cartilage_strain_percent",
-)  # fmt: skip
-"""Names of a cycle's characteristic values in strides.csv, with their units"""
 FIRST, SECOND = "first", "second"
 SECTION = "contact."
 NONE, UNKNOWN = "–", "not told"
@@ -94,70 +96,51 @@ class Gathered:
             body_weight: body weight [N].
             doubts: doubts about the run's parameters, to which those about its answers are added.
         """
-        self.columns, self.body_weight, self.doubts = columns, body_weight, doubts
-        stamps, status = columns["stamp"], columns["status"].astype(np.int64)
-        doubts.add_all({**columns, "status": status})
+        self.columns, self.doubts = {**columns, "status": columns["status"].astype(np.int64)}, doubts
+        stamps, status = columns["stamp"], self.columns["status"]
+        doubts.add_all(self.columns)
         steps = np.diff(stamps, prepend=stamps[0])
         self.elapsed = stamps - stamps[0] - np.cumsum(np.minimum(steps, 0))
         """Time [ns] since the first tick, by the stamps; where these went back, as if the run had gone on at once"""
         anew = (steps <= 0) | (steps > GAP) | ((status & Status.TIME_RESET) != 0)
-        starts = [0, *(np.flatnonzero(anew[1:]) + 1).tolist()]
-        """Beginnings of the parts without a gap and without a reset"""
-        seconds = steps / NANOSECONDS
-        seconds[starts] = 0.0
-        self.seconds, self.ticks, self.time = seconds, len(stamps), float(seconds.sum())
-        """Time [s] of each tick since the one before, number of ticks, and duration [s], without gaps"""
-        self.flagged = Counter({bit.name or "": n for bit in Status if (n := int(np.count_nonzero(status & bit)))})
-        """Number of ticks by the name of each status bit that they have"""
-        self.flagged_otherwise = int(np.count_nonzero(status & ~int(Status.NOT_CONVERGED)))
-        self.levels = Counter(Fidelity(level).name.lower() for level in columns["fidelity"].astype(int).tolist())
-        """Number of ticks by the model level that computed them"""
+        anew[0] = True
+        self.seconds, self.ticks = np.where(anew, 0.0, steps / NANOSECONDS), len(stamps)
+        """Time [s] of each tick since the one before, without gaps; number of ticks"""
         self.spans: list[Span] = []
         """Whole gait cycles, from heel strike to heel strike"""
         self.strikes = 0
         """Number of heel strikes that another one followed, which is that of cycles if all of them were plausible"""
-        self._curves, self._strides, self._events = list[Floats](), list[tuple[float, ...]](), list[tuple[Any, ...]]()
-        for begin, end in pairwise([*starts, len(stamps)]):
-            self._walk(begin, end)
-        names = ["event", "stamp", "time_s", "text", "tick", "cycle", "gait_cycle_percent", "peak"]
-        self.events = pd.DataFrame(self._events, columns=names).sort_values("time_s", kind="stable", ignore_index=True)
+        cycles, events = list[tuple[dict[str, float], Floats]](), list[dict[str, Any]]()
+        for begin, end in pairwise([*np.flatnonzero(anew).tolist(), len(stamps)]):
+            part = {name: column[begin:end] for name, column in self.columns.items()}
+            finder, own = GaitEvents(body_weight), part["stamp"]
+            found = sorted(finder.add(own, part["flexion_angle"], part["load"]) + finder.finish())
+            strikes, toe_offs = ([each.stamp for each in found if each.kind == kind] for kind in (HEEL_STRIKE, TOE_OFF))
+            self.strikes += max(len(strikes) - 1, 0)
+            whole = [span for span in spans(strikes, toe_offs) if own[0] <= span.start]
+            cycles += [_cycle(part, span) for span in whole]
+            for event in found:
+                at = max(int(np.searchsorted(own, event.stamp, "right")) - 1, 0)
+                time = (int(self.elapsed[begin + at]) + event.stamp - int(own[at])) / NANOSECONDS
+                row = {"event": event.kind, "stamp": event.stamp, "time_s": time, "text": event.text, "peak": ""}
+                for number, span in enumerate(whole, start=len(self.spans) + 1):
+                    if event.kind == LOAD_PEAK and span.start <= event.stamp < span.end:
+                        row |= {"cycle": number, "gait_cycle_percent": span.percent(event.stamp)}
+                        if event.stamp < span.toe_off:
+                            row["peak"] = FIRST if 2 * event.stamp < span.start + span.toe_off else SECOND
+                events.append(row | {"tick": begin + at} | {name: part[name][at] for name in AT_EVENTS})
+            self.spans += whole
+        names = ["event", "stamp", "time_s", "text", "tick", "cycle", "gait_cycle_percent", "peak", *AT_EVENTS]
+        self.events = pd.DataFrame(events, columns=names).sort_values("time_s", kind="stable", ignore_index=True)
         """Gait events in the order of time, with the answers at them"""
-        ticks = self.events["tick"].to_numpy(int)
-        self.events = self.events.assign(**{name: columns[name][ticks] for name in AT_EVENTS})
         peaks = self.events[self.events["event"] == LOAD_PEAK]
         largest = peaks[peaks["peak"] != ""].groupby(["cycle", "peak"])["load"].idxmax()
         self.peaks = peaks.assign(peak=peaks["peak"].where(peaks.index.isin(largest), ""))
         """Peaks of the load; `peak` is `FIRST` or `SECOND` for the largest in the first or second half of a stance"""
-        self.strides = pd.DataFrame(self._strides, columns=[*NUMBERS])
-        self.curves = np.array(self._curves).reshape(-1, len(PERCENT), len(CURVES))
-        """Values of `CURVES` at every percent of every cycle, in SI units, shape (cycles, 101, `CURVES`)"""
-
-    def _walk(self, begin: int, end: int) -> None:
-        """Find events and cycles in the ticks from index `begin` to `end`, which have no gap."""
-        columns, part, finder = self.columns, slice(begin, end), GaitEvents(self.body_weight)
-        own = columns["stamp"][part]
-        found = finder.add(own, columns["flexion_angle"][part], columns["load"][part]) + finder.finish()
-        strikes, toe_offs = (sorted(e.stamp for e in found if e.kind == kind) for kind in (HEEL_STRIKE, TOE_OFF))
-        self.strikes += max(len(strikes) - 1, 0)
-        whole = [span for span in spans(strikes, toe_offs) if own[0] <= span.start]
-        for span in whole:
-            first = begin + int(np.searchsorted(own, span.start, "right")) - 1
-            last = begin + int(np.searchsorted(own, span.end))
-            near = slice(first, min(last + 1, end))
-            curve, numbers = _cycle({name: column[near] for name, column in columns.items()}, span)
-            self._curves.append(curve)
-            self._strides.append(numbers)
-        for event in sorted(found, key=lambda event: event.stamp):
-            tick = begin + max(int(np.searchsorted(own, event.stamp, "right")) - 1, 0)
-            time = (int(self.elapsed[tick]) + event.stamp - int(columns["stamp"][tick])) / NANOSECONDS
-            number, percent, half = np.nan, np.nan, ""
-            for place, span in enumerate(whole, start=len(self.spans) + 1):
-                if event.kind == LOAD_PEAK and span.start <= event.stamp < span.end:
-                    number, percent = place, span.percent(event.stamp)
-                    if event.stamp < span.toe_off:
-                        half = FIRST if 2 * event.stamp < span.start + span.toe_off else SECOND
-            self._events.append((event.kind, event.stamp, time, event.text, tick, number, percent, half))
-        self.spans += whole
+        self.strides = pd.DataFrame([numbers for numbers, _ in cycles], columns=[*NUMBERS])
+        self.curves = dict(zip(CURVED, np.array([c for _, c in cycles]).reshape(-1, len(CURVED), 101).swapaxes(0, 1),
+                               strict=True))  # fmt: skip
+        """Values of each of `CURVED` at every percent of every cycle, in SI units, shape (cycles, 101)"""
 
     @property
     def largest(self) -> int:
@@ -170,22 +153,33 @@ class Gathered:
         return "load" if self.doubts.inputs.driven else "contact_force"
 
 
-def _cycle(columns: Mapping[str, NDArray[Any]], span: Span) -> tuple[Floats, tuple[float, ...]]:
-    """Bring the ticks of a cycle to percent, and compute its characteristic values, `NUMBERS`; NaN: not known."""
-    stamps, unknown, stride = columns["stamp"], np.full(len(columns["stamp"]), np.nan), stride_of(span, columns)
-    values = np.column_stack([*(columns.get(name, unknown) for name in CURVES), columns["contact_state"]])
+NUMBERS = (
+    "duration_s", "stance_percent", "sliding_distance_mm", "largest_sliding_velocity_mm_per_s",
+    "largest_contact_force_N", "largest_penetration_depth_mm", "impulse_N_s", "stance_impulse_N_s",
+    "loading_rate_N_per_s", "bone_contact_s", "lifted_off_s", "largest_patch_half_width_mm",
+    "largest_mean_pressure_MPa", "largest_peak_pressure_MPa", "largest_cartilage_strain_percent",
+)  # fmt: skip
+"""Names of a cycle's characteristic values in strides.csv, with their units"""
+
+
+def _cycle(columns: Mapping[str, NDArray[Any]], span: Span) -> tuple[dict[str, float], Floats]:
+    """Give a cycle's characteristic values, `NUMBERS`, NaN where unknown, and its curves, shape (`CURVED`, 101)."""
+    first, last = np.searchsorted(columns["stamp"], (span.start, span.end))
+    near = {name: column[max(first - 1, 0) : last + 1] for name, column in columns.items()}
+    stamps, stride, unknown = near["stamp"], stride_of(span, near), np.full(len(near["stamp"]), np.nan)
+    values = np.column_stack([*(near.get(name, unknown) for name in CURVED), near["contact_state"]])
     percents = span.start + np.round((span.end - span.start) * PERCENT / 100.0).astype(np.int64)
     time, cycle = cut(stamps, values, span.start, span.end)
-    sliding, state = cycle[:, CURVES.index("sliding_velocity")], cycle[:, -1]
-    steps, touching = np.diff(time), state != ContactState.SEPARATED
-    most = dict(zip(CURVES, cycle[:, :-1].max(axis=0).tolist(), strict=True))
-    return at_stamps(stamps, values, percents)[:, :-1], (
-        span.duration, span.stance, MM * stride.sliding_distance,
-        MM * float(np.abs(sliding[touching]).max(initial=0.0)), stride.peak_force, MM * stride.peak_depth,
-        stride.impulse, stride.stance_impulse, stride.loading_rate,
-        float(steps[state[1:] == ContactState.BONE].sum()), float(steps[~touching[1:]].sum()), MM * most["half_width"],
-        MEGA * most["mean_pressure"], MEGA * most["peak_pressure"], 100.0 * most["strain"],
+    steps, state = np.diff(time), cycle[:, -1]
+    most = dict(zip(CURVED, cycle[:, :-1].max(axis=0).tolist(), strict=True))
+    speed = np.abs(cycle[:, CURVED.index("sliding_velocity")])[state != ContactState.SEPARATED].max(initial=0.0)
+    apart, bone = (float(steps[state[1:] == each].sum()) for each in (ContactState.SEPARATED, ContactState.BONE))
+    numbers = (
+        span.duration, span.stance, MM * stride.sliding_distance, MM * float(speed), stride.peak_force,
+        MM * stride.peak_depth, stride.impulse, stride.stance_impulse, stride.loading_rate, bone, apart,
+        MM * most["half_width"], MEGA * most["mean_pressure"], MEGA * most["peak_pressure"], 100.0 * most["strain"],
     )  # fmt: skip
+    return dict(zip(NUMBERS, numbers, strict=True)), at_stamps(stamps, values, percents)[:, :-1].T
 
 
 def overlay(paths: Sequence[Path]) -> dict[str, Any]:
@@ -282,6 +276,21 @@ class Run(NamedTuple):
     uncertain: Propagated | None = None
     """Uncertainty of depth and force, if the options ask for it"""
 
+    @property
+    def weight(self) -> float:
+        """Body weight [N]."""
+        return self.parameters.body_weight
+
+    @property
+    def has_bone(self) -> bool:
+        """Whether the contact law has a second layer, the bone."""
+        return self.parameters.contact.law.startswith("two_layer")
+
+    @property
+    def prescribed(self) -> bool:
+        """Whether the femoral height is prescribed, and no load drives."""
+        return self.parameters.drive == "displacement"
+
 
 def collect(options: ReportOptions, work: Path, bar: Bar) -> list[Run]:
     """Gather the runs, each followed by its comparison; bags are solved into files in the folder `work`.
@@ -292,50 +301,47 @@ def collect(options: ReportOptions, work: Path, bar: Bar) -> list[Run]:
     over, runs = overlay(options.compare) if options.compare else {}, list[Run]()
     law = {name: value for name, value in over.items() if name.startswith(SECTION)}
     recorded = {path: answer_topics(path) for path in options.files}
-    if options.parameters_given and all(topics and _stored(path, options) for path, topics in recorded.items()):
+    stored = {path: _stored(path, options) if topics else None for path, topics in recorded.items()}
+    if options.parameters_given and all(stored.values()):
         raise UsageError("--params is for bags, and every FILE is a recording with its parameters; see --compare")
     stems = list(options.labels) or [path.stem for path in options.files]
-    made = f"Computed for this report by knee_contact_ros {__version__}"
+    made, spelled = f"Computed for this report by knee_contact_ros {__version__}", _spelled(options.parameters)
     for number, (path, stem) in enumerate(zip(options.files, stems, strict=True)):
         label = f"{stem} ({stems[: number + 1].count(stem)})" if stems.count(stem) > 1 else stem
-        stored, assumed = _stored(path, options) if recorded[path] else None, parameters_for(path, options.parameters)
-        basis, knees = stored or assumed, sorted({knee_name(topic) for topic in recorded[path]})
+        own, assumed, several = stored[path], parameters_for(path, options.parameters), recorded[path]
+        basis, knees = own or assumed, sorted({knee_name(topic) for topic in several})
         for knee in knees or [KNEE]:
             names = names_in_bag((), knee) if knee != KNEE else options.names
-            if topics := [topic for topic in recorded[path] if knee_name(topic) == knee]:
-                own = [_recorded(path, topic, basis, options, bar) for topic in topics]
+            if topics := [topic for topic in several if knee_name(topic) == knee]:
+                bar.describe(f"Reading {path.name}")
+                without = f"Recorded without its parameters; {spelled} is taken for body weight and law."
+                origin = _recorded_with(own) if own else without
+                found = [_read(path, topic, basis, bar)._replace(origin=origin) for topic in topics]
             else:
                 doubt = "".join(f" {sentence}." for sentence in weight_doubt(path, assumed))
-                origin = f"{made} with {_spelled(options.parameters)}.{doubt}"
-                own = _solved(path, basis, names, origin, work, bar)
-            which = [run.topic.strip("/") if len(knees) > 1 else LATERAL if is_lateral(run.topic) else MEDIAL
-                     for run in own]  # fmt: skip
-            told = [f"{label} {each}" if max(len(own), len(recorded[path])) > 1 else label for each in which]
-            own = [run._replace(name=name, label=name) for run, name in zip(own, told, strict=True)]
+                found = _solved(path, basis, names, f"{made} with {spelled}.{doubt}", work, bar)
+            uncertain: Sequence[Propagated | None] = [None, None]
             if options.uncertainty:
                 bar.describe(f"Uncertainty of {path.name}")
-                found = _uncertainty(own, basis, options.uncertainty, names, bar)
-                own = [run._replace(uncertain=found[is_lateral(run.topic)]) for run in own]
+                uncertain = _uncertainty(found, basis, options.uncertainty, names, bar)
             other = list[Run]()
             if over:
-                source = with_values(stored._replace(changes=()), law) if stored else files.load_parameters(
+                source = with_values(own._replace(changes=()), law) if own else files.load_parameters(
                     [files.flat_parameters(assumed), law])  # fmt: skip
                 origin = f"{made}: the inputs of “{label}” with its parameters, except for the contact law of "
                 other = _solved(path, source, names, f"{origin}{_spelled(options.compare)}.", work, bar)
-            for run in own:
-                runs.append(run)
-                for again in (one for one in other if is_lateral(one.topic) == is_lateral(run.topic)):
+            for run in found:
+                side = is_lateral(run.topic)
+                which = run.topic.strip("/") if len(knees) > 1 else LATERAL if side else MEDIAL
+                name = f"{label} {which}" if max(len(found), len(several)) > 1 else label
+                runs.append(run._replace(name=name, label=name, uncertain=uncertain[side]))
+                for again in (one for one in other if is_lateral(one.topic) == side):
                     runs.append(again._replace(
-                        name=run.name, label=f"{run.label}, {' + '.join(each.stem for each in options.compare)}",
+                        name=name, label=f"{name}, {' + '.join(each.stem for each in options.compare)}",
                         topic=run.topic, beside=len(runs) - 1, kept=kept(run.parameters, over),
                         differences=between([run.parameters if run.known else None, again.parameters], " → "),
                     ))  # fmt: skip
     return runs
-
-
-def prescribed(parameters: Parameters) -> bool:
-    """Whether the femoral height is prescribed, and no load drives."""
-    return parameters.drive == "displacement"
 
 
 def _stored(path: Path, options: ReportOptions) -> Provenance | None:
@@ -348,25 +354,18 @@ def _stored(path: Path, options: ReportOptions) -> Provenance | None:
         raise
 
 
+def _recorded_with(stored: Provenance) -> str:
+    """Say what a recording was made with."""
+    changed = f" They changed, or the model was reset, {len(stored.changes)} times meanwhile." * bool(stored.changes)
+    return f"Recorded with {stored.package} and the parameters stored in it.{changed}"
+
+
 def _spelled(sources: Sequence[Source]) -> str:
     """Names of parameter files, and values as on the command line."""
     return ", ".join(
         source.name if isinstance(source, Path) else ", ".join(f"{name}:={value}" for name, value in source.items())
         for source in sources
     )
-
-
-def _recorded(path: Path, topic: str, basis: Parameters | Provenance, options: ReportOptions, bar: Bar) -> Run:
-    """Gather the answers on a topic of a recording, as they are."""
-    bar.describe(f"Reading {path.name}")
-    run = _read(path, topic, basis, bar)
-    if not isinstance(basis, Provenance):
-        assumed = f"{_spelled(options.parameters)} is taken for body weight and law"
-        return run._replace(origin=f"Recorded without its parameters; {assumed}.")
-    origin = f"Recorded with {basis.package} and the parameters stored in it."
-    if basis.changes:
-        origin += f" They changed, or the model was reset, {len(basis.changes)} times meanwhile."
-    return run._replace(origin=origin)
 
 
 def _solved(
@@ -395,7 +394,7 @@ def _read(path: Path, topic: str, basis: Parameters | Provenance, bar: Bar) -> R
     except UsageError:  # a file that the parameters name is missing
         own, model = answering(topic, parameters_in(basis), {})[0], None
     doubts = doubts_about(own, model) if model else Doubts()
-    doubts.inputs.driven = not prescribed(own)
+    doubts.inputs.driven = own.drive != "displacement"
     parts = {name: list[NDArray[Any]]() for name in FIELDS}
     for block in answer_blocks(path, topic, bar):
         for name in FIELDS:
@@ -427,5 +426,5 @@ def _uncertainty(
                 f"recording {run.source} has answers of the lateral compartment and does not tell its parameters; "
                 f"load.compartment of --params is {run.parameters.load.compartment}, and must be both"
             )
-    found: Uncertainty = propagated(runs[0].source, basis, deviations, names, bar)
+    found = propagated(runs[0].source, basis, deviations, names, bar)
     return [each and each.by_stamp() for each in (found.medial, found.lateral)]

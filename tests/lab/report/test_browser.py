@@ -68,3 +68,11 @@ def test_it_follows_a_dark_screen_and_prints_on_few_pages(browser: Any, page: Pa
     printed = browser.execute_cdp_cmd("Page.printToPDF", {"paperWidth": 8.27, "paperHeight": 11.69})
     pages = re.findall(rb"/Type /Page\b(?!s)", base64.b64decode(printed["data"]))
     assert 2 <= len(pages) <= 3  # of two recordings, each with a comparison
+
+
+def test_it_prints_on_two_pages(browser: Any, page: Path) -> None:
+    """Both knees, each with a comparison, on A4."""
+    browser.get(page.as_uri())
+    paper = {"preferCSSPageSize": True}
+    pdf = base64.b64decode(browser.execute_cdp_cmd("Page.printToPDF", paper)["data"])
+    assert len(re.findall(rb"/Type\s*/Page\b", pdf)) == 2

@@ -10,7 +10,7 @@ import pytest
 
 from knee_contact_ros.lab.report.figures import over_cycle
 from knee_contact_ros.lab.report.page import summary
-from knee_contact_ros.lab.report.runs import CURVES, FIELDS, PERCENT, Gathered, Run
+from knee_contact_ros.lab.report.runs import FIELDS, PERCENT, Gathered, Run
 from knee_contact_ros.model.readouts import SPREAD
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.gait_events import HEEL_STRIKE, LOAD_PEAK, TOE_OFF
@@ -47,11 +47,11 @@ def test_walking_has_its_cycles(rate: float) -> None:
     first = found.peaks[found.peaks["peak"] == "first"]["gait_cycle_percent"]
     assert first.to_numpy() == pytest.approx(100.0 * (0.785 - 0.618) / STRIDE, abs=1.0)  # a strike is off by 4 ms
     time = (stamps - stamps[0]) / SECOND
-    for span, curves, (_, numbers) in zip(found.spans, found.curves, strides.iterrows(), strict=True):
+    for span, curves, (_, numbers) in zip(found.spans, found.curves["load"], strides.iterrows(), strict=True):
         begin, toe_off, end = ((stamp - int(stamps[0])) / SECOND for stamp in (span.start, span.toe_off, span.end))
         at = begin + (end - begin) * PERCENT / 100.0
         # Stamps are rounded to 1 ns, of a load that changes by some 100 kN/s at most
-        assert curves[:, CURVES.index("load")] == pytest.approx(np.interp(at, time, load), abs=1e-3)
+        assert curves == pytest.approx(np.interp(at, time, load), abs=1e-3)
         for name, until in (("impulse_N_s", end), ("stance_impulse_N_s", toe_off)):
             fine = np.unique(np.concatenate([[begin, until], time[(time > begin) & (time < until)]]))
             force = np.interp(fine, time, load)
@@ -77,9 +77,10 @@ def test_totals_leave_out_gaps_and_stamps_that_went_back() -> None:
     flags = np.where(load > 1200.0, 9.0, 0.0)
     found = gathered((stamps, angle, load), error_estimate=1e-9 * load, status=flags,
                      force_error_estimate=np.where(np.arange(len(load)) == 7, np.nan, 1.0))  # fmt: skip
-    assert found.flagged == dict.fromkeys(("STALE_INPUT", "NOT_CONVERGED"), np.count_nonzero(load > 1200.0))
-    assert found.flagged_otherwise == np.count_nonzero(load > 1200.0)
-    assert found.time == pytest.approx(2397 * 0.005, abs=1e-6)  # 2399 steps, without the one back and the gap
+    number = np.count_nonzero(load > 1200.0)
+    assert told(found)["ticks not converged"] == str(number)
+    assert told(found)["ticks flagged otherwise"] == f"{number} ({number} × STALE_INPUT)"
+    assert found.seconds.sum() == pytest.approx(2397 * 0.005, abs=1e-6)  # 2399 steps, without the one back and the gap
     assert found.elapsed[1500] == found.elapsed[1499]  # as if it had gone on at once
     median, largest = 1e3 * np.median(load), 1e3 * load.max()
     assert told(found)["error bound of the depth"] == f"{1e-6 * largest:.2g} µm at most, {1e-6 * median:.2g} µm median"

@@ -13,8 +13,8 @@ from knee_contact_ros.bags.reader import BagReader, read_answers
 from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.report.figures import MEDIAL, TOTAL
-from knee_contact_ros.lab.report.page import CURVE_COLUMNS, EVENT_COLUMNS, PEAK_COLUMNS, STRIDE_COLUMNS
-from knee_contact_ros.lab.report.runs import PERCENT
+from knee_contact_ros.lab.report.page import EVENT_COLUMNS, PEAK_COLUMNS, STRIDE_COLUMNS
+from knee_contact_ros.lab.report.runs import CURVES, PERCENT
 from knee_contact_ros.model.readouts import SPREAD
 from knee_contact_ros.model.types import FLAT
 from knee_contact_ros.offline.solve import solve
@@ -85,14 +85,14 @@ def test_curves_and_strides_are_those_of_the_answers(both: Path, recording: Path
     at = strikes[0] + (strikes[1] - strikes[0]) * PERCENT / 100.0
     units = {"deg": np.degrees(1.0), "mm": 1e3, "s": 1e3, "N": 1.0, "MPa": 1e-6, "percent": 100.0,
              "BW": 1.0 / BODY_WEIGHT}  # fmt: skip
-    for name, (field, _) in CURVE_COLUMNS.items():
+    for name, (field, _) in CURVES.items():
         values = read_off[field] if field in SPREAD else answers.view(FLAT)[field]
         expected = np.interp(at, answers["stamp"] / 1e9, values) * units[name.rsplit("_", 1)[1]]
         # Nine digits in the file; stamps are rounded to 1 ns, of a course of at most 1 BW in 10 ms
         assert numbers(rows, f"{name}_mean") == pytest.approx(expected, rel=1e-6, abs=1e-6)
         assert {row[f"{name}_sd"] for row in rows} == {""}  # of a single cycle there is none
     assert list(rows[0]) == ["run", "gait_cycle_percent", "cycles",
-                             *(f"{name}_{kind}" for name in CURVE_COLUMNS for kind in ("mean", "sd"))]  # fmt: skip
+                             *(f"{name}_{kind}" for name in CURVES for kind in ("mean", "sd"))]  # fmt: skip
     strides = runs_of(both / "strides.csv")
     assert list(strides) == RUNS
     (row,) = strides[RUNS[1]]
