@@ -10,13 +10,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from mcap.opcode import Opcode
 from numpy.typing import NDArray
+from rosbags.interfaces import MessageDefinition
 
 from knee_contact_ros.bags.recorder import CHUNK_SIZE, ENTRY, MESSAGE, MESSAGE_HEAD, BagWriter
 from knee_contact_ros.streams.columns import Column
 from knee_contact_ros.system.errors import UsageError
 
-Places = NDArray[np.int64]
-"""Indices of records, or offsets of bytes; shape (n,)"""
 MESSAGE_HEADS = np.dtype(
     [("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"), ("log", "<u8"), ("publish", "<u8")]
 )
@@ -33,6 +32,44 @@ UNSORTED, MOST_STEPS, WINDOW = 3, 10_000, 100_000
 """A topic is just sorted if one of `UNSORTED` steps goes back, or more than `MOST_STEPS`; so many messages before and
 behind a step are compared"""
 LATEST = np.iinfo(np.int64).max
+
+
+class Connection(NamedTuple):
+    """Topic of a bag with its type and encoding; recorders with several publishers, and merged files, repeat names."""
+
+    topic: str
+    """Name of the topic in the bag"""
+    type: str
+    """Type of the messages; empty if it is unknown"""
+    encoding: str
+    """Encoding of the messages"""
+    definition: MessageDefinition
+    """Definition of the type in the bag"""
+    messages: int
+    """Number of messages"""
+
+
+class Segment(NamedTuple):
+    """Piece of a file that is read at once: a chunk, or messages outside chunks."""
+
+    offset: int
+    """Offset [B] of the beginning in the file"""
+    end: int
+    """Offset [B] behind it"""
+    begin: int
+    """Offset [B] of the beginning of the data"""
+    size: int
+    """Uncompressed size [B] of the records"""
+    compression: str | None = None
+    """Name of the chunk's compression, empty if there is none; None outside chunks"""
+    checksum: int = 0
+    """CRC-32 of the uncompressed records; 0 if there is none"""
+    cut: bool = False
+    """Whether it is the beginning of a truncated chunk"""
+    times: tuple[int, int] = (0, 0)
+    """Smallest and largest log time [ns] of the messages"""
+    counts: Mapping[int, int] = {}
+    """Number of messages of each channel"""
 
 
 @dataclass(frozen=True)
@@ -98,7 +135,7 @@ def blocks(batches: Iterable[Batch], most: int) -> Iterator[Batch]:
 
 
 class Part(NamedTuple):
-    """Messages of a segment between two cuts."""
+    """Messages of a segment, or some of them."""
 
     times: tuple[int, int]
     """Smallest and largest log time [ns]"""
@@ -106,12 +143,8 @@ class Part(NamedTuple):
     """Index of the file"""
     segment: int
     """Index of the segment in the file"""
-    begin: int = 0
-    """Index of the first one, among those of the topics that are read"""
-    end: int | None = None
-    """Index behind the last one; None: all are read"""
-    ascends: bool = False
-    """Whether the log times of each topic are known to ascend in it"""
+    chosen: slice = slice(None)
+    """Which of its messages on the topics that are read"""
 
 
 def by_arrival(files: Sequence[Any], numbers: Sequence[Mapping[int, int]]) -> Iterator[Batch]:
@@ -130,8 +163,9 @@ def by_arrival(files: Sequence[Any], numbers: Sequence[Mapping[int, int]]) -> It
     """
 
     def read(part: Part) -> Batch:
-        batch: Batch = files[part.file].read(part.segment, numbers[part.file])
-        return batch.part(slice(part.begin, part.end))
+        file = files[part.file]
+        batch: Batch = file.read(file.segments[part.segment], numbers[part.file])
+        return batch.part(part.chosen)
 
     parts = [
         Part(segment.times, index, number)
@@ -139,34 +173,26 @@ def by_arrival(files: Sequence[Any], numbers: Sequence[Mapping[int, int]]) -> It
         for number, segment in enumerate(file.segments)
         if not numbers[index].keys().isdisjoint(segment.counts)
     ]
-    spans, lives = [file.times for file in files if file.times], [parts]
-    if any(file.goes_back for file in files) or any(before[1] > after[0] for before, after in pairwise(spans)):
-        lives = _lives([(part, batch.numbers, batch.times) for part in parts for batch in [read(part)]])
-    for life in lives:
-        if len(lives) > 1 and all(part.ascends for part in life):  # then the file is in the order of arrival
+    spans = [(min(s.times[0] for s in f.segments), max(s.times[1] for s in f.segments)) for f in files if f.segments]
+    if not any(file.goes_back for file in files) and all(one[1] <= other[0] for one, other in pairwise(spans)):
+        yield from _by_time(parts, read)
+        return
+    arrays = [(batch.numbers, np.minimum(batch.times, LATEST).astype(np.int64)) for batch in map(read, parts)]
+    topics = np.concatenate([np.empty(0, np.intp), *(topics for topics, _ in arrays)])
+    times = np.concatenate([np.empty(0, np.int64), *(times for _, times in arrays)])
+    ends, every = np.cumsum([len(times) for _, times in arrays]).tolist(), np.unique(topics).tolist()
+    cuts = [0, *_cuts([np.flatnonzero(topics == number) for number in every], times), len(times)]
+    for first, last in pairwise(cuts):
+        life = []
+        for part, end, (_, own) in zip(parts, ends, arrays, strict=True):
+            chosen = slice(max(first - end + len(own), 0), max(last - end + len(own), 0))
+            if len(some := own[chosen]):
+                life.append(Part((int(some.min()), int(some.max())), part.file, part.segment, chosen))
+        stamps = [times[first:last][topics[first:last] == number] for number in every]
+        if len(cuts) > 2 and all((np.diff(each) >= 0).all() for each in stamps):  # then they came in this order
             yield from map(read, life)
         else:
-            yield from _by_time(sorted(life), read)
-
-
-def _lives(pieces: Sequence[tuple[Part, NDArray[np.intp], NDArray[Any]]]) -> list[list[Part]]:
-    """Parts between two cuts, of pieces that arrived in this order, with the topics and log times of their messages."""
-    topics = np.concatenate([np.empty(0, np.intp), *(topics for _, topics, _ in pieces)])
-    stamps = [np.minimum(times, LATEST).astype(np.int64) for *_, times in pieces]
-    times = np.concatenate([np.empty(0, np.int64), *stamps])
-    every, lives, start = np.unique(topics).tolist(), list[list[Part]]([[]]), 0
-    cuts = _cuts([np.flatnonzero(topics == number) for number in every], times)
-    for part, own, _ in pieces:
-        inner = [cut - start for cut in cuts if start <= cut < start + len(own)]
-        for begin, end in pairwise([0, *inner, len(own)]):
-            if begin in inner:
-                lives.append([])
-            if begin < end:
-                some = times[start + begin : start + end]
-                ascends = all((np.diff(some[own[begin:end] == topic]) >= 0).all() for topic in every)
-                lives[-1].append(Part((int(some.min()), int(some.max())), *part[1:3], begin, end, ascends))
-        start += len(own)
-    return lives
+            yield from _by_time(life, read)
 
 
 def _cuts(topics: Sequence[NDArray[np.intp]], times: NDArray[np.int64]) -> list[int]:
@@ -202,22 +228,15 @@ def _fills_a_hole(before: NDArray[np.int64], after: NDArray[np.int64], usual: fl
 
 
 def _by_time(parts: Sequence[Part], read: Callable[[Part], Batch]) -> Iterator[Batch]:
-    """Messages of ascending parts in the order of log time, at equal times in that of the files."""
-    waiting = list[tuple[Part, Batch]]()  # rests of parts, in the order of the files
-    for part, following in zip_longest(parts, parts[1:]):
-        waiting = sorted([*waiting, (part, read(part).by_time())], key=lambda each: each[0][1:])
-        counts = [
-            int(np.searchsorted(batch.times, batch.times.dtype.type(following.times[0]))) if following else len(batch)
-            for _, batch in waiting
-        ]
-        if ready := [batch.part(slice(n)) for n, (_, batch) in zip(counts, waiting, strict=True) if n]:
-            yield Batch.together(ready).by_time() if len(ready) > 1 else ready[0]
-        waiting = [(part, batch.part(slice(n, None))) for n, (part, batch) in zip(counts, waiting, strict=True)]
-        waiting = [(part, batch) for part, batch in waiting if len(batch)]
-        if (
-            sum(len(batch.messages.data) for _, batch in waiting if isinstance(batch.messages.data, bytes))
-            > MOST_AT_ONCE
-        ):
+    """Messages of parts in the order of log time."""
+    waiting = list[Batch]()
+    for part, following in zip_longest(ordered := sorted(parts), ordered[1:]):
+        batch = Batch.together([*waiting, read(part)]).by_time() if waiting else read(part).by_time()
+        until = batch.times.dtype.type(following.times[0]) if following else None
+        ready = len(batch) if until is None else int(np.searchsorted(batch.times, until))
+        yield batch.part(slice(ready))
+        waiting = [batch.part(slice(ready, None))] if ready < len(batch) else []
+        if sum(len(batch.messages.data) for batch in waiting) > MOST_AT_ONCE:
             raise UsageError(
                 f"its chunks overlap in time, so that more than {MOST_AT_ONCE} bytes would lie in memory: "
                 "have another tool sort it, as `mcap sort`"

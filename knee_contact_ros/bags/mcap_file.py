@@ -7,18 +7,19 @@ reading continues at the record to which the length leads, or at the next chunk.
 
 from __future__ import annotations
 
-import mmap
 import re
 import struct
-import tempfile
 import zlib
 from bisect import bisect_right
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from functools import lru_cache
 from io import BytesIO
+from itertools import groupby, islice, pairwise
+from operator import attrgetter
 from pathlib import Path
-from typing import IO, Any, NamedTuple, cast
+from typing import IO, Any, NamedTuple
 
 import lz4.frame
 import numpy as np
@@ -31,8 +32,8 @@ from mcap.records import Attachment, Channel, ChunkIndex, DataEnd, Footer, Heade
 from numpy.typing import NDArray
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 
-from knee_contact_ros.bags.columns import MESSAGE_HEADS, Batch
-from knee_contact_ros.bags.recorder import ENTRY, HEAD, INDEX, MAGIC, MESSAGE, MESSAGE_HEAD, MESSAGE_OPCODE
+from knee_contact_ros.bags.columns import MESSAGE_HEADS, Batch, Connection, Segment
+from knee_contact_ros.bags.recorder import HEAD, MAGIC, MESSAGE, MESSAGE_HEAD
 from knee_contact_ros.streams.columns import Column
 from knee_contact_ros.system.files import open_regular
 
@@ -51,23 +52,21 @@ CHUNK_OR_DATA_END = re.compile(rb"(?s)(?=\x06.{4}\x00{4}|\x0f\x04\x00{7})")
 """Head of a chunk of less than 4 GiB, or of the record that ends the data section"""
 FOOTER_SIZE, LONGEST_NAME = 29, 16
 """Sizes [B] of the footer record, and of the longest name of a compression"""
-LARGEST_RECORD, LARGEST_CHUNK = 2**30, 2**28
-"""Largest sizes [B]: of a record that is no chunk, of an uncompressed chunk in memory; a larger one goes into a file"""
+LARGEST, MOST_RECORDS = 2**30, 2**20
+"""Largest size [B] of a record, and of the records in a chunk; largest number of these"""
 MOST_GROWTH, ALLOWED_SIZE = 200, 2**26
 """Largest uncompressed size of all chunks: a multiple of the file's size (recordings of motion reach ten), but at
 least so many bytes"""
-MOST_RECORDS = 2**20
-"""Largest number of records in a chunk; all chunks may hold twice that, and one for each byte of the file"""
-BLOCK, STEP = 2**20, 4096
-"""Sizes [B] of pieces that are read at once: of a file or of messages outside chunks, and of compressed data, of which
-a piece holds at most 128 MiB"""
-DECOMPRESSORS: dict[str, Callable[[], Any]] = {
-    "zstd": lambda: zstandard.ZstdDecompressor().decompressobj(),
-    "lz4": lz4.frame.LZ4FrameDecompressor,
+BLOCK, LOOSE = 2**20, 64
+"""Bytes that are searched or summed at once; messages outside chunks that are read at once"""
+UNPACKERS: dict[str, Callable[[bytes], Any]] = {
+    "": BytesIO,
+    "zstd": lambda data: zstandard.ZstdDecompressor().stream_reader(data),
+    "lz4": lambda data: lz4.frame.LZ4FrameFile(BytesIO(data)),
 }
-"""Makers of decompressors by the name of the compression"""
+"""Streams of uncompressed data by the name of the compression"""
 BAD_DATA = (zstandard.ZstdError, RuntimeError, EOFError, MemoryError)
-"""Errors of decompressors"""
+"""Errors of these streams"""
 CHANNELS = 2**16
 """Number of possible channels in a file"""
 NO_DEFINITION = MessageDefinition(MessageDefinitionFormat.NONE, "")
@@ -80,46 +79,6 @@ Advance = Callable[[int, int], None]
 
 class DamagedError(Exception):
     """A chunk cannot be used; the message says why, after "the chunk"."""
-
-
-class Connection(NamedTuple):
-    """Topic of a bag with its type and encoding; recorders with several publishers, and merged files, repeat names."""
-
-    topic: str
-    """Name of the topic in the bag"""
-    type: str
-    """Type of the messages; empty if it is unknown"""
-    encoding: str
-    """Encoding of the messages"""
-    definition: MessageDefinition
-    """Definition of the type in the bag"""
-    messages: int
-    """Number of messages"""
-
-
-class Segment(NamedTuple):
-    """Piece of a file that is read at once: a chunk, or messages outside chunks."""
-
-    offset: int
-    """Offset [B] of the beginning in the file"""
-    end: int
-    """Offset [B] behind it"""
-    begin: int
-    """Offset [B] of the beginning of the data"""
-    size: int
-    """Uncompressed size [B] of the records"""
-    compression: str | None = None
-    """Name of the chunk's compression, empty if there is none; None outside chunks"""
-    checksum: int = 0
-    """CRC-32 of the uncompressed records; 0 if there is none"""
-    cut: bool = False
-    """Whether it is the beginning of a truncated chunk"""
-    indices_end: int = 0
-    """Offset [B] of the end of the message indices that follow; 0 if there are none"""
-    times: tuple[int, int] = (0, 0)
-    """Smallest and largest log time [ns] of the messages"""
-    counts: Mapping[int, int] = {}
-    """Number of messages of each channel"""
 
 
 class Piece(NamedTuple):
@@ -157,12 +116,14 @@ class Records:
         self._index: dict[int, ChunkIndex] = {}  # by the offsets of the chunks
         self._starts = [size]
         footer = self.record_at(max(size - len(MAGIC) - FOOTER_SIZE, 0))
-        begin = footer.content.summary_start if footer and isinstance(footer.content, Footer) else 0
-        if footer and begin and footer.offset - begin <= LARGEST_CHUNK and self.fits_summary(footer):
-            data = self.read(begin, footer.offset) if footer.content.summary_crc else b""
-            found = (parsed(opcode, data[begin:end]) for opcode, begin, end in records_in(data))
-            self._index = {each.chunk_start_offset: each for each in found if isinstance(each, ChunkIndex)}
-        self._starts = [*sorted(self._index), size]
+        begin = footer.content.summary_start if footer and isinstance(footer.content, Footer) else size
+        if footer and footer.offset - ALLOWED_SIZE <= begin < footer.offset and footer.content.summary_crc:
+            with suppress(DamagedError):
+                data = self.read(begin, footer.offset) if self.fits_summary(footer) else b""
+                ends = pairwise([*starts_of(data)[0].tolist(), len(data)])
+                found = (parsed(data[begin], data[begin + HEAD.size : end]) for begin, end in ends)
+                self._index = {each.chunk_start_offset: each for each in found if isinstance(each, ChunkIndex)}
+                self._starts = [*sorted(self._index), size]
 
     def read(self, offset: int, end: int) -> bytes:
         """Bytes between two offsets; fewer at the end of the file."""
@@ -188,7 +149,7 @@ class Records:
         opcode, end = self._head(offset)
         if chunk := self._by_index(offset) or (self._chunk(offset) if opcode == Opcode.CHUNK else None):
             return Piece(Opcode.CHUNK, offset, chunk.end, chunk)
-        if not offset < end <= self._limit(offset) or end - offset > LARGEST_RECORD:
+        if not offset < end <= min(self._limit(offset), offset + LARGEST):
             return None
         if opcode in PARSERS:
             record = parsed(opcode, self.read(offset + HEAD.size, end))
@@ -232,9 +193,8 @@ class Records:
         cut = end > self.size and not self.magic_at(max(self.size - len(MAGIC), 0))
         if end > self._limit(offset) and not cut:
             return None
-        return Segment(
-            offset, min(end, self.size), offset + begin, size, compression, checksum, cut, 0, (times[0], times[1])
-        )
+        end = min(end, self.size)
+        return Segment(offset, end, offset + begin, size, compression, checksum, cut, (times[0], times[1]))
 
     def _head(self, offset: int) -> tuple[int, int]:
         """Opcode at an offset, and the offset of the record's end by its length; 0 and `offset` without one."""
@@ -267,19 +227,6 @@ class Records:
         return Piece(HOLE, offset, limit)
 
 
-class Contents(NamedTuple):
-    """Messages of a segment, and the schemas and channels in it; arrays have shape (n,) for n messages."""
-
-    heads: NDArray[Any]
-    """Heads of the messages, as `MESSAGE_HEADS`"""
-    messages: Column
-    """Encoded messages"""
-    declarations: list[Any]
-    """Schemas and channels; None for one that cannot be read"""
-    number: int
-    """Number of all records"""
-
-
 class McapFile:
     """MCAP file that has been looked through: what of it can be read, and its faults."""
 
@@ -310,10 +257,21 @@ class McapFile:
         self._lost: list[tuple[int, int, str]] = []  # bytes from and to that cannot be read, and why
         self._latest: dict[int, int] = {}  # log time [ns] of the last message of each channel
         self._bytes_left = max(MOST_GROWTH * self.size, ALLOWED_SIZE)
-        self._records_left = self.size + 2 * MOST_RECORDS
+        self._begun = self._ended = False
         self._records = Records(open_regular(path), self.size)
+        self.close = self._records.file.close
         try:
-            self._look_through(advance)
+            for opcode, run in groupby(self._records.pieces(), key=attrgetter("opcode")):
+                while part := list(islice(run, LOOSE if opcode == Opcode.MESSAGE else 1)):
+                    first, *_, last = *part, part[-1]
+                    advance(first.offset, self.size)
+                    if opcode == Opcode.MESSAGE:
+                        self._take(Segment(first.offset, last.end, first.offset, last.end - first.offset))
+                    elif opcode == Opcode.CHUNK:
+                        self._take(first.content)
+                    else:
+                        self._take_other(first)
+            self._conclude()
         except BaseException:
             self.close()
             raise
@@ -321,17 +279,10 @@ class McapFile:
     @property
     def counts(self) -> Counter[int]:
         """Number of messages of each channel that is declared."""
-        every = (item for segment in self.segments for item in segment.counts.items() if item[0] in self.streams)
         counts = Counter[int]()
-        for channel, count in every:
-            counts[channel] += count
+        for segment in self.segments:
+            counts.update({channel: count for channel, count in segment.counts.items() if channel in self.streams})
         return counts
-
-    @property
-    def times(self) -> tuple[int, int] | None:
-        """Smallest and largest log time [ns] of the messages; None if there are none."""
-        spans = [segment.times for segment in self.segments]
-        return (min(first for first, _ in spans), max(last for _, last in spans)) if spans else None
 
     @property
     def connections(self) -> dict[int, Connection]:
@@ -343,17 +294,12 @@ class McapFile:
             described[number] = Connection(channel.topic, name, channel.message_encoding, definition, counts[number])
         return described
 
-    def read(self, segment: int, numbers: Mapping[int, int]) -> Batch:
-        """Messages of a segment in its order.
-
-        Args:
-            segment: Index of the segment.
-            numbers: Number in the batch of each channel that is read.
-        """
+    def read(self, segment: Segment, numbers: Mapping[int, int]) -> Batch:
+        """Messages of a segment in its order; `numbers` has the number in the batch of each channel that is read."""
         number_of = np.full(CHANNELS, -1, np.intp)
         number_of[list(numbers)] = list(numbers.values())
-        contents = self._contents(self.segments[segment])
-        batch = Batch(number_of[contents.heads["channel"]], contents.heads["log"], contents.messages)
+        heads, messages, _ = self._contents(segment)
+        batch = Batch(number_of[heads["channel"]], heads["log"], messages)
         return batch.part(np.flatnonzero(batch.numbers >= 0))
 
     def in_file_order(self) -> Iterator[tuple[int, Message | Metadata | Attachment]]:
@@ -364,125 +310,80 @@ class McapFile:
                 if record := self._records.record_at(offset):
                     yield offset, record.content
                 continue
-            contents = self._contents(segment)
-            heads = contents.heads[["channel", "sequence", "log", "publish"]].tolist()
-            for (channel, sequence, log_time, publish_time), data in zip(heads, contents.messages, strict=True):
+            heads, messages, _ = self._contents(segment)
+            rows = heads[["channel", "sequence", "log", "publish"]].tolist()
+            for (channel, sequence, log_time, publish_time), data in zip(rows, messages, strict=True):
                 if channel in self.streams:
                     yield offset, Message(channel, log_time, data, publish_time, sequence)
 
-    def close(self) -> None:
-        """Close the file."""
-        self._records.file.close()
-
-    def _look_through(self, advance: Advance) -> None:
-        """Take in all pieces of the file, and note its faults."""
-        segment: Segment | None = None
-        for piece in self._records.pieces():
-            advance(piece.offset, self.size)
-            follows = segment and piece.offset == max(segment.end, segment.indices_end)
-            chunk = segment and segment.compression is not None
-            if segment and follows and chunk and piece.opcode == Opcode.MESSAGE_INDEX:
-                segment = segment._replace(indices_end=piece.end)
-            elif segment and follows and not chunk and piece.opcode == Opcode.MESSAGE and segment.size < BLOCK:
-                segment = segment._replace(end=piece.end, size=piece.end - segment.begin)
-            else:
-                if segment:
-                    self._take(segment)
-                segment = piece.content if piece.opcode == Opcode.CHUNK else None
-                if piece.opcode == Opcode.MESSAGE:
-                    segment = Segment(piece.offset, piece.end, piece.offset, piece.end - piece.offset)
-                elif not segment:
-                    self._take_other(piece)
-        if segment:
-            self._take(segment)
-        self._conclude()
-
     def _take(self, segment: Segment) -> None:
         """Take in the records of a segment, or note why it is left out."""
+        if segment.compression is not None and segment.size > self._bytes_left:
+            words = f"the chunk is one too many: they hold more than {MOST_GROWTH} times the file"
+            self._lost.append((segment.offset, segment.end, words))
+            return
+        self._bytes_left -= segment.size if segment.compression is not None else 0
         try:
-            count = self._add(segment)
+            heads, _, declarations = self._contents(segment)
         except DamagedError as fault:
             self._lost.append((segment.offset, segment.end, f"the chunk {fault}"))
-            if not segment.compression:
-                data = self._records.read(segment.begin, min(segment.end, segment.begin + LARGEST_CHUNK))
-                for record in filter(None, contents_of(data, [], LARGEST_CHUNK, cut=True).declarations):
+            with suppress(DamagedError):
+                data = self._unpacked(segment._replace(cut=True))
+                for record in filter(None, contents_of(data, cut=True)[2]):
                     self._doubtful.setdefault((type(record), record.id), record)
-        else:
-            if segment.cut:
-                self._note(f"the chunk at byte {segment.offset} is cut off; {count} of its messages are read")
-
-    def _add(self, segment: Segment) -> int:
-        """Take in the records of a segment, and return the number of its messages.
-
-        Raises:
-            DamagedError: It cannot be used, or holds too many bytes or records.
-        """
-        chunked = segment.compression is not None
-        if chunked and segment.size > self._bytes_left:
-            raise DamagedError(f"is one too many: they hold more than {MOST_GROWTH} times the file")
-        self._bytes_left -= segment.size if chunked else 0
-        contents = self._contents(segment, min(MOST_RECORDS, self._records_left))
-        self._records_left -= contents.number
-        for record in contents.declarations:
+            return
+        for record in declarations:
             self._declare(record)
-        if not len(contents.heads):
-            return 0
-        order, counts = np.argsort(contents.heads["channel"], kind="stable"), dict[int, int]()
-        channels, times = contents.heads["channel"][order], contents.heads["log"][order]
+        if segment.cut:
+            self._note(f"the chunk at byte {segment.offset} is cut off; {len(heads)} of its messages are read")
+        if not len(heads):
+            return
+        order, counts = np.argsort(heads["channel"], kind="stable"), dict[int, int]()
+        channels, times = heads["channel"][order], heads["log"][order]
         begins = np.flatnonzero(np.diff(channels, prepend=-1))
         for channel, own in zip(channels[begins].tolist(), np.split(times, begins[1:]), strict=True):
             self.goes_back |= int(own[0]) < self._latest.get(channel, 0) or bool((own[1:] < own[:-1]).any())
             self._latest[channel], counts[channel] = int(own[-1]), len(own)
         span = int(times.min()), int(times.max())
-        if chunked and not (segment.checksum or segment.cut) and span != segment.times:
+        if segment.compression is not None and not (segment.checksum or segment.cut) and span != segment.times:
             self._note(f"the chunk at byte {segment.offset}, which has no checksum, has other times than its messages")
         self.segments.append(segment._replace(times=span, counts=counts))
-        return len(times)
 
-    def _contents(self, segment: Segment, most: int = LARGEST_CHUNK) -> Contents:
-        """Records of a segment, of which it may hold `most`.
+    def _contents(self, segment: Segment) -> Contents:
+        """Records of a segment.
 
         Raises:
             DamagedError: They cannot be decompressed, do not fit their size or checksum, or are too many or none.
         """
-        data = self._unpacked(segment)
-        rest = self._records.read(segment.end, min(segment.indices_end, segment.end + ENTRY.size * MOST_RECORDS))
-        indices = [rest[begin:end] for _, begin, end in records_in(rest)]
-        return contents_of(data, indices, most, segment.cut)
+        return contents_of(self._unpacked(segment), segment.cut)
 
-    def _unpacked(self, segment: Segment) -> bytes | mmap.mmap:
-        """Uncompressed records of a segment; what is too large for the memory lies in a temporary file.
+    def _unpacked(self, segment: Segment) -> bytes:
+        """Uncompressed records of a segment; if it is `cut` off, the beginning that can be unpacked.
 
         Raises:
             DamagedError: They cannot be decompressed, or do not fit their size or checksum.
         """
-        if segment.compression and segment.compression not in DECOMPRESSORS:
-            raise DamagedError(f"has the unknown compression {segment.compression!r}")
-        unpacker = DECOMPRESSORS[segment.compression]() if segment.compression else None
-        size, checksum, step = 0, 0, STEP if unpacker else BLOCK
-        with (
-            BytesIO() if segment.size <= LARGEST_CHUNK else tempfile.TemporaryFile(prefix="knee_contact_chunk_") as file
-        ):
-            try:
-                for begin in range(segment.begin, segment.end, step):
-                    data = self._records.read(begin, min(begin + step, segment.end))
-                    data = unpacker.decompress(data) if unpacker else data
-                    size, checksum = size + len(data), zlib.crc32(data, checksum)
-                    if size > segment.size:
-                        break
-                    file.write(data)
-            except BAD_DATA as error:
-                if not segment.cut:
-                    raise DamagedError(f"does not decompress ({' '.join(str(error).split())})") from None
+        if (compression := segment.compression or "") not in UNPACKERS:
+            raise DamagedError(f"has the unknown compression {compression!r}")
+        if segment.size > LARGEST:
+            raise DamagedError(f"holds more than {LARGEST} bytes; another tool may write it again in smaller chunks")
+        stream = UNPACKERS[compression](self._records.read(segment.begin, segment.end))
+        parts, left = list[bytes](), segment.size
+        try:
+            while part := stream.read1(left or 1):
+                parts.append(part)
+                left -= len(part)
+                if left < 0:
+                    break
+        except BAD_DATA as error:
             if not segment.cut:
-                if size != segment.size or (unpacker and unpacker.unused_data):
-                    raise DamagedError(f"does not hold {segment.size} bytes")
-                if segment.checksum and checksum != segment.checksum:
-                    raise DamagedError("does not fit its checksum")
-            if isinstance(file, BytesIO):
-                return file.getvalue()
-            file.flush()
-            return mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+                raise DamagedError(f"does not decompress ({' '.join(str(error).split())})") from None
+        data = b"".join(parts)
+        if left and not segment.cut:
+            raise DamagedError(f"does not hold {segment.size} bytes")
+        if segment.checksum and not segment.cut and zlib.crc32(data) != segment.checksum:
+            raise DamagedError("does not fit its checksum")
+        return data
 
     def _declare(self, record: Schema | Channel | None) -> None:
         """Take in a schema or channel."""
@@ -501,7 +402,7 @@ class McapFile:
             case Statistics():
                 self.promised = piece.content.channel_message_counts
             case Header():
-                self.profile, self._header = piece.content.profile, True
+                self.profile, self._begun = piece.content.profile, True
             case DataEnd():
                 if piece.content.data_section_crc not in (0, self._records.checksum(0, piece.offset)):
                     self._note("the data do not fit their checksum")
@@ -511,8 +412,6 @@ class McapFile:
                     self._note("the summary does not fit its checksum or its place")
             case None if piece.opcode == HOLE:
                 self._lost.append((piece.offset, piece.end, "they are no valid records"))
-
-    _header = _ended = False
 
     def _conclude(self) -> None:
         """Match channels with their schemas, and add the faults of the whole file."""
@@ -537,7 +436,7 @@ class McapFile:
             self._note(missing if promised > total else "the statistics do not fit")
         if not self._ended:
             self.faults.insert(0, "the end is missing: the recording was cut off")
-        if not self._header:
+        if not self._begun:
             self.faults.insert(0, "the beginning is damaged")
             encodings = {channel.message_encoding for channel, _ in self.streams.values()}
             self.profile = "ros2" if encodings == {"cdr"} else ""
@@ -548,65 +447,52 @@ class McapFile:
             self.faults.append(fault)
 
 
-def contents_of(data: bytes | mmap.mmap, indices: Sequence[bytes], most: int, cut: bool = False) -> Contents:
-    """Records in `data`; if it is `cut` off, the whole ones at its beginning.
+Contents = tuple[NDArray[Any], Column, list[Any]]
+"""Messages, n of them, and declarations: heads as `MESSAGE_HEADS`, shape (n,); encoded messages; schemas and channels,
+None for one that cannot be read"""
 
-    The contents of the message indices that follow a chunk tell at once where all messages begin, which is only known
-    from the record before otherwise. They are believed if the chunk then consists of nothing but messages.
+
+def contents_of(data: bytes, cut: bool = False) -> Contents:
+    """Messages, schemas and channels in `data`; if it is `cut` off, the whole ones at its beginning.
 
     Raises:
-        DamagedError: There are more than `most` records, or bytes that are none.
+        DamagedError: There are too many records, or bytes that are none.
     """
-    begins, declarations, number, end = _indexed(data, indices), list[Any](), 0, len(data)
-    if begins is None:
-        places, end = list[int](), 0
-        for opcode, begin, end in records_in(data):
-            number += 1
-            if number > most:
-                raise DamagedError(f"holds more than {most} records; another tool may write it again in smaller chunks")
-            if opcode == Opcode.MESSAGE:
-                places.append(begin - HEAD.size)
-            elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                declarations.append(parsed(opcode, data[begin:end]))
-        begins = np.array(places, np.int64)
+    starts, end = starts_of(data)
     if end != len(data) and not cut:
         raise DamagedError(f"ends in {len(data) - end} bytes that are not records")
-    heads = _heads(data, begins)
-    ends = begins + HEAD.size + heads["length"].astype(np.int64)
-    return Contents(
-        heads, Column(cast(bytes, data), begins + MESSAGE_HEAD.size, ends), declarations, max(number, len(begins))
-    )
+    opcodes = np.frombuffer(data, np.uint8)[starts]
+    begins, ends = starts[opcodes == Opcode.MESSAGE], np.append(starts[1:], end)
+    windows = np.ndarray(max(len(data) - MESSAGE_HEAD.size + 1, 0), f"V{MESSAGE_HEAD.size}", data, strides=(1,))
+    declared = np.flatnonzero((opcodes == Opcode.SCHEMA) | (opcodes == Opcode.CHANNEL)).tolist()
+    declarations = [parsed(opcodes[i], data[starts[i] + HEAD.size : ends[i]]) for i in declared]
+    messages = Column(data, begins + MESSAGE_HEAD.size, ends[opcodes == Opcode.MESSAGE])
+    return windows[begins].view(MESSAGE_HEADS), messages, declarations
 
 
-def records_in(data: bytes | mmap.mmap) -> Iterator[tuple[int, int, int]]:
-    """Opcode, and offsets [B] of content and end, of the whole records at the beginning of `data`."""
-    position, end, head, size = 0, len(data), HEAD.unpack_from, HEAD.size
-    while position + size <= end:
-        opcode, length = head(data, position)
-        begin, position = position + size, position + size + length
-        if position > end or not opcode or (opcode == MESSAGE_OPCODE and length < MESSAGE.size):
-            return
-        yield opcode, begin, position
+def starts_of(data: bytes) -> tuple[NDArray[np.int64], int]:
+    """Offsets [B] of the whole records at the beginning of `data`, shape (n,), and the end of the last one.
+
+    Raises:
+        DamagedError: There are too many.
+    """
+    starts, position, last, length_at = list[int](), 0, len(data) - HEAD.size, LENGTH.unpack_from
+    while position <= last:
+        starts.append(position)
+        position += HEAD.size + length_at(data, position)[0]
+        if len(starts) > MOST_RECORDS:
+            words = f"holds more than {MOST_RECORDS} records; another tool may write it again in smaller chunks"
+            raise DamagedError(words)
+    if position > len(data):
+        position = starts.pop()
+    places = np.array(starts, np.int64)
+    opcodes, lengths = np.frombuffer(data, np.uint8)[places], np.diff(places, append=position) - HEAD.size
+    bad = np.flatnonzero((opcodes == 0) | ((opcodes == Opcode.MESSAGE) & (lengths < MESSAGE.size)))
+    return (places[: bad[0]], int(places[bad[0]])) if len(bad) else (places, position)
 
 
-def _indexed(data: bytes | mmap.mmap, indices: Sequence[bytes]) -> NDArray[np.int64] | None:
-    """Offsets [B] of the messages of a chunk according to the `indices`; None unless these are certainly right."""
-    if not indices or any(len(index) % ENTRY.size != INDEX.size for index in indices):
-        return None
-    places = np.concatenate([np.frombuffer(index, "<u8", offset=INDEX.size)[1::2] for index in indices])
-    if not len(places) or int(places.max()) > len(data) - MESSAGE_HEAD.size:
-        return None
-    begins = np.sort(places.astype(np.int64), kind="stable")  # fast, because it consists of sorted runs
-    heads, lengths = _heads(data, begins), np.diff(begins, append=len(data)) - HEAD.size
-    right = begins[0] == 0 and int(lengths.min()) >= MESSAGE.size and (heads["length"] == lengths).all()
-    return begins if right and (heads["opcode"] == Opcode.MESSAGE).all() else None
-
-
-def _heads(data: bytes | mmap.mmap, begins: NDArray[np.int64]) -> NDArray[Any]:
-    """Heads of the message records at the given offsets, as `MESSAGE_HEADS`."""
-    heads = np.dtype(f"V{MESSAGE_HEAD.size}")  # one item each, which is copied at once
-    windows = np.ndarray(max(len(data) - heads.itemsize + 1, 0), heads, data, strides=(1,))
-    return windows[begins].view(MESSAGE_HEADS)
+LENGTH = struct.Struct("<xQ")
+"""Head of a record: length [B] of its content, behind the opcode"""
 
 
 @lru_cache(maxsize=64)

@@ -30,18 +30,16 @@ from mcap.records import Metadata
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
-from knee_contact_ros.bags.columns import Batch, blocks, by_arrival
+from knee_contact_ros.bags.columns import Batch, Connection, Segment, blocks, by_arrival
 from knee_contact_ros.bags.mcap_file import (
     ALLOWED_SIZE,
     BLOCK,
     MOST_GROWTH,
     NO_DEFINITION,
-    Connection,
     McapFile,
     Records,
-    Segment,
     definition_of,
-)  # fmt: skip
+)
 from knee_contact_ros.bags.recorder import CONTINUED, MAGIC, METADATA
 from knee_contact_ros.model.types import Rows
 from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATE, DYNAMIC_JOINT_STATES
@@ -110,8 +108,6 @@ SEGMENTS = (
     "GROUP BY id / 1024, topic_id ORDER BY id / 1024"
 )
 """For each topic in a block of rows, the spans of their numbers and log times [ns], and how many there are"""
-SQLITE_FIELDS = ((16, 2), (24, 4), (28, 4), (92, 4))
-"""Offset and length [B] in the header of page size, change counter, number of pages, and the counter valid for that"""
 
 
 class BagMessage(NamedTuple):
@@ -200,7 +196,7 @@ class BagReader:
     @property
     def end(self) -> int:
         """Log time [ns] after the last message of the bag, on any topic; 0 without messages."""
-        return 1 + max((file.times[1] for file in self._files if file.times), default=-1)
+        return 1 + max((segment.times[1] for file in self._files for segment in file.segments), default=-1)
 
     def raw_messages(
         self, topics: Collection[str] = (), start: int | None = None, stop: int | None = None
@@ -544,13 +540,13 @@ def _opened_files(path: Path, opened: ExitStack) -> tuple[list[File], list[str],
     soft, hard = getrlimit(RLIMIT_NOFILE)  # the usual one is 1024
     if 2 * sum(1 for _ in path.iterdir()) > soft // 2 and soft != hard:
         setrlimit(RLIMIT_NOFILE, (hard, hard))
-    listed_names, compressed, faults, stated = read_metadata(path)
-    names, more = _names(path, listed_names) if compressed != "file" else (listed_names, [])
-    faults += more
-    folder, files = path, list[File]()
+    folder, (names, compressed, faults, stated), files = path, read_metadata(path), list[File]()
     if compressed == "file":
         folder = Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="knee_contact_bag_")))
         names = _decompressed(path, names, folder)
+    else:
+        names, more = _names(path, names)
+        faults += more
     for name in names:
         if not is_there(folder / name):
             faults.append(f"{name} is {'no file of a bag' if os.path.lexists(folder / name) else 'missing'}")
@@ -559,28 +555,22 @@ def _opened_files(path: Path, opened: ExitStack) -> tuple[list[File], list[str],
             files.append(_opened_file(folder / name, opened))
         except UsageError as error:
             faults.append(f"{name}: {error}")
-            continue
-        faults += [f"{name}: {fault}" for fault in files[-1].faults]
+        else:
+            faults += [f"{name}: {fault}" for fault in files[-1].faults]
     if all(NUMBERED.fullmatch(file.path.name) for file in files):  # in the order of recording, whatever the clock was
         files.sort(key=lambda file: _number(file.path.name))
     else:
-        files.sort(key=lambda file: file.times or (0, 0))
+        files.sort(key=lambda file: min((segment.times for segment in file.segments), default=(0, 0)))
     missing = stated - sum(topic.messages for file in files for topic in file.connections.values())
     faults += [f"{missing} of {stated} messages of {METADATA} are missing"] * (missing > 0)
     return files, faults, compressed == "message"
 
 
 def _opened_file(path: Path, opened: ExitStack) -> File:
-    """Open a file, whose kind its first bytes tell, or else its name.
-
-    Raises:
-        UsageError: It is neither an MCAP nor a sqlite3 file, or a damaged sqlite3 file.
-        OSError: It cannot be read.
-    """
-    is_mcap = kind_of(path) == MCAP
-    bag_file: File = McapFile(path) if is_mcap else SqliteFile(path)
-    opened.callback(bag_file.close)
-    return bag_file
+    """Open a file, whose kind its first bytes tell, or else its name; see `kind_of`."""
+    file: File = McapFile(path) if kind_of(path) == MCAP else SqliteFile(path)
+    opened.callback(file.close)
+    return file
 
 
 def kind_of(path: Path) -> str:
@@ -737,40 +727,33 @@ class SqliteFile:
         self._database = sqlite3.connect(address, uri=True, check_same_thread=False)
         self.close = self._database.close
         try:
-            self._read(path)
+            self._read()
         except (sqlite3.Error, ValueError, TypeError, OverflowError) as error:
             self.close()
             reason = " ".join(str(error).split())[:120]
             advice = "; ".join(self.faults) or "try to get its messages into another one with sqlite3's own `.recover`"
             raise UsageError(f"{path} is not a sqlite3 bag, or it is damaged ({reason}): {advice}") from None
 
-    @property
-    def times(self) -> tuple[int, int] | None:
-        """Smallest and largest log time [ns]; None without messages."""
-        times = [time for segment in self.segments for time in segment.times]
-        return (min(times), max(times)) if times else None
-
-    def read(self, segment: int, numbers: Mapping[int, int]) -> Batch:
+    def read(self, segment: Segment, numbers: Mapping[int, int]) -> Batch:
         """Messages of a segment in its order; see `McapFile.read`."""
-        rows = self.segments[segment]
         query = f"SELECT topic_id, timestamp, data {ROWS} AND id BETWEEN ? AND ? ORDER BY id"
-        cursor = self._database.execute(query, (rows.begin, rows.end))
-        selected = [(numbers[topic], time, data) for topic, time, data in cursor if topic in numbers]
+        rows = self._database.execute(query, (segment.begin, segment.end))
+        selected = [(numbers[topic], time, data) for topic, time, data in rows if topic in numbers]
         topics, times, messages = zip(*selected, strict=True) if selected else ((), (), ())
         log_times = np.array(times, np.int64 if min(times, default=0) < 0 else np.uint64)
         return Batch(np.array(topics, np.intp), log_times, Column.of(messages))
 
-    def _read(self, path: Path) -> None:
+    def _read(self) -> None:
         """Check the file, and read its topics, definitions and numbers of messages."""
+
+        def one(question: str) -> Any:
+            return self._database.execute(question).fetchone()[0]
+
         query = self._database.execute
-        integrity = query("PRAGMA integrity_check(1)").fetchone()[0]
-        with path.open("rb") as file:
-            head = file.read(100)
-        page, changes, pages, valid_for = (int.from_bytes(head[at : at + n], "big") for at, n in SQLITE_FIELDS)
-        if changes == valid_for and pages * (page if page > 1 else 65536) > path.stat().st_size:
-            raise ValueError("it is cut off")  # sqlite takes missing pages for zeros
-        if integrity != "ok":
+        if (integrity := one("PRAGMA integrity_check(1)")) != "ok":
             raise ValueError(integrity)
+        if one("PRAGMA page_count") * one("PRAGMA page_size") > self.path.stat().st_size:
+            raise ValueError("it is cut off")  # sqlite takes what is missing of the last page for zeros
         kinds = dict(query("SELECT name, type FROM sqlite_master").fetchall())
         if any(kinds.get(name, "table") != "table" for name in ("topics", "messages", "message_definitions")):
             raise ValueError("its messages or topics are no table")  # a view may take forever to read
@@ -780,19 +763,18 @@ class SqliteFile:
         for _, rows in groupby(query(SEGMENTS), key=itemgetter(0)):
             _, topics, begins, ends, firsts, lasts, numbers = zip(*rows, strict=True)
             own = dict(zip(topics, numbers, strict=True))
-            times, begin, end = (min(firsts), max(lasts)), min(begins), max(ends)
-            self.segments.append(Segment(begin, end, begin, 0, times=times, counts=own))
+            times, begin = (min(firsts), max(lasts)), min(begins)
+            self.segments.append(Segment(begin, max(ends), begin, 0, times=times, counts=own))
             counts.update(own)
-        every, usable = query("SELECT count(*) FROM messages").fetchone()[0], counts.total()
+        every, usable = one("SELECT count(*) FROM messages"), counts.total()
         for number, *texts in query("SELECT id, name, type, serialization_format FROM topics"):
             topic, kind, encoding = map(str, texts)
             definition = definitions.get(kind, NO_DEFINITION)
             self.connections[int(number)] = Connection(topic, kind, encoding, definition, counts.pop(number, 0))
-        self.goes_back = (query(STEP_BACK).fetchone()[0] or 0) < 0
+        self.goes_back = (one(STEP_BACK) or 0) < 0
         """Whether the log times go back in the order of the file"""
         self.faults += [f"{every - usable} rows are no messages"] * (every > usable)
-        if counts:
-            self.faults.append(f"{counts.total()} messages are of topics that nothing declares")
+        self.faults += [f"{counts.total()} messages are of topics that nothing declares"] * (counts.total() > 0)
 
 
 File = McapFile | SqliteFile

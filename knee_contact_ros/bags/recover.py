@@ -46,8 +46,8 @@ class Recovery(NamedTuple):
 
     topics: list[TopicCount]
     """Numbers of recovered messages by topic"""
-    times: tuple[int, int] | None
-    """Smallest and largest log time [ns]; None without messages"""
+    times: tuple[int, int]
+    """Smallest and largest log time [ns]"""
     size: int
     """Size [B] of the input"""
     unread: int
@@ -78,7 +78,8 @@ def recover(
         if not file.counts.total():
             kind = "no MCAP file" if not file.streams else "an MCAP file of which no message can be read"
             raise UsageError(f"{source} is {kind}: {in_a_line(file.faults) or 'it has none'}")
-        topics = _topics(file)
+        topics, spans = _topics(file), [segment.times for segment in file.segments]
+        times = min(first for first, _ in spans), max(last for _, last in spans)
         partial = output.with_name(output.name + SUFFIX)
         try:
             output.parent.mkdir(parents=True, exist_ok=True)
@@ -96,7 +97,7 @@ def recover(
             raise UsageError(f"{output} appeared in the meantime and was not changed; choose another name") from None
         finally:
             partial.unlink(missing_ok=True)
-    return Recovery(topics, file.times, file.size, file.unread, file.faults)
+    return Recovery(topics, times, file.size, file.unread, file.faults)
 
 
 def _opened(source: Path, output: Path, overwrite: bool, advance: Advance) -> McapFile:

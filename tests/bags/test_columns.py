@@ -11,8 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from knee_contact_ros.bags.columns import Batch, Messages, blocks, write_messages
-from knee_contact_ros.bags.mcap_file import DamagedError, contents_of, records_in
-from knee_contact_ros.bags.recorder import HEAD, BagWriter
+from knee_contact_ros.bags.mcap_file import DamagedError, contents_of
+from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.streams.columns import Column
 from knee_contact_ros.streams.topics import MESSAGE_TYPES, RECORDED
 from tests.hostile.bags import channel, message, record
@@ -38,47 +38,25 @@ def test_blocks_are_of_one_size(most: int, sizes: list[int]) -> None:
 
 
 DATA = b"".join(message(number % 2 + 1, b"m" * (number % 5), 100 + number) for number in range(40))
-PLACES = [begin - HEAD.size for _, begin, _ in records_in(DATA)]
+PLACES = [at for at in range(len(DATA)) if DATA[at : at + 1] == b"\5"]
 
 
-def index(*places: int) -> bytes:
-    """What a chunk's index of a channel holds."""
-    return struct.pack("<HI", 1, 16 * len(places)) + b"".join(struct.pack("<QQ", 7, place) for place in places)
-
-
-INDICES = {
-    "right": [index(*PLACES[1::2]), index(*PLACES[::2])],
-    "none": [],
-    "empty": [index()],
-    "one missing": [index(*PLACES[:7], *PLACES[8:])],
-    "the last one missing": [index(*PLACES[:-1])],
-    "one twice": [index(*PLACES, PLACES[3])],
-    "one beside": [index(*PLACES[:7], PLACES[7] + 1, *PLACES[8:])],
-    "one beyond the end": [index(*PLACES, len(DATA))],
-    "one beyond all memory": [index(*PLACES, 2**64 - 1)],
-    "half an entry": [index(*PLACES)[:-8]],
-    "half a head": [b"\1"],
-}
-
-
-@pytest.mark.parametrize("indices", INDICES.values(), ids=INDICES)
 @pytest.mark.parametrize("others", [b"", channel(1, "/a"), record(0x80, b"anybody's")])
-def test_messages_are_found_whatever_an_index_says(indices: list[bytes], others: bytes) -> None:
+def test_messages_are_found_among_other_records(others: bytes) -> None:
     for data in (DATA + others, others + DATA):
-        found = contents_of(data, indices, 100)
-        assert (found.number, len(found.declarations)) == (40 + bool(others), others[:1] == b"\4")
-        assert list(found.messages) == [b"m" * (number % 5) for number in range(40)]
-        assert found.heads["log"].tolist() == list(range(100, 140))
+        heads, messages, declarations = contents_of(data)
+        assert list(messages) == [b"m" * (number % 5) for number in range(40)]
+        assert heads["log"].tolist() == list(range(100, 140))
+        assert len(declarations) == (others[:1] == b"\4")
 
 
 @pytest.mark.parametrize("length", [0, 21, 2**63, 2**64 - 9])
 def test_a_length_that_leads_back_is_not_believed(length: int) -> None:
     data = bytearray(DATA)
     data[PLACES[4] + 1 : PLACES[4] + 9] = struct.pack("<Q", length)
-    for places in (PLACES, [*PLACES, PLACES[4]]):
-        with pytest.raises(DamagedError, match="bytes that are not records"):
-            contents_of(bytes(data), [index(*places)], 100)
-        assert contents_of(bytes(data), [index(*places)], 100, cut=True).number == 4
+    with pytest.raises(DamagedError, match="bytes that are not records"):
+        contents_of(bytes(data))
+    assert len(contents_of(bytes(data), cut=True)[0]) == 4
 
 
 def rows_of(dice: np.random.Generator, most: int, longest: int) -> list[Messages]:

@@ -208,31 +208,15 @@ def test_a_chunk_holds_so_much_at_most(tmp_path: Path) -> None:
             assert any(words in fault for fault in file.faults)
 
 
-@pytest.mark.parametrize("form", FORMS)
-def test_a_chunk_that_is_too_large_for_the_memory_is_read_through_a_file(
-    tmp_path: Path, form: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("knee_contact_ros.bags.mcap_file.LARGEST_CHUNK", 100)
-    path = made(tmp_path, form)
-    assert read(path) == (WRITTEN, [])
-    if form in ("plain", "zstd", "lz4"):
-        offset, length = chunks(path)[2]
-        change(path, offset + length - 30, b"\xff\xff")
-        found, (fault, *_) = read(path)
-        assert 0 < len(found) < len(WRITTEN)
-        assert fault.startswith(f"bytes {offset} to {offset + length} cannot be read: the chunk does not ")
-
-
 def test_chunks_over_each_other_are_not_unpacked_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """With a sixteenth of what is allowed, and in chunks of a sixteenth of the size that is usual."""
     most = MOST_AT_ONCE // 16
     monkeypatch.setattr("knee_contact_ros.bags.columns.MOST_AT_ONCE", most)
-    padding = record(0x80, bytes(2**16))
     path, topics = tmp_path / "bag.mcap", schema(1, STATE, b"") + channel(1, "/joint_states")
     for last, refused in ((0, False), (300, True)):
         parts = []
         for number in range(300):
-            data = message(1, b"", number) + padding + message(1, b"", number + last)
+            data = message(1, bytes(2**16), number) + message(1, bytes(2**16), number + last)
             parts.append(chunk(data, len(data), "", number, number + last))
         path.write_bytes(whole(topics, *parts))
         with closing(McapFile(path)) as file:
