@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicHermiteSpline
 
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import ContactLaw
@@ -41,8 +42,9 @@ PLATEAU = 0.45
 """Half the length of the drawn plateau, in extents of the condyle; at most what was measured of it"""
 PLATEAU_MARGIN = 0.012
 """Least distance [m] that the plateau is drawn beyond the contact of a walking knee"""
-TIBIA_WIDTH, TIBIA_DROP, TIBIA_DEPTH = 0.62, 0.34, 0.60
-"""Dimensions of the tibial shaft, in widths of the plateau: width, and depth of its beginning and end below it"""
+TIBIA_WIDTH, TIBIA_DROP, TIBIA_DEPTH, TIBIA_LEAN = 0.62, 0.34, 0.60, 2.5
+"""Dimensions of the tibial shaft, in widths of the plateau: width, and depth of its beginning and end below it; and the
+`lean` of its joins"""
 PLATEAU_REACH = 0.04
 """Half the length [m] of the tibial surface that overlaps and markers are made of"""
 NEWTONS_PER_MM = 50.0
@@ -55,12 +57,9 @@ STILL = 1e-5
 """Movement [m] of the contact point below which it counts as standing still"""
 POINTS = 13
 """Number of points along an overlap"""
-SAMPLES = 33
-"""Number of points at which the outlines are compared to find the ends of the overlap"""
-MARGIN = 2.0
-"""Width of the range that is searched first, in widths of the overlap of a circle and a plane"""
-WIDENINGS = 4
-"""Most doublings of that range: surfaces that are nearly congruent overlap over a greater length"""
+REACH, SAMPLES = 0.03, 97
+"""Distance [m] to each side of the contact point within which the overlap lies, and number of points that are compared
+there to find its ends"""
 
 
 class Anatomy(NamedTuple):
@@ -137,8 +136,6 @@ class Picture(NamedTuple):
     """Unit normal from tibia to femur"""
     depth: float
     """Depth of the overlap [m]; negative when apart"""
-    anatomy: Anatomy
-    """Polygons of the same knee before it moves"""
 
 
 class Overlaps(NamedTuple):
@@ -165,13 +162,13 @@ def drawings_of(models: Sequence[KneeModel], names: Sequence[str], body_weight: 
             height = model.pair.femur.support(angle)[0]
             touched.append(model.closest(angle, height).point(x, height)[0])
         ranges.append((min(touched), max(touched)))
-    size = _size_of(models, ranges)
+    anatomies = _anatomies(models, PLATEAU_MARGIN + max(abs(end) for both in ranges for end in both))
     return [
         KneeOutlines(
             name, model.pair.femur.outline(), model.pair.outline(PLATEAU_REACH), model.cartilage_thickness, reach,
-            body_weight, anatomy_of(model, size), model.law, model.patch, model.height_prescribed,
+            body_weight, anatomy, model.law, model.patch, model.height_prescribed,
         )
-        for model, name, reach in zip(models, names, ranges, strict=True)
+        for model, name, reach, anatomy in zip(models, names, ranges, anatomies, strict=True)
     ]  # fmt: skip
 
 
@@ -185,45 +182,32 @@ def drawing_of(model: KneeModel, knee: str, body_weight: float) -> KneeOutlines:
     return drawings_of([model], [knee], body_weight)[0]
 
 
-class Size(NamedTuple):
-    """Dimensions that the compartments of a knee have in common."""
-
-    rear: float
-    """x [m] of the posterior end of the femoral surfaces, femur frame"""
-    ends: float
-    """Greatest height y [m] of the ends of the femoral surfaces, femur frame"""
-    extent: float
-    """Extent [m] of the femoral surfaces from posterior to anterior"""
-    plateau: float
-    """Half the length [m] of the drawn plateaus"""
-
-
-def _size_of(models: Sequence[KneeModel], ranges: Sequence[tuple[float, float]] = ((0.0, 0.0),)) -> Size:
-    """Return the dimensions of a drawing of compartments, from the ranges of their contact points."""
+def _anatomies(models: Sequence[KneeModel], least_plateau: float) -> list[Anatomy]:
+    """Make the polygons of compartments, with plateaus that reach at least so far [m] to each side."""
     femora = [_even(_open(model.pair.femur.outline())) for model in models]
     extent = float(np.ptp(np.concatenate(femora)[:, 0]))
-    reach = max(PLATEAU * extent, PLATEAU_MARGIN + max(abs(end) for both in ranges for end in both))
-    rear, ends = min(femur[0, 0] for femur in femora), max(femur[end, 1] for femur in femora for end in (0, -1))
-    return Size(float(rear), float(ends), extent, reach)
-
-
-def anatomy_of(model: KneeModel, size: Size | None = None) -> Anatomy:
-    """Make the polygons of a model, of its own size if none is given."""
-    size = size or _size_of([model])
-    femur, tibia = _even(_open(model.pair.femur.outline())), _even(model.pair.outline(size.plateau))
-    thickness, is_drawn = cartilage_of(model)
-    return Anatomy(*_femur(femur, thickness, size), *_tibia(tibia, thickness), thickness, is_drawn)
-
-
-def cartilage_of(model: KneeModel) -> tuple[float, bool]:
-    """Return the fields `thickness` and `thickness_is_drawn` of `Anatomy`."""
-    thickness = min(model.cartilage_thickness, model.law.thickness)
-    return (0.5 * thickness, False) if math.isfinite(thickness) else (DRAWN_THICKNESS, True)
+    shaft = min(float(femur[0, 0]) for femur in femora) + extent * np.array([SHAFT_BEGIN, SHAFT_BEGIN + SHAFT_WIDTH])
+    begin = max(float(femur[end, 1]) for femur in femora for end in (0, -1)) + SHAFT_RISE * extent
+    anatomies = []
+    for model, femur in zip(models, femora, strict=True):
+        both = min(model.cartilage_thickness, model.law.thickness)
+        thickness = 0.5 * both if math.isfinite(both) else DRAWN_THICKNESS
+        tibia = _even(model.pair.outline(max(PLATEAU * extent, least_plateau)))
+        width, edge = float(np.ptp(tibia[[0, -1], 0])), float(tibia[[0, -1], 1].min())
+        tibial_shaft = 0.5 * (tibia[0, 0] + tibia[-1, 0]) + 0.5 * TIBIA_WIDTH * width * np.array([-1.0, 1.0])
+        ends = edge - TIBIA_DROP * width, edge - TIBIA_DEPTH * width
+        anatomies.append(
+            Anatomy(
+                *_bone(femur, thickness, 1.0, shaft, (begin, max(SHAFT_LENGTH * extent, begin)), 0.0),
+                *_bone(tibia, thickness, -1.0, tibial_shaft, ends, TIBIA_LEAN), thickness, not math.isfinite(both),
+            )
+        )  # fmt: skip
+    return anatomies
 
 
 def picture_of(model: KneeModel, flexion_angle: float, femoral_height: float) -> Picture:
     """Make the polygons of a tick, from the flexion angle [rad] and the femoral height [m] of its answer."""
-    knee = anatomy_of(model)
+    knee = drawing_of(model, "", 1.0).anatomy
     x, _ = model.pair.mechanism.translation(flexion_angle)
     pose = flexion_angle, x, femoral_height
     closest = model.closest(flexion_angle, femoral_height)
@@ -231,14 +215,12 @@ def picture_of(model: KneeModel, flexion_angle: float, femoral_height: float) ->
     overlap = np.zeros((0, 2))
     if closest.depth > 0.0:
         femur, tibia = model.pair.femur.outline(), model.pair.outline(10.0 * model.femoral_radius)
-        region = overlaps(
-            placed(femur, *pose)[None], tibia, np.array(point[:1]), np.array([closest.depth]), model.femoral_radius
-        )
+        region = overlaps(placed(femur, *pose)[None], tibia, np.array(point[:1]))
         upper, lower = (np.stack([region.x[0], y[0]], axis=1) for y in (region.upper, region.lower))
         overlap = np.concatenate([upper, lower[::-1]])
     return Picture(
         placed(knee.femur_bone, *pose), placed(knee.femur_cartilage, *pose), knee.tibia_bone, knee.tibia_cartilage,
-        overlap, point, (closest.normal_x, closest.normal_y), closest.depth, knee,
+        overlap, point, (closest.normal_x, closest.normal_y), closest.depth,
     )  # fmt: skip
 
 
@@ -252,94 +234,61 @@ def placed(points: Floats, angle: Any, x: Any, height: Any) -> Floats:
     return np.stack([x + cosine * along - sine * up, height + sine * along + cosine * up], axis=-1)
 
 
-def overlaps(femur: Floats, tibia: Floats, middle: Floats, depth: Floats, radius: float) -> Overlaps:
-    """Find the overlap in `n` pictures, at least one; it has no width where the surfaces are apart.
+def overlaps(femur: Floats, tibia: Floats, middle: Floats) -> Overlaps:
+    """Find the overlap in `n` pictures; it has no width where the surfaces are apart.
 
     Args:
         femur: outline of the femur in every picture, shape (n, m, 2) [m], tibia frame.
         tibia: outline of the tibia, shape (k, 2) [m], x ascending.
         middle: x of the contact point [m], shape (n,).
-        depth: penetration depth [m], shape (n,).
-        radius: approximate radius of the femur [m].
     """
-    half = MARGIN * np.sqrt(2.0 * radius * np.maximum(depth, 0.0))
-    for _ in range(1 + WIDENINGS):
-        x = middle[:, None] + half[:, None] * np.linspace(-1.0, 1.0, SAMPLES)
-        deep = np.interp(x, *tibia.T) - lowest_at(femur, x)
-        cut = (deep[:, [0, -1]] > 0.0).any(axis=1)
-        if not cut.any():
-            break
-        half = np.where(cut, 2.0 * half, half)
-    begin, end = _crossing(x, deep), _crossing(x[:, ::-1], deep[:, ::-1])
+    x = middle[:, None] + np.linspace(-REACH, REACH, SAMPLES)
+    deep = np.interp(x, *tibia.T) - lowest_at(femur, x)
+    begin, end = _edge(x, deep), _edge(x[:, ::-1], deep[:, ::-1])
     x = begin[:, None] + (end - begin)[:, None] * np.linspace(0.0, 1.0, POINTS)
     upper = np.interp(x, *tibia.T)
     return Overlaps(x, np.minimum(lowest_at(femur, x), upper), upper)
 
 
 def lowest_at(outlines: Floats, x: Floats) -> Floats:
-    """Return the lowest y [m] of outlines, shape (n, m, 2) [m], at `x`, shape (n, s) [m]; infinite beyond them."""
-    lowest = np.full(x.shape, np.inf)
-    begin, end = outlines[:, :-1], outlines[:, 1:]
-    left, right = np.minimum(begin[..., 0], end[..., 0]), np.maximum(begin[..., 0], end[..., 0])
-    below = (begin[..., 1] < outlines[..., 1].mean(axis=1)[:, None]).any(axis=0)
-    near = below & (left.min(axis=0) <= x.max()) & (right.max(axis=0) >= x.min())
-    for segment in np.flatnonzero(near).tolist():
-        (x0, y0), (x1, y1) = begin[:, segment, :, None].swapaxes(0, 1), end[:, segment, :, None].swapaxes(0, 1)
-        width = x1 - x0
-        part = (x - x0) / np.where(width == 0.0, 1.0, width)
-        on_it = (part >= 0.0) & (part <= 1.0) & (width != 0.0)
-        lowest = np.where(on_it, np.minimum(lowest, y0 + part * (y1 - y0)), lowest)
+    """Return y [m] of the lower halves of outlines, shape (n, m, 2) [m], at `x`, shape (n, s) [m]; infinite beyond."""
+    lowest = np.empty(x.shape)
+    for row, outline, along in zip(lowest, outlines, x, strict=True):
+        half = outline[outline[:, 1] <= outline[:, 1].mean()]
+        half = half[half[:, 0].argsort()]
+        row[:] = np.interp(along, half[:, 0], half[:, 1], left=np.inf, right=np.inf)
     return lowest
 
 
-def _crossing(x: Floats, deep: Floats) -> Floats:
+def _edge(x: Floats, deep: Floats) -> Floats:
     """Return where the outlines first cross along `x` [m], shape (n,); the middle of `x` where they do not overlap."""
     rows, inside = np.arange(len(x)), deep > 0.0
+    inside[:, SAMPLES // 2] = True
     after = inside.argmax(axis=1)
-    before = np.maximum(after - 1, 0)
-    over, under = np.maximum(-deep[rows, before], 0.0), np.maximum(deep[rows, after], 0.0)
-    part = np.where(np.isfinite(over) & (under > 0.0), under / np.where(under > 0.0, over + under, 1.0), 0.0)
-    crossing = x[rows, after] + part * (x[rows, before] - x[rows, after])
-    return np.asarray(np.where(inside.any(axis=1), crossing, x.mean(axis=1)))
-
-
-def _femur(surface: Floats, thickness: float, size: Size) -> tuple[Floats, Floats]:
-    """Make bone and cartilage of the femur; `surface` goes from posterior to anterior."""
-    inner = surface + _covered(surface, thickness) * _left(surface)
-    rear, front, extent = surface[0], surface[-1], size.extent
-    begin = size.ends + SHAFT_RISE * extent
-    posterior = np.array([size.rear + SHAFT_BEGIN * extent, begin])
-    anterior = posterior + np.array([SHAFT_WIDTH * extent, 0.0])
-    up, top = np.array([0.0, 1.0]), max(SHAFT_LENGTH * extent, begin)
-    posterior_join = _join(posterior, -up, rear, surface[1] - rear)
-    anterior_join = _join(front, front - surface[-2], anterior, up)
-    return _bone(inner, anterior_join, (anterior[0], posterior[0]), top, posterior_join), _band(surface, inner)
-
-
-def _tibia(surface: Floats, thickness: float) -> tuple[Floats, Floats]:
-    """Make bone and cartilage of the tibia; `surface` goes from posterior to anterior."""
-    inner = surface - _covered(surface, thickness) * _left(surface)
-    rear, front = surface[0], surface[-1]
-    width, edge = float(front[0] - rear[0]), min(rear[1], front[1])
-    middle, begin = 0.5 * (rear[0] + front[0]), edge - TIBIA_DROP * width
-    anterior, posterior = (np.array([middle + side * 0.5 * TIBIA_WIDTH * width, begin]) for side in (1.0, -1.0))
-    down, first, last = np.array([0.0, -1.0]), surface[1] - rear, front - surface[-2]
-    anterior_join = _join(front, 0.4 * last / np.hypot(*last) + down, anterior, down)
-    posterior_join = _join(posterior, -down, rear, 0.4 * first / np.hypot(*first) - down)
-    bone = _bone(inner, anterior_join, (anterior[0], posterior[0]), edge - TIBIA_DEPTH * width, posterior_join)
-    return bone, _band(surface, inner)
+    over, under = np.maximum(deep[rows, after], 0.0), deep[rows, np.maximum(after - 1, 0)]
+    return np.asarray(x[rows, after] + (x[:, 0] - x[:, 1]) * over / np.maximum(over - under, np.finfo(float).tiny))
 
 
 def _bone(
-    inner: Floats, anterior_join: Floats, shaft: tuple[float, float], end: float, posterior_join: Floats
-) -> Floats:
-    """Make the polygon of a bone: under the cartilage, along a join to the shaft, across its end, and back."""
-    return np.concatenate([inner, anterior_join[1:], [[x, end] for x in shaft], posterior_join[:-1]])
+    surface: Floats, thickness: float, up: float, shaft: Floats, ends: tuple[float, float], lean: float
+) -> tuple[Floats, Floats]:
+    """Make the polygons of a bone and its cartilage; `surface` goes from posterior to anterior.
 
-
-def _band(surface: Floats, inner: Floats) -> Floats:
-    """Make the polygon of the cartilage: along the surface, and back along the bone."""
-    return np.concatenate([surface, inner[-2:0:-1]])
+    Args:
+        surface: points of the surface, shape (n, 2) [m].
+        thickness: thickness of the cartilage [m].
+        up: 1 if the bone is above its surface, -1 if it is below.
+        shaft: x of the posterior and the anterior side of the shaft [m].
+        ends: y at which the shaft begins and ends [m].
+        lean: how much the joins to the shaft begin in its direction, and not in the surface's.
+    """
+    inner = surface + up * _covered(surface, thickness) * _left(surface)
+    away, (rear, front), (begin, end) = np.array([0.0, up]), shaft, ends
+    first, last = _unit(surface[1] - surface[0]), _unit(surface[-1] - surface[-2])
+    anterior = _join(surface[-1], last + lean * away, np.array([front, begin]), away)
+    posterior = _join(np.array([rear, begin]), -away, surface[0], first - lean * away)
+    bone = np.concatenate([inner, anterior[1:], [[front, end], [rear, end]], posterior[:-1]])
+    return bone, np.concatenate([surface, inner[-2:0:-1]])
 
 
 def _open(points: Floats) -> Floats:
@@ -350,9 +299,13 @@ def _open(points: Floats) -> Floats:
         order = np.argsort(turn)
         kept = (turn[order] > UNCOVERED) & (turn[order] < math.tau - UNCOVERED)
         return np.asarray(points[:-1][order][kept])
+    return points if turns(points).sum() > 0.0 else points[::-1]  # as from posterior over inferior to anterior
+
+
+def turns(points: Floats) -> Floats:
+    """Return twice the area of the triangles from the origin to each side of a polygon; counterclockwise positive."""
     (x, y), (next_x, next_y) = points.T, np.roll(points, -1, axis=0).T
-    counterclockwise = (x * next_y - next_x * y).sum() > 0.0  # as from posterior over inferior to anterior
-    return points if counterclockwise else points[::-1]
+    return np.asarray(x * next_y - next_x * y)
 
 
 def _even(points: Floats) -> Floats:
@@ -367,25 +320,25 @@ def _distance(points: Floats) -> Floats:
     return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
 
 
+def _unit(vectors: Floats) -> Floats:
+    """Return vectors, shape (..., 2), with length 1."""
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1, keepdims=True))
+
+
 def _left(points: Floats) -> Floats:
     """Return unit vectors to the left of a line at its points, shape (n, 2)."""
-    along = np.gradient(points, axis=0)
-    return np.asarray(np.stack([-along[:, 1], along[:, 0]], axis=1) / np.hypot(*along.T)[:, None])
+    return _unit(np.gradient(points, axis=0) @ np.array([[0.0, 1.0], [-1.0, 0.0]]))
 
 
 def _covered(surface: Floats, thickness: float) -> Floats:
     """Return the thickness [m] of the cartilage along a surface, shape (n, 1): it thins out towards both ends."""
-    along = _distance(surface) / _distance(surface)[-1]
+    along = np.linspace(0.0, 1.0, len(surface))[:, None]
     part = np.clip(np.minimum(along, 1.0 - along) / TAPER, 0.0, 1.0)
-    return np.asarray(thickness * np.sqrt(1.0 - (1.0 - part[:, None]) ** 2))
+    return np.asarray(thickness * np.sqrt(1.0 - (1.0 - part) ** 2))
 
 
 def _join(begin: Floats, begin_along: Floats, end: Floats, end_along: Floats) -> Floats:
-    """Join two points with given directions by a smooth line (cubic Hermite), shape (JOIN_POINTS, 2)."""
-    reach = float(np.hypot(*(end - begin)))
-    first, last = (reach * along / np.hypot(*along) for along in (begin_along, end_along))
-    t = np.linspace(0.0, 1.0, JOIN_POINTS)[:, None]
-    return np.asarray(
-        (2.0 * t**3 - 3.0 * t**2 + 1.0) * begin + (t**3 - 2.0 * t**2 + t) * first
-        + (3.0 * t**2 - 2.0 * t**3) * end + (t**3 - t**2) * last
-    )  # fmt: skip
+    """Join two points with given directions by a smooth line, shape (JOIN_POINTS, 2)."""
+    reach = np.linalg.norm(end - begin)
+    slopes = [reach * _unit(along) for along in (begin_along, end_along)]
+    return np.asarray(CubicHermiteSpline([0.0, 1.0], [begin, end], slopes)(np.linspace(0.0, 1.0, JOIN_POINTS)))

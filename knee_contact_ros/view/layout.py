@@ -31,8 +31,6 @@ LEG = "leg"
 """Path of the leg in space; the robot's name in its URDF"""
 PATH = "contact_path"
 MM, MICRO, MEGA = 1e3, 1e6, 1e-6
-NOISE, LEAST = 3.0, 0.01
-"""Noise of force less load: `NOISE` times the estimated error of the force, and at least `LEAST` [BW]"""
 SCALE_BAR = 10.0
 """Length of the scale bar [mm]"""
 SEEN = np.radians([-5.0, 0.0, 15.0, 30.0, 45.0, 60.0, 70.0])
@@ -81,13 +79,6 @@ class Plot(NamedTuple):
     """Whether it shows readouts of answers, and not their fields"""
 
 
-def _excess(answers: Rows, weight: float) -> Floats:
-    """Return contact force less load [BW]; 0 where it is noise."""
-    excess = answers["contact_force"] - answers["load"]
-    noise = np.maximum(NOISE * np.nan_to_num(answers["force_error_estimate"]), LEAST * weight)
-    return np.asarray(np.where(np.abs(excess) > noise, excess, 0.0) / weight)
-
-
 LAYER = "layer"
 """Path of the entity with the depth at which the second layer begins, shown with the depths"""
 LAYER_NAME = "bone begins [mm]"
@@ -104,7 +95,7 @@ KNEE = (
                lambda of, weight: (of["contact_force"] + of["force_error_estimate"]) / weight),
         Series("contact force [BW]", colours.FORCE, 3.0, lambda answers, weight: answers["contact_force"] / weight),
         Series("load [BW]", colours.LOAD, 1.0, lambda answers, weight: answers["load"] / weight),
-        Series("force - load [BW]", colours.LOAD, 1.0, _excess),
+        Series("force - load [BW]", colours.LOAD, 1.0, lambda of, weight: (of["contact_force"] - of["load"]) / weight),
     ), title_of_several="Contact force ± error, thick; load; force - load [BW of {weight} N]"),
     Plot(DEPTHS, "Depth ± error, apart < 0 [mm]", (
         Series("depth - error [mm]", colours.BAND, 1.0, lambda of, _: MM * (_signed(of) - of["error_estimate"])),
@@ -161,14 +152,10 @@ DETAILS = (
 """Plots in the second tab"""
 
 
-FORCE_NUMBER, LOAD_NUMBER = 2, 3
-"""Numbers of contact force and load among the series of `FORCES`"""
-
-
 HEIGHT_DRIVEN = KNEE[1]._replace(
     title="Contact force ± error [BW of {weight} N]",
     title_of_several="Contact force ± error, thick [BW of {weight} N]",
-    series=KNEE[1].series[:LOAD_NUMBER],
+    series=KNEE[1].series[:3],
 )
 """Plot `FORCES` where the femoral height is prescribed: no load drives the model there"""
 
@@ -233,9 +220,9 @@ def frame_of(drawing: KneeOutlines) -> Frame:
 def _touching(drawing: KneeOutlines, angle: float) -> Floats:
     """Return the femur's bone [m], tibia frame, at a flexion angle [rad], touching the tibia."""
     knee = drawing.anatomy
-    femur, tibia = placed(knee.femur_cartilage, angle, 0.0, 0.0), knee.tibia_cartilage[:SURFACE_POINTS]
-    apart = lowest_at(femur[None], tibia[None, :, 0])[0] - tibia[:, 1]
-    return placed(knee.femur_bone, angle, 0.0, -float(apart.min()))
+    femur = placed(knee.femur_cartilage[:SURFACE_POINTS], angle, 0.0, 0.0)
+    x, y = knee.tibia_cartilage[:SURFACE_POINTS].T
+    return placed(knee.femur_bone, angle, 0.0, -float((lowest_at(femur[None], x[None])[0] - y).min()))
 
 
 def common(frames: Sequence[Frame]) -> Frame:

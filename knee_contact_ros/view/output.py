@@ -10,7 +10,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -85,49 +85,49 @@ def open_output(path: Path | None, serving: Serving, own: Sequence[KneeOutlines]
     """Open the output for a knee of one or two compartments: a file, or a server if there is no `path`.
 
     Raises:
-        UsageError: the output cannot be opened; see `RerunFile`, `Served` and `Window`.
+        UsageError: the output cannot be opened; see `RerunFile`, `serve` and `Window`.
     """
     from knee_contact_ros.view.scene import Scene
 
     remarks: list[str] = []
+    names = [drawing.knee for drawing in own]
+    file, window = None, None
     if path:
         output_files.refuse_impossible(path)
         name = next(output_files.all_names(path))
         if name != path:
             remarks.append(f"{path} is there already: this Rerun recording is {name}")
         remarks += map(output_files.cut_off, output_files.leftovers(path.parent, ".rrd"))
-        target: RerunFile | Served = RerunFile(name, own, latency=True)
+        file = RerunFile(name, own, latency=True)
+        recording = file.recording
     else:
         # The others' surfaces are not known here; where they are looked at is much the same.
         known = {drawing.knee: drawing for drawing in own}
-        drawings = [known.get(name, own[0]._replace(knee=name)) for name in serving.knees or known]
-        target = Served(serving.port, drawings, "+".join(serving.knees) or None)
-    window = Window(address(serving.port)) if serving.window and not path else None
-    names = [drawing.knee for drawing in own] if path else serving.knees
+        names = list(serving.knees or known)
+        drawings = [known.get(name, own[0]._replace(knee=name)) for name in names]
+        recording = serve(serving.port, drawings, "+".join(serving.knees) or None)
+        window = Window(address(serving.port)) if serving.window else None
+    numbers = {name: number if len(names) > 1 else None for number, name in enumerate(names)}
     scenes = [
-        Scene(
-            target.recording, drawing, latency=True, pause=PAUSE, forgetful=not path,
-            number=names.index(drawing.knee) if len(names) > 1 else None,
-        )
-        for drawing in own
-    ]  # fmt: skip
-    return Viewer(target, scenes, FILE_PERIOD if path else LIVE_PERIOD, remarks, window)
+        Scene(recording, one, latency=True, pause=PAUSE, forgetful=not path, number=numbers[one.knee]) for one in own
+    ]
+    return Viewer(recording, scenes, file, remarks, window)
 
 
 class Viewer:
     """An output (`streams.output.Output`) that shows answers in batches."""
 
     def __init__(
-        self, target: RerunFile | Served, scenes: Sequence[Scene], period: float, remarks: Sequence[str] = (),
-        window: Window | None = None,
+        self, recording: Any, scenes: Sequence[Scene], file: RerunFile | None, remarks: Sequence[str],
+        window: Window | None,
     ) -> None:  # fmt: skip
-        """Show each compartment in one of the `scenes`, which write to `target`.
+        """Show each compartment in one of the `scenes`, which write to Rerun's `recording`, perhaps one in a `file`.
 
-        A batch waits for `period` [s] to be full. `remarks` are messages to the user about the opening, and `window` is
-        the viewer on this machine, if one was opened.
+        `remarks` are messages to the user about the opening, and `window` is the viewer on this machine, if one was
+        opened.
         """
-        self.period, self.name = period, target.name
-        self._target, self._scenes, self._window = target, scenes, window
+        self.period, self.name = (FILE_PERIOD, file.name) if file else (LIVE_PERIOD, "")
+        self._recording, self._scenes, self._file, self._window = recording, scenes, file, window
         self._remarks = tuple(remarks)
         self._batch: list[bytes] = []
 
@@ -146,7 +146,9 @@ class Viewer:
     def flush(self) -> None:
         """Show the waiting answers, and hand them over."""
         self._show()
-        self._target.flush()
+        self._recording.flush()
+        if self._file:
+            self._file.check()
 
     def news(self) -> tuple[str, ...]:
         """Return messages to the user, each once: remarks, and that the viewer on this machine has ended."""
@@ -154,12 +156,16 @@ class Viewer:
         return news + (self._window.news() if self._window else ())
 
     def finish(self, ending: Ending | None) -> None:  # noqa: ARG002  (inputs alone are not shown)
-        """Show the waiting answers, and complete the file."""
+        """Show the waiting answers, and complete the file; viewers of a server keep the data that they have."""
         self._show()
         for scene in self._scenes:
             scene.finish()
-        self._target.close()
-        self.name = self._target.name
+        if self._file:
+            self._file.close()
+            self.name = self._file.name
+        else:
+            self._recording.flush()
+            self._recording.disconnect()
 
     def _show(self) -> None:
         if self._batch:
@@ -167,6 +173,25 @@ class Viewer:
             for first, scene in enumerate(self._scenes):
                 scene.show(rows[first :: len(self._scenes)])
             self._batch = []
+
+
+def serve(port: int, drawings: Sequence[KneeOutlines], recording_id: str | None) -> Any:
+    """Serve a recording of Rerun's on 127.0.0.1, to which viewers connect; it never waits for a viewer.
+
+    Recordings of one `recording_id` are one in a viewer that is connected to several servers.
+
+    Raises:
+        UsageError: the port is taken.
+    """
+    import rerun as rr
+
+    from knee_contact_ros.view.layout import blueprint
+
+    refuse_taken(port, "parameter rerun.port")
+    recording = rr.RecordingStream(APPLICATION, recording_id=recording_id)
+    server = rr.GrpcServerSink(bind_ip=LOCALHOST, port=port, server_memory_limit=SERVED_MEMORY)
+    recording.set_sinks(server, default_blueprint=blueprint(drawings, latency=True, follow=True))
+    return recording
 
 
 class RerunFile:
@@ -188,7 +213,7 @@ class RerunFile:
 
         from knee_contact_ros.view.layout import blueprint
 
-        self.path, self._overwrite = path, overwrite
+        self._path, self._overwrite = path, overwrite
         self._partial = output_files.claim(path, overwrite)
         self._file = output_files.open_claimed(self._partial)
         self._error: OSError | None = None
@@ -202,15 +227,14 @@ class RerunFile:
     @property
     def name(self) -> str:
         """Name of the file."""
-        return str(self.path)
+        return str(self._path)
 
-    def flush(self) -> None:
-        """Hand over all data that waits.
+    def check(self) -> None:
+        """Raise the error of earlier data that could not be written.
 
         Raises:
-            OSError: earlier data could not be written.
+            OSError: there was one.
         """
-        self.recording.flush()
         if self._error:
             raise self._error
 
@@ -223,9 +247,8 @@ class RerunFile:
         self.recording.flush()
         self.recording.disconnect()
         self._thread.join()
-        if self._error:
-            raise self._error
-        self.path = output_files.take_name(self._partial, self.path, self._overwrite)
+        self.check()
+        self._path = output_files.take_name(self._partial, self._path, self._overwrite)
 
     def discard(self) -> None:
         """Give up, and remove the file."""
@@ -245,35 +268,3 @@ class RerunFile:
                 self._error = error
                 while source.read(BLOCK):
                     pass
-
-
-class Served:
-    """A server of Rerun's on 127.0.0.1, to which viewers connect; it never waits for a viewer."""
-
-    name = ""
-
-    def __init__(self, port: int, drawings: Sequence[KneeOutlines], recording_id: str | None = None) -> None:
-        """Listen on a port; recordings of one `recording_id` are one in a viewer that is connected to several servers.
-
-        Raises:
-            UsageError: the port is taken.
-        """
-        import rerun as rr
-
-        from knee_contact_ros.view.layout import blueprint
-
-        refuse_taken(port, "parameter rerun.port")
-        self.recording = rr.RecordingStream(APPLICATION, recording_id=recording_id)
-        server = rr.GrpcServerSink(bind_ip=LOCALHOST, port=port, server_memory_limit=SERVED_MEMORY)
-        self.recording.set_sinks(server, default_blueprint=blueprint(drawings, latency=True, follow=True))
-
-    def flush(self) -> None:
-        """Hand over all data that waits to the server."""
-        self.recording.flush()
-
-    def close(self) -> None:
-        """End the server; viewers keep the data that they have."""
-        self.recording.flush()
-        self.recording.disconnect()
-
-    discard = close

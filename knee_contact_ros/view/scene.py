@@ -27,25 +27,9 @@ from knee_contact_ros.streams.strides import Stride, Strides
 from knee_contact_ros.streams.topics import LEG_URDF, NANOSECONDS, SHANK, THIGH
 from knee_contact_ros.system.files import share_folder
 from knee_contact_ros.view import colours, layout
-from knee_contact_ros.view.anatomy import NEWTONS_PER_MM, POINTS, Floats, KneeOutlines, overlaps, placed
+from knee_contact_ros.view.anatomy import NEWTONS_PER_MM, POINTS, Floats, KneeOutlines, overlaps, placed, turns
 from knee_contact_ros.view.colours import KNEE_COLOURS, NAME_OF_STATE, Colour
-from knee_contact_ros.view.layout import (
-    ABOUT,
-    BODY,
-    CAMERA,
-    CONTACT,
-    CURVES,
-    EVENTS,
-    GAIT,
-    LEG,
-    LEVEL,
-    MAGNIFICATION,
-    MM,
-    PATH,
-    SCALE_BAR,
-    STATES,
-    TIMELINE,
-)  # fmt: skip
+from knee_contact_ros.view.layout import MAGNIFICATION, MM, SCALE_BAR
 
 ON_SCREEN = np.array([MM, -MM])
 """Factors from m in the tibia frame to mm on the screen"""
@@ -85,23 +69,9 @@ SINGLE = 5.0
 LAYER_DEPTH = "contact.layer_depth"
 LAW = ("contact.", "lateral.contact.")
 """Beginnings of the names of parameters on which patch, pressure and strain depend"""
-WARNING = "WARN"
-CHANGES: dict[tuple[int, int], str] = {
-    (ContactState.SEPARATED, ContactState.CARTILAGE): "touch-down",
-    (ContactState.SEPARATED, ContactState.BONE): "touch-down, down to the bone",
-    (ContactState.CARTILAGE, ContactState.BONE): "bone contact begins",
-    (ContactState.BONE, ContactState.CARTILAGE): "bone contact ends",
-    (ContactState.CARTILAGE, ContactState.SEPARATED): "lift-off",
-    (ContactState.BONE, ContactState.SEPARATED): "lift-off from the bone",
-}
-STATUS = {
-    Status.STALE_INPUT: "stale input: a long gap between stamps",
-    Status.TIME_RESET: "time reset: started anew",
-    Status.INPUT_HELD: "input held: no angle came in time",
-    Status.NOT_CONVERGED: "not converged: a tolerance is not met",
-    Status.INPUT_REJECTED: "a sample was refused",
-    Status.IMPLAUSIBLE: "implausible: deeper or farther apart than any knee",
-}
+BEGUN = {ContactState.SEPARATED: "lift-off", ContactState.BONE: "bone contact begins"}
+"""Events by the contact state that begins, and, for contact of the cartilage, by the state before"""
+BEGUN_FROM = {ContactState.SEPARATED: "touch-down", ContactState.BONE: "bone contact ends"}
 Triangles = NDArray[np.uint32]
 """Triangles as indices of their corners, shape (m, 3)"""
 
@@ -134,63 +104,62 @@ class Scene:
             forgetful: Whether old data is dropped, so that states are repeated.
             number: Number of the knee among several in one scene, for the colour of its curves; None: it is alone.
         """
-        self._recording, self._drawing, self._pause = recording, drawing, pause
+        self._recording, self._drawing, self._pause, self._forgetful = recording, drawing, pause, forgetful
         self._plots, self._number = layout.plots_of(drawing, latency), number
-        self._layer = drawing.second_layer
-        self._pictures = Pictures()
-        self._remarks = Remarks(drawing.body_weight)
-        self._dated = False
-        self._last_stamp = 0
-        self._begun, self._alone, self._has_events = False, True, False
-        self._before, self._law_known = blank(0), True
-        self._early: list[tuple[str, Mapping[str, str]]] = []
-        """Notes that came before the first answer, whose stamp they get"""
-        self._states: dict[str, int] = {}
-        self._forgetful = forgetful
+        self._layer, self._law_known = drawing.second_layer, True
+        self._pictures, self._remarks = Pictures(), Remarks(drawing.body_weight)
+        self._count, self._last_stamp, self._dated, self._has_events = 0, 0, False, False
+        self._before, self._states = blank(0), dict[str, int]()
+        self._notes: list[tuple[str, Mapping[str, str]]] = []
+        """Notes that wait for the next answers"""
         self._write_still()
 
     def show(self, answers: Rows) -> None:
         """Write answers, at least one."""
         stamps = answers["stamp"]
-        self._alone = not self._begun and len(answers) == 1
-        if not self._begun:  # the first stamp decides whether the timeline shows dates or durations
-            self._begun, self._dated = True, bool(stamps[0] >= DATES_FROM)
-            self._send(f"{STATES}/{GAIT}", stamps[:1], rr.StateChange.columns(state=[NO_PHASE]))
-            self._write_events([remark_of_note(int(stamps[0]), name, values) for name, values in self._early])
-        self._last_stamp = int(stamps[-1])
+        if not self._count:  # the first stamp decides whether the timeline shows dates or durations
+            self._last_stamp, self._dated = int(stamps[0]), bool(stamps[0] >= DATES_FROM)
+            self._send(f"{layout.STATES}/{layout.GAIT}", stamps[:1], rr.StateChange.columns(state=[NO_PHASE]))
+        self._write_events(self._noted())
+        self._count, self._last_stamp = self._count + len(answers), int(stamps[-1])
         self._write_curves(answers, self._read_off(answers))
         chosen = self._pictures.choose(stamps)
         if len(chosen):
             drawn = answers[chosen]
             for root, moving in (
-                (BODY, moving_plane(self._drawing, drawn, self._layer)), (CAMERA, moving_marks(self._drawing, drawn)),
-                (LEG, moving_leg(self._drawing, drawn)),
+                (layout.BODY, moving_plane(self._drawing, drawn, self._layer)),
+                (layout.CAMERA, moving_marks(self._drawing, drawn)), (layout.LEG, moving_leg(self._drawing, drawn)),
             ):  # fmt: skip
                 for path, columns in moving:
                     self._send(f"{root}/{path}", drawn["stamp"], columns)
-        self._write_changes(CONTACT, stamps, answers["contact_state"], list(NAME_OF_STATE.values()))
-        self._write_changes(LEVEL, stamps, answers["fidelity"], LEVEL_NAMES)
+        for path, field, names in (
+            (layout.CONTACT, "contact_state", list(NAME_OF_STATE.values())), (layout.LEVEL, "fidelity", LEVEL_NAMES),
+        ):  # fmt: skip
+            self._write_changes(path, stamps, answers[field].astype(int), names)
         self._write_events(self._remarks.take(answers))
 
     def note(self, name: str, values: Mapping[str, str]) -> None:
-        """Write a note on something that happened to the node after the answers so far."""
+        """Note something that happened to the node after the answers so far; it is written with the next ones."""
         if LAYER_DEPTH in values and math.isfinite(self._layer):
             self._layer = float(values[LAYER_DEPTH])
         self._law_known &= not any(name.startswith(LAW) for name in values)
-        if not self._begun:
-            self._early.append((name, values))
-            return
-        self._write_events([remark_of_note(self._last_stamp, name, values)])
+        self._notes.append((name, values))
 
     def finish(self) -> None:
         """Write the last events; curves of a single answer become points."""
-        if self._begun and self._alone:
+        if self._count == 1:
             for path, names, tints, _ in self._styles():
                 points = rr.SeriesPoints(names=names, colors=tints, marker_sizes=[SINGLE])
-                self._recording.log(f"{self._drawing.knee}/{CURVES}/{path}", points, static=True)
-        self._write_events(self._remarks.finish())
-        if self._begun and not self._has_events:
-            self._write_events([Remark(self._last_stamp, "no events")])
+                self._keep(f"{layout.CURVES}/{path}", points)
+        if self._count:
+            self._write_events([*self._noted(), *self._remarks.finish()])
+            if not self._has_events:
+                self._write_events([Remark(self._last_stamp, "no events")])
+
+    def _noted(self) -> list[Remark]:
+        """Return remarks on the waiting notes, at the last stamp."""
+        notes, self._notes = self._notes, []
+        return [remark_of_note(self._last_stamp, name, values) for name, values in notes]
 
     def _read_off(self, answers: Rows) -> Readings | None:
         """Return the readouts of answers; those that depend on the contact law are NaN once the law has changed.
@@ -208,38 +177,37 @@ class Scene:
 
     def _write_still(self) -> None:
         """Write the parts of the scene that do not change."""
-        steps = {plot.path for plot in self._plots if plot.steps}
+        drawing, steps = self._drawing, {plot.path for plot in self._plots if plot.steps}
+        step = rr.components.InterpolationMode.StepAfter
         curves = [
             (path, rr.SeriesLines(
-                names=names, colors=tints, widths=widths,
-                interpolation_mode=rr.components.InterpolationMode.StepAfter if path in steps else None,
+                names=names, colors=tints, widths=widths, interpolation_mode=step if path in steps else None
             ))
             for path, names, tints, widths in self._styles()
         ]  # fmt: skip
         names = list(NAME_OF_STATE.values())
         states = [
-            (CONTACT, rr.StateConfiguration(values=names, colors=colours.OF_STATE.tolist())),
-            (LEVEL, rr.StateConfiguration(values=LEVEL_NAMES, colors=LEVEL_COLOURS)),
-            (GAIT, rr.StateConfiguration(values=[*PHASES.values(), NO_PHASE], colors=PHASE_COLOURS)),
+            (layout.CONTACT, rr.StateConfiguration(values=names, colors=colours.OF_STATE.tolist())),
+            (layout.LEVEL, rr.StateConfiguration(values=LEVEL_NAMES, colors=LEVEL_COLOURS)),
+            (layout.GAIT, rr.StateConfiguration(values=[*PHASES.values(), NO_PHASE], colors=PHASE_COLOURS)),
         ]
         # A millimetre at the camera's distance is one on the screen.
         camera = rr.Pinhole(focal_length=DISTANCE, principal_point=(0.0, 0.0), resolution=(1.0, 1.0))
-        self._recording.log(f"{self._drawing.knee}/{CAMERA}", camera, static=True)
-        words = rr.TextDocument(layout.about(self._drawing), media_type=rr.MediaType.MARKDOWN)
-        self._recording.log(f"{self._drawing.knee}/{ABOUT}", words, static=True)
-        frame = rr.CoordinateFrame(f"{self._drawing.knee}/{SHANK}")
-        self._recording.log(f"{self._drawing.knee}/{LEG}", frame, static=True)
+        self._keep(layout.CAMERA, camera)
+        self._keep(layout.ABOUT, rr.TextDocument(layout.about(drawing), media_type=rr.MediaType.MARKDOWN))
+        frame = rr.CoordinateFrame(f"{drawing.knee}/{SHANK}")
+        self._keep(layout.LEG, frame)
+        prefix = f"{drawing.knee}/"
+        UrdfTree.from_file_path(
+            share_folder() / LEG_URDF, drawing.knee, frame_prefix=prefix
+        ).log_urdf_to_recording(self._recording)  # fmt: skip
         leg = [(ARROW, frame), (ARROW, rr.Arrows3D.from_fields(colors=[colours.FORCE], radii=[2e-3]))]
-        urdf = UrdfTree.from_file_path(
-            share_folder() / LEG_URDF, self._drawing.knee, frame_prefix=f"{self._drawing.knee}/"
-        )
-        urdf.log_urdf_to_recording(self._recording)
         for root, parts in (
-            (BODY, still_plane(self._drawing)), (CAMERA, still_marks(self._drawing)), (CURVES, curves),
-            (STATES, states), (LEG, leg),
+            (layout.BODY, still_plane(drawing)), (layout.CAMERA, still_marks(drawing)), (layout.CURVES, curves),
+            (layout.STATES, states), (layout.LEG, leg),
         ):  # fmt: skip
             for path, what in parts:
-                self._recording.log(f"{self._drawing.knee}/{root}/{path}", what, static=True)
+                self._keep(f"{root}/{path}", what)
 
     def _styles(self) -> Iterator[tuple[str, Sequence[str], Sequence[Colour], Sequence[float]]]:
         """Yield path, names, colours and widths of the curves of each entity."""
@@ -257,37 +225,34 @@ class Scene:
         for plot in self._plots:
             source: Any = read if plot.read_off else answers
             values = np.stack([series.values(source, self._drawing.body_weight) for series in plot.series], axis=1)
-            known = np.isfinite(values[:, 0]) if plot.read_off else np.ones(len(values), dtype=bool)
+            known = np.isfinite(values[:, 0]) | (not plot.read_off)
             if known.any():
-                columns = rr.Scalars.columns(scalars=values[known].ravel())
-                if values.shape[1] > 1:
-                    columns = columns.partition(np.full(np.count_nonzero(known), values.shape[1]))
-                self._send(f"{CURVES}/{plot.path}", stamps[known], columns)
+                columns = rr.Scalars.columns(scalars=values[known])
+                self._send(f"{layout.CURVES}/{plot.path}", stamps[known], columns)
         if math.isfinite(self._layer):
-            self._send(f"{CURVES}/{layout.LAYER}", stamps[[0, -1]], rr.Scalars.columns(scalars=[MM * self._layer] * 2))
+            level = rr.Scalars.columns(scalars=[MM * self._layer] * 2)
+            self._send(f"{layout.CURVES}/{layout.LAYER}", stamps[[0, -1]], level)
 
-    def _write_changes(self, path: str, stamps: Any, values: Any, names: Sequence[str]) -> None:
+    def _write_changes(self, path: str, stamps: Any, states: Any, names: Sequence[str]) -> None:
         """Write a state where it changes, and at the end of every batch where old data is dropped."""
-        states = values.astype(int)
         changes = np.flatnonzero(np.diff(states, prepend=self._states.get(path, -1)))
         self._states[path] = int(states[-1])
         if self._forgetful:
             changes = np.union1d(changes, len(states) - 1)
         if len(changes):
             texts = [names[state] for state in states[changes].tolist()]
-            self._send(f"{STATES}/{path}", stamps[changes], rr.StateChange.columns(state=texts))
+            self._send(f"{layout.STATES}/{path}", stamps[changes], rr.StateChange.columns(state=texts))
 
     def _write_events(self, remarks: Sequence[Remark]) -> None:
         """Write remarks as lines of the events."""
         if remarks:
             self._has_events = True
-            stamps = np.array([remark.stamp for remark in remarks], dtype=np.int64)
-            texts = [f"{self._clock(remark.stamp)}  {remark.text}" for remark in remarks]
-            levels = [remark.level for remark in remarks]
-            self._send(EVENTS, stamps, rr.TextLog.columns(text=texts, level=levels))
-        if begun := [remark for remark in remarks if remark.phase]:
-            stamps = np.array([remark.stamp for remark in begun], dtype=np.int64)
-            self._send(f"{STATES}/{GAIT}", stamps, rr.StateChange.columns(state=[remark.phase for remark in begun]))
+            stamps, texts, levels, _ = zip(*remarks, strict=True)
+            lines = [f"{self._clock(stamp)}  {text}" for stamp, text in zip(stamps, texts, strict=True)]
+            self._send(layout.EVENTS, np.array(stamps), rr.TextLog.columns(text=lines, level=levels))
+        if begun := [(remark.stamp, remark.phase) for remark in remarks if remark.phase]:
+            stamps, phases = zip(*begun, strict=True)
+            self._send(f"{layout.STATES}/{layout.GAIT}", np.array(stamps), rr.StateChange.columns(state=phases))
 
     def _clock(self, stamp: int) -> str:
         """Return a stamp [ns] as text, as the timeline shows it."""
@@ -295,12 +260,14 @@ class Scene:
             return str(np.datetime64(stamp, "ns").astype("datetime64[ms]")).replace("T", " ")
         return f"{stamp / NANOSECONDS:.3f} s"
 
+    def _keep(self, path: str, what: Any) -> None:
+        """Write what does not change to an entity of the knee."""
+        self._recording.log(f"{self._drawing.knee}/{path}", what, static=True)
+
     def _send(self, path: str, stamps: Any, columns: Any) -> None:
         """Send columns with their stamps [ns] to an entity of the knee."""
-        if self._dated:
-            times = rr.TimeColumn(TIMELINE, timestamp=stamps.astype("datetime64[ns]"))
-        else:
-            times = rr.TimeColumn(TIMELINE, duration=stamps.astype("timedelta64[ns]"))
+        kind = {"timestamp": "datetime64[ns]"} if self._dated else {"duration": "timedelta64[ns]"}
+        times = rr.TimeColumn(layout.TIMELINE, **{name: stamps.astype(unit) for name, unit in kind.items()})
         self._recording.send_columns(f"{self._drawing.knee}/{path}", indexes=[times], columns=columns)
         if self._pause:
             time.sleep(self._pause)
@@ -323,17 +290,13 @@ class Pictures:
 def still_plane(drawing: KneeOutlines) -> Iterator[tuple[str, Any]]:
     """Yield paths and data of the polygons, and of the parts of the overlap that do not change."""
     knee = drawing.anatomy
-    for name, cartilage, bone, cover, colour in (
+    for name, layer, bone, cover, colour in (
         ("tibia", "tibial cartilage", knee.tibia_bone, knee.tibia_cartilage, colours.TIBIA),
         (FEMUR, "femoral cartilage", knee.femur_bone, knee.femur_cartilage, colours.FEMUR),
     ):
-        for path, polygon, layer, paint in (
-            ("bone", bone, name, colour),
-            ("cartilage", cover, cartilage, colours.COVER),
-        ):
-            vertices = _in_space(polygon * ON_SCREEN, layer)
-            mesh = rr.Mesh3D(vertex_positions=vertices, triangle_indices=triangles_of(polygon), albedo_factor=paint)
-            yield f"{name}/{path}", mesh
+        for path, polygon, place, paint in (("bone", bone, name, colour), ("cartilage", cover, layer, colours.COVER)):
+            vertices, corners = _in_space(polygon * ON_SCREEN, place), triangles_of(polygon)
+            yield f"{name}/{path}", rr.Mesh3D(vertex_positions=vertices, triangle_indices=corners, albedo_factor=paint)
         edges = [_in_space(ON_SCREEN * np.concatenate([shape, shape[:1]]), "edge") for shape in (bone, cover)]
         yield f"{name}/edges", rr.LineStrips3D(edges, colors=[colours.EDGE, colours.COVER], radii=[THIN])
     paints = [colours.CARTILAGE, colours.CARTILAGE, *([colours.BONE] if drawing.has_bone else [])]
@@ -362,7 +325,7 @@ def still_marks(drawing: KneeOutlines) -> Iterator[tuple[str, Any]]:
     yield "tibia/name", word(frame.tibia_name, "tibia", colours.INK)
     yield f"{FEMUR}/name", word(frame.femur_name, "femur", colours.INK)
     yield POINT, rr.Points2D.from_fields(radii=[POINT_SIZE], draw_order=ON_TOP)
-    yield PATH, rr.Points2D.from_fields(colors=[colours.WAY], radii=[PATH_SIZE], draw_order=ABOVE)
+    yield layout.PATH, rr.Points2D.from_fields(colors=[colours.WAY], radii=[PATH_SIZE], draw_order=ABOVE)
     yield ARROW, rr.Arrows2D.from_fields(colors=[colours.FORCE], radii=[WIDE])
     yield FORCE_NAME, rr.Points2D.from_fields(colors=[colours.INK], radii=[UNSEEN], show_labels=True)
     yield DEPTH, rr.Points2D.from_fields(colors=[colours.INK], radii=[UNSEEN], show_labels=True)
@@ -371,9 +334,8 @@ def still_marks(drawing: KneeOutlines) -> Iterator[tuple[str, Any]]:
 def moving_plane(drawing: KneeOutlines, answers: Rows, layer: float) -> Iterator[tuple[str, Any]]:
     """Yield paths and columns of poses and overlaps, at least one; the second layer begins at the depth `layer` [m]."""
     yield FEMUR, _pose(answers)
-    radius = 0.5 * float(np.ptp(drawing.femur[:, 0]))
     femur = placed(drawing.femur, answers["flexion_angle"], answers["femoral_x"], answers["femoral_height"])
-    region = overlaps(femur, drawing.tibia, answers["contact_point"]["x"], answers["penetration_depth"], radius)
+    region = overlaps(femur, drawing.tibia, answers["contact_point"]["x"])
     normal = np.stack([answers["normal_x"], answers["normal_y"]], axis=1)
     depth = (region.upper - region.lower) * normal[:, None, 1]
     # As it is, and its layers with their depth magnified; each along the tibia and along the femur.
@@ -390,7 +352,7 @@ def moving_marks(drawing: KneeOutlines, answers: Rows) -> Iterator[tuple[str, An
     point = np.stack([answers["contact_point"]["x"], answers["contact_point"]["y"]], axis=1) * ON_SCREEN
     tints = colours.OF_STATE[answers["contact_state"].astype(int)]
     yield POINT, rr.Points2D.columns(positions=point, colors=tints)
-    yield PATH, rr.Points2D.columns(positions=point)
+    yield layout.PATH, rr.Points2D.columns(positions=point)
     force = answers["contact_force"]
     arrow = force[:, None] / NEWTONS_PER_MM * np.stack([answers["normal_x"], -answers["normal_y"]], axis=1)
     yield ARROW, rr.Arrows2D.columns(origins=point, vectors=arrow)
@@ -446,9 +408,7 @@ def _in_space(points: Floats, layer: str) -> NDArray[np.float32]:
 
 def triangles_of(polygon: Floats) -> Triangles:
     """Triangulate a simple polygon, shape (n, 2), of either orientation, by cutting off ears: n - 2 triangles."""
-    left = np.arange(len(polygon))
-    if _turn(polygon, np.roll(polygon, -1, axis=0), np.zeros(2)).sum() < 0.0:
-        left = left[::-1]
+    left = np.arange(len(polygon))[:: 1 if turns(polygon).sum() > 0.0 else -1]
     triangles = []
     while len(left) > 3:
         corners = np.stack([np.roll(left, 1), left, np.roll(left, -1)])
@@ -464,9 +424,8 @@ def triangles_of(polygon: Floats) -> Triangles:
 
 def _turn(a: Floats, b: Floats, c: Floats) -> Floats:
     """Return twice the area of triangles, positive if their corners go counterclockwise."""
-    return np.asarray(
-        (b[..., 0] - a[..., 0]) * (c[..., 1] - a[..., 1]) - (b[..., 1] - a[..., 1]) * (c[..., 0] - a[..., 0])
-    )
+    (x, y), (other_x, other_y) = np.moveaxis(b - a, -1, 0), np.moveaxis(c - a, -1, 0)
+    return np.asarray(x * other_y - y * other_x)
 
 
 class Remarks:
@@ -497,25 +456,24 @@ class Remarks:
             text = f"stride of {span.duration:.2f} s: impulse {impulse:.1f} N s, stance {stance:.1f} N s"
             yield Remark(span.end, text)
 
-    def _contact(self, answers: Rows) -> list[Remark]:
-        """Return remarks on changes of the contact state."""
-        states = np.concatenate([[self._state], answers["contact_state"].astype(int)])
+    def _contact(self, answers: Rows) -> Iterator[Remark]:
+        """Yield remarks on changes of the contact state."""
+        states = np.append(self._state, answers["contact_state"].astype(int))
         self._state = int(states[-1])
-        changes = np.flatnonzero(np.diff(states)).tolist()
-        pairs = [(int(answers["stamp"][i]), (int(states[i]), int(states[i + 1]))) for i in changes]
-        return [Remark(stamp, CHANGES[pair]) for stamp, pair in pairs if pair in CHANGES]
+        for i in np.flatnonzero(np.diff(states)).tolist():
+            if (before := states[i]) >= 0:
+                text = BEGUN.get(states[i + 1]) or BEGUN_FROM[before]
+                yield Remark(int(answers["stamp"][i]), text)
 
-    def _flags(self, answers: Rows) -> list[Remark]:
-        """Return remarks on status bits that are set anew."""
-        status = np.concatenate([[self._status], answers["status"].astype(int)])
+    def _flags(self, answers: Rows) -> Iterator[Remark]:
+        """Yield remarks on status bits that are set anew."""
+        status = np.append(self._status, answers["status"].astype(int))
         self._status = int(status[-1])
         begun = status[1:] & ~status[:-1]
-        return [
-            Remark(int(answers["stamp"][i]), text, WARNING)
-            for i in np.flatnonzero(begun).tolist()
-            for bit, text in STATUS.items()
-            if begun[i] & bit
-        ]
+        for i in np.flatnonzero(begun).tolist():
+            for bit in Status:
+                if begun[i] & bit:
+                    yield Remark(int(answers["stamp"][i]), str(bit.name).lower().replace("_", " "), "WARN")
 
 
 def remark_of_note(stamp: int, name: str, values: Mapping[str, str]) -> Remark:

@@ -1,4 +1,4 @@
-"""Rerun's viewer as a process on this machine: found, started and watched; its time cursor set.
+"""Rerun's viewer as a process on this machine: found, started and watched.
 
 All servers of it listen on 127.0.0.1 only; Rerun's own default is every interface.
 """
@@ -8,15 +8,10 @@ from __future__ import annotations
 import os
 import signal
 import tempfile
-import time
 from collections.abc import Sequence
-from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
-from threading import Thread
-from typing import IO, Any
-
-import numpy as np
+from typing import IO
 
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 from knee_contact_ros.system.files import not_installed
@@ -29,38 +24,33 @@ MEMORY_LIMIT = "1GB"
 IN_BACKGROUND = ("env", "--default-signal=INT,TERM", "nice", "-n", "10")
 """Beginning of the command of a viewer beside a node: it runs at low priority, as a tick must not wait for it, and it
 heeds signals that the process of a scene ignores"""
-END, LOAD = 5.0, 60.0
-"""Times [s] that a viewer may take to end, and to load a file"""
-PAUSE = 0.1
-"""Time [s] between two requests for the viewer's state"""
+END = 5.0
+"""Time [s] that a viewer may take to end"""
 
 
 class Window:
-    """A viewer that this process started and that shows what is served at an address."""
+    """A viewer that this process started and that shows what is served at an address; it stays when we end."""
 
     def __init__(self, address: str) -> None:
-        """Start the viewer; it stays open when this process ends.
+        """Start the viewer.
 
         Raises:
             UsageError: Rerun is not installed, or there is no screen.
         """
         refuse_blind("parameter rerun.mode can be serve or file")
-        self._address, self._reported = address, False
+        self._address = address
         self._log = tempfile.TemporaryFile()  # noqa: SIM115  (the viewer writes to it as long as it lives)
-        self._process: Process = start(connect_command([address]), self._log, env=plain(), start_new_session=True)
+        self._process: Process | None = start(
+            connect_command([address]), self._log, env=plain(), start_new_session=True
+        )
 
     def news(self) -> tuple[str, ...]:
         """Return a message that the viewer has ended, once."""
-        code = self._process.poll()
-        if code is None or self._reported:
+        if self._process is None or (code := self._process.poll()) is None:
             return ()
-        self._reported = True
+        self._process = None
         still = f"the scene is still served: knee-contact view {self._address}"
         return (f"the Rerun viewer {_ending(code, self._log)}; {still}",)
-
-    def close(self) -> None:
-        """End the viewer."""
-        self._process.terminate()
 
 
 def address(port: int) -> str:
@@ -138,60 +128,13 @@ def look(command: Sequence[str]) -> None:
 
 
 def look_at(path: Path) -> None:
-    """Show a Rerun file in a window, at its largest load, until the window is closed.
+    """Show a Rerun file in a window until the window is closed.
 
     Raises:
         UsageError: Rerun is not installed.
         IncompleteError: the viewer failed.
     """
-    port = free_port()
-    Thread(target=_put_on_peak, args=(path, address(port)), name="cursor", daemon=True).start()
-    look([str(executable()), *on_loopback(port), str(path)])
-
-
-def peak_of(path: Path) -> Any:
-    """Return when the load of any knee in a Rerun file is largest; among equal loads, when the contact force is.
-
-    Where no load is drawn, the contact force counts. It is a `datetime64` or a `timedelta64`, as the timeline shows
-    dates or durations; None if the file has no curves of forces.
-    """
-    from rerun.chunk import RrdReader
-
-    from knee_contact_ros.view.layout import CURVES, FORCE_NUMBER, FORCES, LOAD_NUMBER, TIMELINE
-
-    peaks: list[tuple[float, float, Any]] = []
-    for chunk in RrdReader(path).stream():
-        if chunk.entity_path.endswith(f"/{CURVES}/{FORCES}") and not chunk.is_static:
-            batch = chunk.to_record_batch()
-            curves = np.nan_to_num(np.array(batch.column("Scalars:scalars").to_pylist()), nan=-np.inf)
-            force = curves[:, FORCE_NUMBER]
-            load = curves[:, LOAD_NUMBER] if curves.shape[1] > LOAD_NUMBER else force  # none where the height drives
-            best = int(np.lexsort((-np.arange(len(load)), force, load))[-1])
-            peaks.append((float(load[best]), float(force[best]), batch.column(TIMELINE).to_numpy()[best]))
-    return max(peaks)[-1] if peaks else None
-
-
-def _put_on_peak(path: Path, viewer: str) -> None:
-    """Set the cursor of a viewer to the largest load, once it has loaded the file; errors are ignored.
-
-    A file cannot do it (Rerun 0.41), but a program can.
-    """
-    from rerun.experimental import ViewerClient
-
-    from knee_contact_ros.view.layout import TIMELINE
-
-    with suppress(Exception):  # nothing depends on it: the viewer may be gone, or the file be none of ours
-        moment, end = peak_of(path), time.monotonic() + LOAD
-        while moment is not None and time.monotonic() < end:
-            with suppress(Exception):  # nobody answers yet; the library raises what it likes
-                client = ViewerClient.connect(viewer)
-                state = client.get_state()
-                if state.views and not state.loading and any(item.timelines for item in state.recordings):
-                    break
-            time.sleep(PAUSE)
-        if moment is not None:
-            kind = "timestamp" if isinstance(moment, np.datetime64) else "duration"
-            client.set_time(TIMELINE, **{kind: moment}, play_state="paused")
+    look([str(executable()), *on_loopback(free_port()), str(path)])
 
 
 def _ending(code: int, log: IO[bytes]) -> str:

@@ -17,12 +17,13 @@ from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.view.anatomy import (
     DRAWN_THICKNESS,
-    MARGIN,
     POINTS,
+    REACH,
     SAMPLES,
     SURFACE_POINTS,
+    Anatomy,
     Picture,
-    anatomy_of,
+    drawing_of,
     overlaps,
     picture_of,
 )  # fmt: skip
@@ -51,6 +52,10 @@ PLANE = np.array([[-0.04, 0.0], [0.04, 0.0]])
 @cache
 def model_of(config: Path, name: str) -> KneeModel:
     return load_model([config / one if isinstance(one, str) else one for one in KNEES[name]])
+
+
+def anatomy_of(model: KneeModel) -> Anatomy:
+    return drawing_of(model, "knee", 700.0).anatomy
 
 
 def pressed(model: KneeModel, angle: float, depth: float = DEPTH) -> Picture:
@@ -171,15 +176,15 @@ def circle(x: float, height: float) -> np.ndarray:
     return np.stack([x + RADIUS * np.cos(angles), height + RADIUS * np.sin(angles)], axis=1)
 
 
-@given(x=st.floats(-0.01, 0.01), depth=st.floats(1e-5, 3e-3))
+@given(x=st.floats(-0.01, 0.01), depth=st.floats(1e-4, 3e-3))
 def test_the_overlap_of_a_circle_and_a_plane_is_a_segment(x: float, depth: float) -> None:
-    found = overlaps(np.array([circle(x, RADIUS - depth)]), PLANE, np.array([x]), np.array([depth]), RADIUS)
+    found = overlaps(np.array([circle(x, RADIUS - depth)]), PLANE, np.array([x]))
     assert found.x.shape == found.lower.shape == found.upper.shape == (1, POINTS)
     rise = np.sqrt(RADIUS**2 - (found.x[0] - x) ** 2)
     lower = np.minimum(RADIUS - depth - rise, 0.0)
     assert (np.abs(found.lower[0] - lower) <= 1.01 * CHORD * RADIUS / rise).all()  # on a slope; 1.01: second order
     assert found.upper[0] == pytest.approx(0.0, abs=0.0)
-    step = MARGIN * math.sqrt(2.0 * RADIUS * depth) * 2.0 / (SAMPLES - 1)
+    step = 2.0 * REACH / (SAMPLES - 1)
     # The outline lies up to a chord's height inside of the circle or outside, and meets the plane there; where it ends
     # is told by two of the points that were looked at, along a line.
     half = math.sqrt(2.0 * RADIUS * depth - depth**2)

@@ -14,7 +14,8 @@ from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.view import picture
-from knee_contact_ros.view.picture import Moment, Window, beyond, in_contact_frame, posed, write_peak
+from knee_contact_ros.view.anatomy import picture_of
+from knee_contact_ros.view.picture import Moment, magnified, write_peak
 from tests.offline.test_solve import make_bag, silent
 
 pytest.importorskip("matplotlib", minversion="3.7", reason="needs the extra report: matplotlib 3.7")
@@ -81,30 +82,22 @@ def pressed(depth: float, *files: str) -> Moment:
 
 
 def test_what_is_drawn_is_as_deep_as_it_says() -> None:
-    drawn = posed(pressed(0.7e-3, "osteoarthritis"))
-    overlap = in_contact_frame(drawn, drawn.overlap)
+    knee = pressed(0.7e-3, "osteoarthritis")
+    posed = picture_of(knee.model, knee.flexion_angle, knee.femoral_height)
     # Chords of the drawn outline: half a degree of a circle of 34 mm lies 0.3 µm behind it
-    assert np.ptp(overlap[:, 1]) == pytest.approx(0.7, abs=0.01)
-    deep = beyond(overlap, 2e3 * drawn.anatomy.thickness)
-    assert np.ptp(deep[:, 1]) == pytest.approx(0.7 - 0.5, abs=0.01)
-    assert np.ptp(deep[:, 0]) < np.ptp(overlap[:, 0])
-    assert not len(beyond(overlap, 0.8))
+    assert np.ptp(posed.overlap[:, 1]) == pytest.approx(0.7e-3, abs=1e-5)
+    deep = magnified(posed, np.inf, 0.5e-3)
+    assert np.ptp(deep[:, 1]) == pytest.approx(2e-3, abs=1e-4)
+    assert np.ptp(magnified(posed, 0.5e-3)[:, 1]) == pytest.approx(5e-3, abs=1e-4)
+    assert not len(magnified(posed, np.inf, 0.8e-3))
 
 
-def test_axes_say_depth_and_scale_and_a_knee_that_is_apart_is_drawn() -> None:
+def test_depth_and_scale_are_told_and_a_knee_that_is_apart_is_drawn() -> None:
     from matplotlib.figure import Figure
 
-    moments = [pressed(0.7e-3), pressed(0.3e-3), pressed(-0.4e-3)]
-    window = Window.around(moments)
-    assert window == Window.around(moments[::-1])
-    for shown, told in zip(moments, ("depth 0.700 mm", "depth 0.300 mm", "0.400 mm apart"), strict=True):
-        knee, contact = Figure().subplots(2, 1)
-        picture.draw_knee(knee, shown)
-        picture.draw_contact(contact, shown, window)
-        words = {text.get_text() for text in knee.texts}
-        assert {"femur", "tibia", "anterior →", "10 mm", "1.36 BW\n(1000 N)"} <= words
-        assert told in {text.get_text() for text in contact.texts}
-        assert contact.get_xlabel() == f"contact, heights × {window.magnification:g}"
-        assert contact.get_aspect() == window.magnification
-        low, high = contact.get_ylim()
-        assert low < -0.7 < 0.4 < high  # mm: the femur is seen
+    words = ("0.700 mm deep\n(drawn × 10)", "0.400 mm apart")
+    for depth, told in zip((0.7e-3, -0.4e-3), words, strict=True):
+        knee = Figure().subplots()
+        picture.draw_knee(knee, pressed(depth))
+        texts = {text.get_text() for text in knee.texts}
+        assert {"femur", "tibia", "anterior →", "10 mm", "1.36 BW\n(1000 N)", told} <= texts

@@ -21,7 +21,6 @@ from knee_contact_ros.streams.strides import strides_of
 from knee_contact_ros.view.anatomy import POINTS, KneeOutlines, drawing_of
 from knee_contact_ros.view.layout import DETAILS, FORCES, KNEE, SOLVER, about, plane_title, plots_of, title_of
 from knee_contact_ros.view.scene import PICTURE_PERIOD, Remarks
-from knee_contact_ros.view.viewer import peak_of
 from tests.helpers.answers import contact
 from tests.view.scenes import SHIPPED, WEIGHT, answered, at, column, constant, entities, lists, texts_of, written
 
@@ -137,9 +136,7 @@ def test_every_curve_holds_every_tick(knee: Knee, drawn: Path) -> None:
     error, force, uncertain = (rows[name] for name in ("error_estimate", "contact_force", "force_error_estimate"))
     depth, more = rows["penetration_depth"] - rows["gap"], force - rows["load"]
     assert curves["depth"] == pytest.approx(1e3 * np.stack([depth - error, depth + error, depth], 1), **near)
-    excess = np.where(np.abs(more) > np.maximum(3.0 * uncertain, 0.01 * WEIGHT), more, 0.0)
-    assert 0 < np.count_nonzero(excess) < len(excess)
-    bands = np.stack([force - uncertain, force + uncertain, force, rows["load"], excess], 1)
+    bands = np.stack([force - uncertain, force + uncertain, force, rows["load"], more], 1)
     assert curves["force"] == pytest.approx(bands / WEIGHT, **near)
     assert np.ptp(1e3 * rows["sliding_velocity"]) > 100.0
     for name, values in (
@@ -195,9 +192,6 @@ def test_where_the_height_drives_no_load_is_drawn(tmp_path: Path) -> None:
     assert not any("load" in series.name for series in forces.series)
     path = written(tmp_path / "knee.rrd", drawing, [rows])
     assert column(path, f"/knee/curves/{FORCES}").shape == (20, 3)
-    assert peak_of(path) == np.timedelta64(
-        rows["stamp"][rows["contact_force"].argmax()], "ns"
-    )  # where the force is largest
 
 
 def test_a_single_answer_is_seen_in_every_plot(knee: Knee, tmp_path: Path) -> None:

@@ -1,4 +1,4 @@
-"""Rerun's viewer: found wherever it is installed, its cursor put on the largest load; and files on a full disk."""
+"""Rerun's viewer: found wherever it is installed; and files on a full disk."""
 
 from __future__ import annotations
 
@@ -12,16 +12,14 @@ from importlib import invalidate_caches
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
 
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.model.types import Rows
-from knee_contact_ros.results import DATES_FROM
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.view.anatomy import KneeOutlines
 from knee_contact_ros.view.output import RerunFile
-from knee_contact_ros.view.viewer import NOT_INSTALLED, executable, peak_of, viewer
+from knee_contact_ros.view.viewer import NOT_INSTALLED, executable, viewer
 from tests.helpers.needs import needs_viewer
 from tests.helpers.processes import NO_BYTECODE
 
@@ -55,24 +53,6 @@ def test_the_command_tells_what_to_install(
     assert main(["view", *(each.format(bag=right_bag) for each in arguments)]) == 2
     assert capsys.readouterr().err == f"knee-contact: {NOT_INSTALLED}\n"
     assert not list(tmp_path.iterdir())
-
-
-@needs_viewer
-def test_the_cursor_goes_to_the_largest_load(knee: tuple[KneeOutlines, Rows], tmp_path: Path) -> None:
-    from tests.view.scenes import at, written
-
-    drawing, whole = knee
-    level, missing = whole.copy(), whole.copy()
-    level["load"] = 350.0  # as where the height drives: then the largest force counts
-    missing["load"][:100] = np.nan
-    cases = {
-        "parts": ([whole[:200], whole[200:]], np.timedelta64(2_430_000_000, "ns")),
-        "today": ([at(whole, DATES_FROM * 5 + whole["stamp"])], np.datetime64(DATES_FROM * 5 + 2_430_000_000, "ns")),
-        "level": ([level], np.timedelta64(level["stamp"][level["contact_force"].argmax()], "ns")),
-        "missing": ([missing], np.timedelta64(2_430_000_000, "ns")),
-    }
-    for name, (batches, expected) in cases.items():
-        assert peak_of(written(tmp_path / f"{name}.rrd", drawing, batches)) == expected, name
 
 
 @needs_viewer

@@ -34,8 +34,8 @@ LINE, LETTERS = 0.19, 50
 WIDTH, CYCLE, TIME, UNCERTAIN = 4.4, 2.9, 5.2, 6.0
 """Width of a figure, and heights of those over a cycle (without its legend), over time and of uncertainty [in]: small,
 so that their letters can be read on a telephone"""
-KNEE, CONTACT = 3.1, 1.45
-"""Height of a knee and of a magnified contact [in]"""
+KNEE = 3.0
+"""Height of a knee [in]"""
 LEAST_WAY = 0.01
 """Smallest motion of the contact point [mm] for which it is drawn"""
 FEW, FEW_EVENTS, FEW_POINTS = 12, 60, 20
@@ -232,18 +232,15 @@ def knees(runs: Sequence[Run]) -> list[Figure]:
                 title: picture.Moment(model, float(angles[tick]), float(heights[tick]), float(forces[tick]), weight)
                 for title, tick in _drawn_peaks(run)
             }
-    every = [each for moments in drawn.values() for each in moments.values()]
     for number, group in enumerate(with_comparisons(runs), start=1):
         if any(run.label not in drawn for run in group):
             continue
         several = {run.label: list(drawn[run.label].values()) for run in group}
-        size, window = (WIDTH, KNEE + CONTACT * len(group)), picture.Window.around(every)
-        png = draw(size, partial(_knees, titles=list(drawn[group[0].label]), several=several, window=window))
+        png = draw((WIDTH, KNEE * len(group)), partial(_knees, titles=list(drawn[group[0].label]), several=several))
         caption = (
-            "Side view; the arrow is the contact force on the femur. Below, the contact with its heights "
-            "magnified: dark is where the surfaces would overlap if neither gave way; the number is the depth. The "
-            "surfaces that touch are the model's; the shafts are drawn around them, and so is cartilage whose "
-            "thickness the contact law does not know."
+            "Side view; the arrow is the contact force on the femur. Dark is where the surfaces would overlap if "
+            f"neither gave way, its depth drawn × {picture.MAGNIFICATION:g}. The surfaces that touch are the model's; "
+            "the shafts are drawn around them, and so is cartilage whose thickness the contact law does not know."
         )
         figures.append(Figure(f"knee_{number}", f"The knee at the peaks: {group[0].name}", caption, png))
     return figures
@@ -358,21 +355,14 @@ def _drawn_peaks(run: Run) -> list[tuple[str, int]]:
     return drawn or [(f"largest {what}, {time:.2f} s", of.largest)]
 
 
-def _knees(
-    canvas: Any, titles: Sequence[str], several: Mapping[str, Sequence[picture.Moment]], window: picture.Window
-) -> None:
-    """Draw a column for every peak: the knee of the first run, and below it the contact of every run."""
-    heights = (KNEE, *[CONTACT] * len(several))
-    axes = canvas.subplots(len(heights), len(titles), squeeze=False, height_ratios=heights)
-    for column, title in enumerate(titles):
-        moments = {label: own[column] for label, own in several.items()}
-        first = next(iter(moments.values()))
-        picture.draw_knee(axes[0, column], first)
-        axes[0, column].set_title(f"{title}\n{math.degrees(first.flexion_angle):.0f}° of flexion", fontsize=9.5)
-        for axis, (label, moment) in zip(axes[1:, column], moments.items(), strict=True):
-            picture.draw_contact(axis, moment, window)
-            if len(several) > 1:
-                axis.set_title(_plain(label), fontsize=8.5, loc="left", pad=3)
+def _knees(canvas: Any, titles: Sequence[str], several: Mapping[str, Sequence[picture.Moment]]) -> None:
+    """Draw a row for every run, and in it the knee at every peak."""
+    axes = canvas.subplots(len(several), len(titles), squeeze=False)
+    for row, (label, moments) in zip(axes, several.items(), strict=True):
+        for axis, title, moment in zip(row, titles, moments, strict=True):
+            picture.draw_knee(axis, moment)
+            name = f"{_plain(label)}, " if len(several) > 1 else ""
+            axis.set_title(f"{name}{title}\n{math.degrees(moment.flexion_angle):.0f}° of flexion", fontsize=9.5)
 
 
 def _uncertainty(canvas: Any, of: Propagated, driving: str) -> None:
