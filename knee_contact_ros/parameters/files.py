@@ -377,20 +377,17 @@ def read_share_table(name: str, text: str) -> ShareTable:
 def _columns(by: str, name: str, text: str, columns: tuple[str, ...]) -> NDArray[np.float64]:
     """Read the numbers in the text of a CSV file that a parameter names, shape (n, number of columns).
 
-    Comments begin with #; the first line may have the names of the columns. Further columns are ignored behind two,
-    and refused behind three.
+    Comments begin with #; the first line may have the names of the columns. Further columns are ignored.
     """
-    count = len(columns)
     if len(text) > LARGEST:
         raise UsageError(f"parameter {by}: {name} has {len(text)} characters; at most {LARGEST} are allowed")
-    lines = [line.strip() for line in text.splitlines() if line.strip() and not line.strip().startswith("#")]
-    rows = [line.split(",")[: count if count == 2 else None] for line in lines]
-    if rows and tuple(entry.strip() for entry in rows[0]) == columns:
+    rows = [line.split(",")[: len(columns)] for line in map(str.strip, text.splitlines()) if line and line[0] != "#"]
+    if rows and tuple(map(str.strip, rows[0])) == columns:
         del rows[0]
     if len(rows) > MOST_POINTS:
         raise UsageError(f"parameter {by}: {name} has {len(rows)} points; at most {MOST_POINTS} are allowed")
     try:
-        return np.array([[float(value) for value in row] for row in rows]).reshape(len(rows), count)
+        return np.array(rows, dtype=float).reshape(len(rows), len(columns))
     except ValueError:
         raise _no_columns(by, name, columns) from None
 

@@ -11,11 +11,11 @@ import inspect
 import logging
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, get_type_hints
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, GetCoreSchemaHandler, create_model
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, create_model
 from pydantic.fields import FieldInfo
-from pydantic_core import CoreSchema, core_schema
 
 from knee_contact_ros.joint_reaction.compartments import BOTH, RULES, SPLITS
 from knee_contact_ros.joint_reaction.estimator import LEVELS as LOAD_LEVELS
@@ -35,32 +35,38 @@ FIRST_ORDER = "first_order"
 _log = logging.getLogger(__name__)
 
 
-class Rule:
+@dataclass(frozen=True)
+class Rule(AfterValidator):
     """Rule for the values of a parameter, which pydantic checks after their type."""
 
-    def __init__(self, allows: Callable[[Any], bool], words: str, least: float, most: float = math.inf) -> None:
-        """Allow some values, described by `words`; numbers among them lie between `least` and `most`."""
-        self._allows, self.words, self.least, self.most = allows, words, least, most
+    words: str
+    """What is allowed"""
+    least: float = -math.inf
+    """No allowed number is below it"""
+    most: float = math.inf
+    """No allowed number is above it"""
 
-    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        """Schema of the type, with the check behind it."""
-        return core_schema.no_info_after_validator_function(self._checked, handler(source))
 
-    def _checked(self, value: Any) -> Any:
-        if not self._allows(value):
-            raise ValueError(f"allowed: {self.words}")
+def rule(allows: Callable[[Any], bool], words: str, least: float, most: float = math.inf) -> Rule:
+    """Rule that allows some values, described by `words`; numbers among them lie between `least` and `most`."""
+
+    def check(value: Any) -> Any:
+        if not allows(value):
+            raise ValueError(f"allowed: {words}")
         return value
+
+    return Rule(check, words, least, most)
 
 
 def one_of(*allowed: str | float) -> Rule:
     """Rule that allows these values only."""
     numbers = [value for value in allowed if not isinstance(value, str)] or [-math.inf, math.inf]
-    return Rule(allowed.__contains__, ", ".join(map(str, allowed)), min(numbers), max(numbers))
+    return rule(allowed.__contains__, ", ".join(map(str, allowed)), min(numbers), max(numbers))
 
 
 def off_or_at_least(least: float, zero: str = "off", numbers: str = "a number") -> Rule:
     """Rule that allows 0, which means `zero`, and numbers from `least` on, described by `numbers`."""
-    return Rule(lambda value: value == 0 or value >= least, f"0 ({zero}) or {numbers} >= {least:g}", 0.0)
+    return rule(lambda value: value == 0 or value >= least, f"0 ({zero}) or {numbers} >= {least:g}", 0.0)
 
 
 class Limits(NamedTuple):
@@ -125,8 +131,8 @@ class NodeSection(Section):
 
     def problem_of_sources(self, needed: int, why: str) -> str:
         """Report a wrong number of fields. Forces need `needed` fields because of `why`."""
-        angles, forces = (len(source.fields) for source in self.inputs())
         joints, (first, second) = self.joints(), self.inputs()
+        angles, forces = len(first.fields), len(second.fields)
         if angles not in (0, len(joints)):
             return f"knee.source: {angles} fields are not allowed; {', '.join(joints)} need {len(joints)}"
         if forces not in (0, 1, 3, 6):
@@ -140,7 +146,10 @@ class NodeSection(Section):
 
     def inputs(self) -> tuple[Source, Source]:
         """Sources of the angles and of the forces."""
-        raise NotImplementedError
+        forces, _, name = self.force_source.partition(".")
+        knee: Knee = self.knee  # type: ignore[attr-defined]
+        texts = knee.source, getattr(getattr(self, forces), name)
+        return source_of(texts[0], JOINT_STATE), source_of(texts[1], WRENCH_STAMPED)
 
     def joints(self) -> dict[str, str]:
         """Names of the joints that the node needs, by the parameters that give them."""
@@ -158,20 +167,9 @@ def frame_name(name: str) -> str:
     return name
 
 
-class SourceRule(Rule):
-    """Rule for the text of a source, whose messages are of the input's own type unless the text names another one."""
-
-    def __init__(self, own_type: str) -> None:
-        super().__init__(lambda _: True, FORM, -math.inf)
-        self._own_type = own_type
-
-    def _checked(self, value: Any) -> Any:
-        source_of(value, self._own_type)
-        return value
-
-
-AngleSource = Annotated[str, SourceRule(JOINT_STATE)]
-ForceSource = Annotated[str, SourceRule(WRENCH_STAMPED)]
+# Without a type in their text, messages of a source are of the input's own type.
+AngleSource = Annotated[str, Rule(lambda text: source_of(text, JOINT_STATE) and text, FORM)]
+ForceSource = Annotated[str, Rule(lambda text: source_of(text, WRENCH_STAMPED) and text, FORM)]
 ANGLES = "topic of the angles, of type JointState or dynamic_joint_states; for another type, one field for each joint"
 
 
@@ -244,18 +242,17 @@ def _off(value: object) -> object:
 
 
 def _level_of_today(level: object) -> object:
-    """Replace a level of earlier versions that no longer exists, and say so once."""
-    if level != FIRST_ORDER:
-        return level
-    _tell_of_first_order()
-    return "dynamic"
+    """Replace a level of earlier versions that no longer exists."""
+    return _instead_of_first_order() if level == FIRST_ORDER else level
 
 
 @functools.cache
-def _tell_of_first_order() -> None:
+def _instead_of_first_order() -> str:
+    """Return the level in place of `FIRST_ORDER`, and say so once."""
     _log.warning(
         "fidelity.level: %s no longer exists; dynamic is used instead, which is faster and more accurate", FIRST_ORDER
     )
+    return "dynamic"
 
 
 class Knee(Section):
@@ -488,10 +485,6 @@ class Parameters(NodeSection):
     record: Record = Record()
     rerun: Rerun = Rerun()
 
-    def inputs(self) -> tuple[Source, Source]:
-        """Sources of the angles and of the joint reaction."""
-        return source_of(self.knee.source, JOINT_STATE), source_of(self.load.source, WRENCH_STAMPED)
-
     def joints(self) -> dict[str, str]:
         """Joints of the knee; see `NodeSection`."""
         wanted = {"knee.joint_name": self.knee.joint_name}
@@ -657,10 +650,6 @@ class LoadParameters(NodeSection):
     """[s] longest time from a ground force to its estimate; the node counts later estimates"""
     diagnostics: Diagnostics = Diagnostics()
     record: Record = Record()
-
-    def inputs(self) -> tuple[Source, Source]:
-        """Sources of the angles and of the ground force."""
-        return source_of(self.knee.source, JOINT_STATE), source_of(self.ground.source, WRENCH_STAMPED)
 
     def joints(self) -> dict[str, str]:
         """Joints of the leg that are measured; see `NodeSection`."""

@@ -1,4 +1,4 @@
-"""From names to models: every law, surface and mechanism of the tables works with every other."""
+"""From names to models: every law works with every drive; surfaces and mechanisms: `tests/view/test_markers.py`."""
 
 from __future__ import annotations
 
@@ -8,10 +8,7 @@ import pytest
 import knee_contact_ros
 from knee_contact_ros.model.knee import BUDGET
 from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw, Layer
-from knee_contact_ros.model.mechanisms import MECHANISMS
-from knee_contact_ros.model.surfaces import GEOMETRIES, TIBIAL_GEOMETRIES
 from knee_contact_ros.model.ticks import LEVELS
-from knee_contact_ros.model.types import Status
 from knee_contact_ros.parameters import schema
 from knee_contact_ros.parameters.build import retuned
 from knee_contact_ros.parameters.files import load_parameters
@@ -20,31 +17,6 @@ from knee_contact_ros.system.errors import UsageError
 TIME = np.arange(0.0, 0.1, 0.005)
 ANGLE = 0.3 + 0.3 * np.sin(20.0 * TIME)
 LOAD = 700.0 + 200.0 * np.sin(25.0 * TIME)
-FILES = {
-    "femur.profile": "femur_medial.csv",
-    "tibia.profile": "tibia_medial.csv",
-    "translation.table": "translation_medial.csv",
-}
-
-
-@pytest.mark.parametrize("mechanism", MECHANISMS)
-@pytest.mark.parametrize("tibia", TIBIAL_GEOMETRIES)
-@pytest.mark.parametrize("femur", GEOMETRIES)
-def test_surfaces_and_mechanisms_work_together(femur: str, tibia: str, mechanism: str) -> None:
-    names = {"femur.geometry": femur, "tibia.geometry": tibia, "translation.mechanism": mechanism}
-    model = knee_contact_ros.load_model(FILES | names)
-    series = model.run(TIME, ANGLE, LOAD)
-    assert np.all(series.status == Status.OK)
-    assert np.all(series.penetration_depth > 0.0)
-    tibial = model.pair.outline(0.03)
-    for contact in series:
-        closest = model.closest(contact.flexion_angle, contact.femoral_height)
-        assert closest.depth == pytest.approx(contact.penetration_depth, abs=1e-15)  # rounding of heights of 34 mm
-        # On the surface, to 0.1 mm: more than the sagitta of any chord of the drawing
-        x, y = contact.contact_point.x, contact.contact_point.y
-        assert np.interp(x, *tibial.T) == pytest.approx(y, abs=1e-4)
-        # The femur hardly accelerates (1 m/s² at most here, 10 kg): the normal force carries the load.
-        assert contact.contact_force * closest.normal_y == pytest.approx(contact.load, abs=15.0)
 
 
 @pytest.mark.parametrize("law", CONTACT_LAWS)
@@ -99,7 +71,7 @@ def test_numbers_reach_the_model_when_it_is_made_and_when_they_change() -> None:
 
 
 def test_a_level_of_earlier_versions_is_dynamic_and_one_line_says_so(caplog: pytest.LogCaptureFixture) -> None:
-    schema._tell_of_first_order.cache_clear()
+    schema._instead_of_first_order.cache_clear()
     for _ in range(2):
         parameters = load_parameters({"fidelity.level": "first_order"})
     assert parameters.fidelity.level == "dynamic"

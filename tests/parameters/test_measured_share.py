@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.interpolate import RegularGridInterpolator
 
 from knee_contact_ros.joint_reaction.compartments import MeasuredShare, ShareTable
 from knee_contact_ros.parameters.files import read_share_table
@@ -33,14 +32,6 @@ def test_a_small_table_by_hand() -> None:
     assert [rule.beyond(*at) for at in ((500.0, 0.5), (1001.0, 0.5), (-1.0, 0.5), (500.0, 1.1))] == [
         False, True, True, True,
     ]  # fmt: skip
-
-
-def test_the_shipped_table_is_interpolated_as_scipy_does() -> None:
-    table = shipped()
-    points = np.random.default_rng(1).uniform((-0.17, 0.0), (1.22, 2.4), (500, 2))
-    expected = RegularGridInterpolator((table.flexion, table.load), table.share)(points)
-    found = MeasuredShare(table, WEIGHT).share(points[:, 1] * WEIGHT, points[:, 0])
-    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-14)  # some roundings of a share
 
 
 @given(axial=st.floats(-1e4, 1e5), flexion=st.floats(-6.3, 6.3))

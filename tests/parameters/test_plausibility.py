@@ -11,15 +11,12 @@ import pytest
 
 import knee_contact_ros
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.model.surfaces import Circle
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.build import build_model, load_model
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.watch import Doubts, doubts_about
-from tests.helpers.scenes import RADIUS, law, model
-from tests.offline.test_solve import make_bag, silent
+from tests.helpers.scenes import RADIUS
+from tests.offline.test_solve import make_bag
 
 TYPED = {"contact.stiffness": 2500.0}
 """N/mm^1.5 for N/m^1.5"""
@@ -78,13 +75,6 @@ def test_parameters_in_another_unit_are_told_in_a_sentence(values: dict[str, Any
     assert len(told) == 1
     assert "\n" not in str(told[0].message)
     assert told[0].filename == __file__  # where the user called
-
-
-def test_the_thickness_bounds_where_the_law_has_one() -> None:
-    foundation = law("elastic_foundation")
-    assert model(foundation).plausible_depth == 4.4e-3
-    assert model(foundation, geometry=Circle(0.01)).plausible_depth == pytest.approx(2e-3)
-    assert model(law("two_layer_elastic")).plausible_depth == pytest.approx(RADIUS / 5.0)  # bone lies below
 
 
 @pytest.mark.parametrize("compiled", [False, True])
@@ -179,12 +169,6 @@ def test_solve_says_it_on_the_terminal_and_in_its_table(
     words = " ".join(printed.out.split())
     for line in lines:
         assert f"warning {line.partition(' warning: ')[2][:30]}" in words
-
-
-def test_a_good_run_is_not_doubted(right_bag: Path, tmp_path: Path) -> None:
-    summary = solve(right_bag, Parameters(), tmp_path / "out.mcap", silent)
-    assert summary.doubts.sentences == []
-    assert summary.doubts.ticks == summary.ticks
 
 
 def test_solve_tells_of_an_offset_and_marks_the_peaks_of_a_landing(

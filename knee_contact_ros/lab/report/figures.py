@@ -361,7 +361,7 @@ def _knees(canvas: Any, titles: Sequence[str], several: Mapping[str, Sequence[pi
     for row, (label, moments) in zip(axes, several.items(), strict=True):
         for axis, title, moment in zip(row, titles, moments, strict=True):
             picture.draw_knee(axis, moment)
-            name = f"{_plain(label)}, " if len(several) > 1 else ""
+            name = f"{_plain(label)}\n" if len(several) > 1 else ""
             axis.set_title(f"{name}{title}\n{math.degrees(moment.flexion_angle):.0f}° of flexion", fontsize=9.5)
 
 
