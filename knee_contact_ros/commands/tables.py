@@ -139,8 +139,7 @@ NOT_CALIBRATED = "not calibrated to this person: for looking, not for gating any
 def show_load(summary: LoadSummary, parameters: LoadParameters, rows: Mapping[str, str], output: str) -> None:
     """Print the peak of the joint reaction with its parts and standard deviation, its mean, and figures of the run."""
     console, weight = Console(width=WIDTH, emoji=False), parameters.person.constants.weight
-    peak = summary.peak
-    assert peak is not None  # noqa: S101  (there is an estimate)
+    peak, stamps = summary.peak, summary.stamps
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
     for heading in ("", "[N]", "[BW]"):
         table.add_column(heading.replace("[", "\\["), justify="right" if heading else "left", no_wrap=True)
@@ -154,13 +153,13 @@ def show_load(summary: LoadSummary, parameters: LoadParameters, rows: Mapping[st
         table.add_row(name, f"{force:.1f}", f"{force / weight:.2f}")
     console.print(table)
     figures = figure_table()
-    figures.add_row("estimates", f"{len(summary.axial)} over {summary.duration:.2f} s")
+    figures.add_row("estimates", f"{len(stamps)} over {(stamps[-1] - stamps[0]) / NANOSECONDS:.2f} s")
     figures.add_row("level", summary.level)
     figures.add_row("constants", "fitted to this person's knee" if summary.calibrated else NOT_CALIBRATED)
     for name, value in rows.items():
         figures.add_row(name, shown(value))
     figures.add_row("samples refused", counts(summary.refused))
-    figures.add_row("estimates flagged", counts(summary.flagged, summary.ticks_flagged))
+    figures.add_row("estimates flagged", counts(summary.flagged, int(np.count_nonzero(summary.estimates["status"]))))
     console.print(figures)
     console.print()
     say(f"Bag: {output}")
@@ -182,9 +181,8 @@ def show_recovery(recovery: Recovery, output: str) -> None:
         table.add_row(f"{shown(row.topic)}\n  {shown(row.type)}", str(row.messages), missing)
     console.print(table)
     lines = [f"{recovery.unread} of {recovery.size} bytes could not be read"]
-    if recovery.times:
-        first, last = recovery.times
-        lines.insert(0, f"from {first / NANOSECONDS:.3f} s to {last / NANOSECONDS:.3f} s")
+    first, last = recovery.times
+    lines.insert(0, f"from {first / NANOSECONDS:.3f} s to {last / NANOSECONDS:.3f} s")
     lines += [f"- {fault}" for fault in recovery.faults[:MOST_FAULTS]]
     if len(recovery.faults) > MOST_FAULTS:
         lines.append(f"- and {len(recovery.faults) - MOST_FAULTS} more, all in the file's metadata")

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from array import array
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,63 +18,53 @@ from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
 from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms
-from knee_contact_ros.offline.solve import mark_damage, parameters_for
+from knee_contact_ros.offline.solve import mark_damage, nothing_computed, parameters_for
 from knee_contact_ros.parameters.schema import LoadParameters, PersonParameters
 from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.load_stream import LoadStream
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
-from knee_contact_ros.streams.topics import LOAD_RECORDED, NANOSECONDS, Answer
-from knee_contact_ros.system.errors import UsageError, in_a_line
+from knee_contact_ros.streams.topics import LOAD_RECORDED, Answer
 
+ESTIMATE = np.dtype([("stamp", np.int64), *get_type_hints(Estimate).items()])
+"""Type of a stamp [ns] and an estimate as a row"""
 MESSAGES_PER_ADVANCE = 1000
 """Number of messages from one call of `advance` to the next"""
 
 
-@dataclass
-class LoadSummary:
-    """Figures of all joint reactions that were estimated from a bag; memory grows by 16 B with each."""
+class LoadSummary(NamedTuple):
+    """All joint reactions that were estimated from a bag."""
 
+    estimates: NDArray[Any]
+    """Stamps [ns] and estimates, of type `ESTIMATE`, shape (n,)"""
+    refused: Counter[str]
+    """Number of refused samples by reason"""
+    damage: list[str]
+    """Damage of the bag, as sentences"""
     level: str
     """Name of the level of the estimator"""
     calibrated: bool
     """Whether the constants are fitted to the person"""
-    peak: Estimate | None = None
-    """Estimate with the largest axial force"""
-    flagged: Counter[str] = field(default_factory=Counter)
-    """Number of estimates by the name of a status bit that they have"""
-    ticks_flagged: int = 0
-    """Number of estimates that have any"""
-    refused: Counter[str] = field(default_factory=Counter)
-    """Number of refused samples by reason"""
-    damage: list[str] = field(default_factory=list)
-    """Damage of the bag, as sentences"""
-    _stamps: array[int] = field(default_factory=lambda: array("q"))
-    _axial: array[float] = field(default_factory=lambda: array("d"))
-
-    def add(self, stamp: int, estimate: Estimate) -> None:
-        """Add an estimate and its stamp [ns]."""
-        self._stamps.append(stamp)
-        self._axial.append(estimate.axial_force)
-        if self.peak is None or estimate.axial_force > self.peak.axial_force:
-            self.peak = estimate
-        if estimate.status:
-            self.ticks_flagged += 1
-            self.flagged.update(bit.name or "" for bit in Status if estimate.status & bit)
 
     @property
     def stamps(self) -> NDArray[np.int64]:
         """Stamps of the estimates [ns], shape (n,)."""
-        return np.array(self._stamps)
+        return np.asarray(self.estimates["stamp"])
 
     @property
     def axial(self) -> NDArray[np.float64]:
         """Axial forces [N], compressive positive, shape (n,)."""
-        return np.array(self._axial)
+        return np.asarray(self.estimates["axial_force"])
 
     @property
-    def duration(self) -> float:
-        """Time [s] from the first to the last estimate."""
-        return (self._stamps[-1] - self._stamps[0]) / NANOSECONDS if self._stamps else 0.0
+    def peak(self) -> Estimate:
+        """Estimate with the largest axial force."""
+        return Estimate(*self.estimates[self.axial.argmax()].item()[1:])
+
+    @property
+    def flagged(self) -> Counter[str]:
+        """Number of estimates by the name of a status bit that they have."""
+        counts = {bit.name or "": int(np.count_nonzero(self.estimates["status"] & bit)) for bit in Status}
+        return +Counter(counts)
 
 
 def load_parameters_for(
@@ -131,35 +120,35 @@ def estimate_load(
                 writer.add_metadata(ORIGIN, {"source": "knee-contact estimate-load", "body_weight": weight})
             topics = {topic: f"/{topic}" for topic in LOAD_RECORDED}
             recorder = AnswerWriter(writer, provenance_record(parameters, source=bag), topics, LOAD_PROVENANCE)
-        summary = LoadSummary(pipeline.level, parameters.calibrated)
-        for answer in _answers(inputs, pipeline, advance):
-            if recorder:
-                _write(recorder, pipeline, answer)
-            summary.add(pipeline.sensed.stamp, pipeline.estimate)
-            if keep:
-                keep(pipeline)
-        summary.refused, summary.damage = pipeline.synchroniser.refused, list(inputs.reader.damage)
+        each, take = partial(_rows, pipeline, recorder, keep), (pipeline.joint_state, pipeline.force)
+        blocks, done = list[NDArray[Any]](), 0
+        for block in inputs.blocks(MESSAGES_PER_ADVANCE):
+            blocks.append(each(answer for which, _, data in block for answer in take[which](data)))
+            done += len(block)
+            advance(done, inputs.reader.count)
+        blocks.append(each(pipeline.finish()))
+        refused, damage = pipeline.synchroniser.refused, list(inputs.reader.damage)
         if recorder:
             recorder.finish(pipeline.ending())
-            mark_damage(recorder, bag, summary.damage)
-        if summary.peak is None:
-            reasons = ", ".join(f"{count} x {reason}" for reason, count in summary.refused.items())
-            damage = f"; the bag is damaged: {in_a_line(summary.damage)}" if summary.damage else ""
-            why = "; ".join(filter(None, (reasons, pipeline.last_refusal))) or "no angle and force at one time"
-            raise UsageError(f"bag {bag}: no joint reaction could be estimated ({why}){damage}")
+            mark_damage(recorder, bag, damage)
+        summary = LoadSummary(np.concatenate(blocks), refused, damage, pipeline.level, parameters.calibrated)
+        if not len(summary.estimates):
+            raise nothing_computed(bag, "joint reaction could be estimated", pipeline, damage)
     return summary
 
 
-def _write(recorder: AnswerWriter, pipeline: LoadStream, answer: Answer) -> None:
-    if pipeline.frame.turn_note:
-        recorder.note(FORCE_TURNED, pipeline.frame.take_turn_note())
-    recorder.write(answer.records)
-
-
-def _answers(inputs: BagInputs, pipeline: LoadStream, advance: Callable[[int, int], None]) -> Iterator[Answer]:
-    for number, (which, data) in enumerate(inputs.messages(), start=1):
-        yield from (pipeline.force if which else pipeline.joint_state)(data)
-        if number % MESSAGES_PER_ADVANCE == 0:
-            advance(number, inputs.reader.count)
-    yield from pipeline.finish()
-    advance(inputs.reader.count, inputs.reader.count)
+def _rows(
+    pipeline: LoadStream, recorder: AnswerWriter | None, keep: Callable[[LoadStream], object] | None,
+    answers: Iterable[Answer],
+) -> NDArray[Any]:  # fmt: skip
+    """Rows of answers, which are recorded."""
+    rows = []
+    for answer in answers:
+        if recorder and pipeline.frame.turn_note:
+            recorder.note(FORCE_TURNED, pipeline.frame.take_turn_note())
+        if recorder:
+            recorder.write(answer.records)
+        rows.append((pipeline.sensed.stamp, *pipeline.estimate))
+        if keep:
+            keep(pipeline)
+    return np.array(rows, ESTIMATE)

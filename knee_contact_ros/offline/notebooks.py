@@ -8,14 +8,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from os import PathLike
 from pathlib import Path
-from typing import Any, get_type_hints
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.bags.provenance import Provenance
 from knee_contact_ros.bags.reader import Names, names_in_bag, others_beside
-from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import ROW, Rows
 from knee_contact_ros.offline.estimate_load import estimate_load as estimate
@@ -158,10 +157,6 @@ def in_python(message: str) -> str:
     return message
 
 
-DTYPE = np.dtype([("stamp", np.int64), *((name, kind) for name, kind in get_type_hints(Estimate).items())])
-"""Data type of the rows of the result"""
-
-
 def estimate_load(
     bag: Name,
     params: Any = None,
@@ -198,20 +193,11 @@ def estimate_load(
         rules = [f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()]
         names = names_in_bag(rules, namespace, LOAD_INPUTS)
         written = checked_output(Path(output), "output", ".mcap") if output else None
-        rows: list[tuple[Any, ...]] = []
         with progress("Estimating") as advance:
-            summary = estimate(
-                path,
-                parameters,
-                written,
-                advance,
-                overwrite,
-                names,
-                lambda one: rows.append((one.sensed.stamp, *one.estimate)),
-            )
+            summary = estimate(path, parameters, written, advance, overwrite, names)
         doubts = [*others_beside(path), *changed]
         if summary.damage:
             doubts = [*doubts, f"bag {path} is damaged, and read as far as it can be: {in_a_line(summary.damage)}"]
         for sentence in doubts:
             warnings.warn(in_python(sentence), stacklevel=2)
-    return np.array(rows, DTYPE).view(Records)
+    return summary.estimates.view(Records)

@@ -39,7 +39,7 @@ from knee_contact_ros.parameters.files import Source, all_values, curve_texts, d
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters, Section, has_both
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.frames import FORCE_TURNED
-from knee_contact_ros.streams.pairing import held_sentence, unanswered_sentence
+from knee_contact_ros.streams.pairing import PairedStreams, held_sentence, unanswered_sentence
 from knee_contact_ros.streams.topics import Answer, recorded_topics
 from knee_contact_ros.system.errors import UsageError, in_a_line
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded, find_file, read_mapping
@@ -136,10 +136,16 @@ def solve(
         )
         summary.publishers = list(filter(None, seen))
         if not summary.ticks:
-            reasons = ", ".join(f"{count} x {reason}" for reason, count in summary.refused.items())
-            why = f"; the bag is damaged: {in_a_line(damage)}" if damage else ""
-            raise UsageError(f"bag {bag}: no tick could be computed ({reasons}; {pipeline.last_refusal}){why}")
+            raise nothing_computed(bag, "tick could be computed", pipeline, damage)
     return summary
+
+
+def nothing_computed(bag: Path, what: str, pipeline: PairedStreams, damage: Sequence[str]) -> UsageError:
+    """Error that no such `what` came of a bag, with the reasons why samples were refused."""
+    reasons = ", ".join(f"{count} x {reason}" for reason, count in pipeline.synchroniser.refused.items())
+    why = "; ".join(filter(None, (reasons, pipeline.last_refusal))) or "no angle and force at one time"
+    damaged = f"; the bag is damaged: {in_a_line(damage)}" if damage else ""
+    return UsageError(f"bag {bag}: no {what} ({why}){damaged}")
 
 
 def mark_damage(recorder: AnswerWriter, bag: Path, damage: Sequence[str]) -> None:

@@ -88,7 +88,7 @@ def test_the_recording_holds_inputs_and_estimates(walking: Path, estimated: Path
     assert summary.axial.tolist() == [each.axial_force for each in told]
     assert summary.stamps.tolist() == [message.log_time for message in WALK if message.topic == FORCE]
     assert summary.peak == max(told, key=lambda each: each.axial_force)
-    assert (summary.level, summary.calibrated, summary.duration) == ("ankle_moment", False, 1.195)
+    assert (summary.level, summary.calibrated) == ("ankle_moment", False)
     assert (summary.flagged, summary.refused, summary.damage) == ({}, {}, [])
 
 
@@ -252,6 +252,5 @@ def test_a_bag_whose_angles_end_has_its_last_forces_held(tmp_path: Path) -> None
     bag = walking_bag(tmp_path / "bag.mcap", [m for m in WALK if m.topic == FORCE or m.log_time <= 1000 * MS])
     summary = estimate(bag, tmp_path / "o.mcap")
     assert summary.flagged == {"INPUT_HELD": 39, "STALE_INPUT": 19}
-    assert summary.ticks_flagged == 39
     status = [m.message.status for m in read_bag(tmp_path / "o.mcap", {ESTIMATE: TYPES[ESTIMATE]})]
     assert status[200:203] == [0, Status.INPUT_HELD, Status.INPUT_HELD]

@@ -14,8 +14,7 @@ from knee_contact_ros import Results, UsageError
 from knee_contact_ros.bags.reader import read_answers
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.model.types import FLAT, TOLD
-from knee_contact_ros.offline.estimate_load import estimate_load
-from knee_contact_ros.offline.notebooks import DTYPE
+from knee_contact_ros.offline.estimate_load import ESTIMATE, estimate_load
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
 from tests.helpers.walking import WHOLE_LEG, walk, walking_bag
@@ -145,8 +144,8 @@ def test_a_load_is_what_the_command_estimates(tmp_path: Path) -> None:
         keep=lambda stream: each_told.append((stream.sensed.stamp, *stream.estimate)),
     )
     found = knee_contact_ros.estimate_load(bag, WHOLE_LEG, {"person.mass": 60.0}, output=tmp_path / "out.mcap")
-    assert found.dtype == DTYPE
-    assert found.tobytes() == np.array(each_told, DTYPE).tobytes()
+    assert found.dtype == ESTIMATE
+    assert found.tobytes() == np.array(each_told, ESTIMATE).tobytes()
     assert len(knee_contact_ros.solve(tmp_path / "out.mcap")) == len(found)
 
 
