@@ -179,7 +179,7 @@ def run_demo(
             raise UsageError(f"bag {bag}: the node has answered nothing; refused: {counts(summary.refused)}")
         rows = live_rows(listener, summary.ticks) | (load_rows(bag, load, work) if load else {})
         if load and assisted:
-            rows |= assisted_rows(bag, load, parameters, work, summary.peaks["contact_force"].value)
+            rows |= assisted_rows(bag, load, parameters, work, summary.peaks["contact_force"].contact_force)
         picture = draw_peak(work, output)
         for result in RESULTS:
             replace(work / result, output / result)
@@ -389,7 +389,7 @@ def assisted_rows(bag: Path, load: LoadParameters, parameters: Any, work: Path, 
     estimate_load(bag, load_parameters([load, {"knee.assisted": False}], LoadParameters), loads, lambda *_: None)
     without = solve(loads, parameters, None, lambda *_: None, keep=lambda rows: blocks.append(rows[0]))
     less = relief(np.concatenate(blocks), np.concatenate([*answer_blocks(work / RECORDING.parent)]))
-    alone = without.peaks["contact_force"].value
+    alone = without.peaks["contact_force"].contact_force
     return {
         "gives way above": f"{FORCE_LIMIT:.0f} N of contact force",
         "largest contact": f"{alone:.1f} N without assistance, {most:.1f} N with it",

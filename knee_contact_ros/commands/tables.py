@@ -14,7 +14,7 @@ from rich.table import Column, Table
 from knee_contact_ros.bags.recover import Recovery
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.estimate_load import LoadSummary
-from knee_contact_ros.offline.summary import LoadPeak, Peak, Summary
+from knee_contact_ros.offline.summary import Moment, Summary
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.results import begin_of, stamp_text
 from knee_contact_ros.streams.topics import LATERAL, MEDIAL, NANOSECONDS
@@ -92,7 +92,7 @@ def peak_table(summary: Summary) -> Table:
     for heading in headings:
         table.add_column(escape(heading), justify="right", no_wrap=True)
 
-    def moment(peak: Peak | LoadPeak) -> tuple[str, ...]:
+    def moment(peak: Moment) -> tuple[str, ...]:
         return stamp_text(peak.stamp, begin), *([str(peak.run)] if summary.runs > 1 else [])
 
     def forces(load: float, force: float, depth: float) -> tuple[str, ...]:
@@ -110,10 +110,11 @@ def peak_table(summary: Summary) -> Table:
         name = f"peak {number}" + DOUBTFUL * bool(peak.status & Status.IMPLAUSIBLE)
         table.add_row(name, *values, *moment(peak))
     load, force, depth = (summary.peaks[name] for name in ("load", "contact_force", "penetration_depth"))
+    largest = forces(load.load, force.contact_force, depth.penetration_depth)
     stamps, one_run = (load.stamp, force.stamp, depth.stamp), load.run == force.run == depth.run
     when = moment(depth) if one_run and max(stamps) - min(stamps) <= ONE_MOMENT else ("various",)
-    doubtful = load.implausible or force.implausible or depth.implausible
-    table.add_row("largest" + DOUBTFUL * doubtful, *forces(load.value, force.value, depth.value), *when)
+    doubtful = bool((load.status | force.status | depth.status) & Status.IMPLAUSIBLE)
+    table.add_row("largest" + DOUBTFUL * doubtful, *largest, *when)
     if summary.flagged["IMPLAUSIBLE"]:
         table.caption, table.caption_justify = "! from an answer that is IMPLAUSIBLE", "left"
     if Console(width=UNBOUNDED).measure(table).maximum > WIDTH:  # large forces, hours

@@ -6,14 +6,14 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.bags.reader import answer_blocks, answer_topics, metadata_records
 from knee_contact_ros.bags.recorder import REFUSED_SAMPLES
-from knee_contact_ros.model.types import Fidelity, Rows, Status
+from knee_contact_ros.model.types import ROW, Fidelity, Rows, Status
 from knee_contact_ros.streams.gait_events import LOAD_PEAK, GaitEvent, GaitEvents
 from knee_contact_ros.streams.topics import KNEE_CONTACT, KNEE_CONTACT_LATERAL, NANOSECONDS
 from knee_contact_ros.streams.watch import Doubts, Split
@@ -26,24 +26,11 @@ LOOK_BACK = 3_000_000_000
 """Time [ns] for which answers are kept: whether the load had a peak is certain within two seconds"""
 
 
-class Peak(NamedTuple):
-    """The largest value of a field."""
-
-    value: float
-    """Value in the SI unit of the field"""
-    stamp: int
-    """Stamp [ns] of its answer"""
-    implausible: bool = False
-    """Whether the answer is `IMPLAUSIBLE`"""
-    run: int = 1
-    """Number of its run, see `Summary.runs`"""
-
-
-class LoadPeak(NamedTuple):
-    """The contact at a local peak of the load."""
+class Moment(NamedTuple):
+    """The contact at a peak."""
 
     stamp: int
-    """Stamp [ns] of the peak"""
+    """Stamp [ns]"""
     load: float
     """Compressive load [N]"""
     contact_force: float
@@ -54,6 +41,11 @@ class LoadPeak(NamedTuple):
     """Bits of `Status`"""
     run: int = 1
     """Number of its run, see `Summary.runs`"""
+
+    @classmethod
+    def of(cls, answer: Any, run: int) -> Moment:
+        """Moment of an answer, a single one of `Rows`."""
+        return cls._make([*(answer[name].item() for name in cls._fields[:-1]), run])
 
 
 @dataclass
@@ -94,20 +86,18 @@ class Summary:
     """Stamp [ns] of the first tick"""
     last_stamp: int = 0
     """Stamp [ns] of the last tick"""
-    peaks: dict[str, Peak] = field(default_factory=dict)
-    """Largest values of `PEAKS` by field"""
+    peaks: dict[str, Moment] = field(default_factory=dict)
+    """Moments of the largest values of `PEAKS` by field"""
     split: Split | None = None
     """Share of the load that the medial compartment gets, where it varies"""
     lateral: Summary | None = None
     """Summary of the lateral compartment, where there are two"""
-    load_peaks: list[LoadPeak] = field(default_factory=list)
+    load_peaks: list[Moment] = field(default_factory=list)
     """Local peaks of the load in stance, see `GaitEvents`; complete after `finish`"""
 
     def __post_init__(self) -> None:
         self._events = GaitEvents(self.body_weight)
-        self._recent = np.empty(
-            0, [(name, np.int64 if name in ("stamp", "status") else np.float64) for name in LoadPeak._fields[:-1]]
-        )
+        self._recent = np.empty(0, ROW)
 
     def add(self, answers: Rows) -> None:
         """Add a block of answers, at least one, to all figures."""
@@ -136,11 +126,9 @@ class Summary:
         self.largest_error = max(self.largest_error, bound(answers["error_estimate"]))
         self.largest_force_error = max(self.largest_force_error, bound(answers["force_error_estimate"]))
         for name in PEAKS:
-            index = int(answers[name].argmax())
-            value = float(answers[name][index])
-            if name not in self.peaks or value > self.peaks[name].value:
-                implausible = bool(status[index] & Status.IMPLAUSIBLE)
-                self.peaks[name] = Peak(value, int(stamps[index]), implausible, self.runs)
+            largest = answers[int(answers[name].argmax())]
+            if name not in self.peaks or largest[name] > getattr(self.peaks[name], name):
+                self.peaks[name] = Moment.of(largest, self.runs)
         self.doubts.add_all(answers)
         self._find_peaks(answers)
         self.ticks_flagged += int(np.count_nonzero(status))
@@ -165,18 +153,15 @@ class Summary:
         self._events, self._recent = GaitEvents(self.body_weight), self._recent[:0]
 
     def _find_peaks(self, answers: Rows) -> None:
-        added = np.empty(len(answers), self._recent.dtype)
-        for name in LoadPeak._fields[:-1]:
-            added[name] = answers[name]
-        self._recent = np.concatenate((self._recent, added))
-        self._keep(self._events.add(added["stamp"], np.zeros(len(added)), added["load"]))
-        self._recent = self._recent[np.abs(self._recent["stamp"] - added["stamp"][-1]) <= LOOK_BACK]
+        self._recent = np.concatenate((self._recent, answers))
+        self._keep(self._events.add(answers["stamp"], np.zeros(len(answers)), answers["load"]))
+        self._recent = self._recent[np.abs(self._recent["stamp"] - answers["stamp"][-1]) <= LOOK_BACK]
 
     def _keep(self, events: Sequence[GaitEvent]) -> None:
         for event in events:
             if event.kind == LOAD_PEAK:
                 at = np.flatnonzero(self._recent["stamp"] == event.stamp)[-1]
-                self.load_peaks.append(LoadPeak(*self._recent[at].item())._replace(run=self.runs))
+                self.load_peaks.append(Moment.of(self._recent[at], self.runs))
 
     @property
     def sentences(self) -> list[str]:

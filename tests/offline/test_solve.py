@@ -68,7 +68,7 @@ def test_the_second_stance_has_the_papers_peaks(
     # Contact force and load differ by the femur's inertia, 2.2 N at most on gait.
     assert all(abs(peak.contact_force - peak.load) < 3.0 for peak in peaks)
     assert round(peaks[-1].penetration_depth, 6) == depth
-    assert round(summary.peaks["penetration_depth"].value, 6) == depth
+    assert round(summary.peaks["penetration_depth"].penetration_depth, 6) == depth
 
 
 def test_the_recording_holds_inputs_and_outputs(config: Path, right_bag: Path, tmp_path: Path) -> None:

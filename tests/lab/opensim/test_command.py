@@ -47,7 +47,7 @@ def test_a_bag_comes_out_that_solve_takes(
     assert messages[1].message.header.frame_id == "tibia_r"
     summary = solve(bag, load_parameters(config / "healthy.yaml"), tmp_path / "out.mcap", silent)
     assert (summary.ticks, summary.refused.total(), summary.flagged.total()) == (241, 0, 0)
-    assert summary.peaks["load"].value == pytest.approx(900.0, rel=1e-9)
+    assert summary.peaks["load"].load == pytest.approx(900.0, rel=1e-9)
 
 
 def test_the_bag_says_where_it_comes_from_and_nothing_of_this_machine(results: list[str], tmp_path: Path) -> None:
