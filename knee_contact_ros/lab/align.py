@@ -45,7 +45,6 @@ MOST_GAIN = 5.0
 """Largest gain, and inverse of the smallest: soft tissue makes 0.8, degrees taken for radians 57"""
 GAIN_OFF = 0.05
 """Deviation of the gain from 1 from which on it is reported"""
-SURE = 0.95
 Rows = NDArray[np.intp]
 
 
@@ -73,8 +72,6 @@ class Alignment(NamedTuple):
     """Ratio of the sensor's motion to that of the reference"""
     rows: int
     """Number of rows in common"""
-    stretches: int
-    """Number of stretches of the jackknife"""
     before: tuple[float, float]
     """Correlation and RMS difference [rad] of the angles as they are"""
     after: tuple[float, float]
@@ -102,7 +99,13 @@ def align(files: Sequence[Path], maps: Sequence[Path], output: Path, longest: fl
     output.write_text(overlay(alignment, sensor.columns, reference.columns, sensors.angle.sign), encoding="utf-8")
     values_set_in(output)
     show(alignment, output)
-    warn(doubts(alignment, sensors.angle.scale))
+    gain, (least, most) = alignment.gain.value, alignment.gain.bounds
+    if abs(gain - 1.0) > GAIN_OFF and not least <= 1.0 <= most:  # which offset and delay cannot correct
+        warn([
+            f"the sensor moves {gain:.3f} times as far as the reference, {least:.3f} to {most:.3f}, and "
+            f"{math.degrees(alignment.after[1]):.1f} deg RMS are left; angle.scale {sensors.angle.scale / gain:.4g} in "
+            "the map would make up for it (then align again)"
+        ])  # fmt: skip
 
 
 class Pair:
@@ -115,8 +118,7 @@ class Pair:
         self.values = sensor.values
         self._known: Floats = (reference.stamps - first) / NANOSECONDS
         self._curve = CubicSpline(self._known, reference.values)
-        wide = np.diff(self._known) > max_gap
-        self._holes = list(zip(self._known[:-1][wide], self._known[1:][wide], strict=True))
+        self._wide = np.diff(self._known) > max_gap
         self.step = max(float(np.median(np.diff(times))) for times in (self.times, self._known))
         """Time from row to row of the slower one [s]"""
 
@@ -127,7 +129,7 @@ class Pair:
             UsageError: there are fewer than `ENOUGH`.
         """
         there = (self.times - most >= self._known[0]) & (self.times - least <= self._known[-1])
-        for begin, end in self._holes:
+        for begin, end in zip(self._known[:-1][self._wide], self._known[1:][self._wide], strict=True):
             there &= (self.times - least <= begin) | (self.times - most >= end)
         rows = np.flatnonzero(there)
         if len(rows) < ENOUGH:
@@ -137,31 +139,29 @@ class Pair:
             )
         return rows[:: 1 + len(rows) // MOST_ROWS]
 
-    def reference(self, rows: Rows, lag: float) -> Floats:
+    def moved(self, rows: Rows, lag: float) -> Floats:
         """Angles of the reference [rad] at rows of the sensor, if that is late by `lag` [s]."""
         return np.asarray(self._curve(self.times[rows] - lag))
 
     def correlation(self, rows: Rows, lag: float) -> float:
-        """Correlation of sensor and reference at rows of the sensor, if that is late by `lag` [s]."""
-        return correlation(self.values[rows], self.reference(rows, lag))
+        """Correlation of both at rows of the sensor, if that is late by `lag` [s]; 0 if one of them is constant."""
+        one, other = (each - each.mean() for each in (self.values[rows], self.moved(rows, lag)))
+        scale = math.sqrt(float(one @ one) * float(other @ other))
+        return float(one @ other) / scale if scale > 0.0 else 0.0
 
-    def best(self, rows: Rows, least: float, most: float) -> float:
-        """Lag [s] between `least` and `most` at which they correlate best; there must be a single optimum."""
-        options = {"bounds": (least, most), "method": "bounded", "options": {"xatol": 1e-6}}
-        return float(minimize_scalar(lambda lag: -self.correlation(rows, lag), **options).x)
-
-    def at(self, rows: Rows, lag: float) -> tuple[float, float, float]:
-        """Offset [rad], lag [s] and gain of rows of the sensor, for a lag."""
-        sensor, moved = self.values[rows], self.reference(rows, lag)
+    def best(self, rows: Rows, within: tuple[float, float]) -> tuple[float, float, float]:
+        """Offset [rad], lag [s] and gain of rows of the sensor, at the lag `within` which both correlate best."""
+        found = minimize_scalar(
+            lambda lag: -self.correlation(rows, lag), bounds=within, method="bounded", options={"xatol": 1e-6}
+        )
+        sensor, moved = self.values[rows], self.moved(rows, float(found.x))
         around = moved - moved.mean()
-        return float(np.mean(moved - sensor)), lag, float(around @ sensor) / float(around @ around)
+        return float(np.mean(moved - sensor)), float(found.x), float(around @ sensor) / float(around @ around)
 
-
-def correlation(one: Floats, other: Floats) -> float:
-    """Pearson's correlation coefficient; 0 if one of them is constant."""
-    a, b = one - one.mean(), other - other.mean()
-    scale = math.sqrt(float(a @ a) * float(b @ b))
-    return float(a @ b) / scale if scale > 0.0 else 0.0
+    def fit(self, rows: Rows, lag: float, offset: float) -> tuple[float, float]:
+        """Correlation, and RMS difference [rad] of both, with a lag [s] and an offset [rad] of the sensor removed."""
+        off = self.values[rows] + offset - self.moved(rows, lag)
+        return self.correlation(rows, lag), float(np.sqrt(np.mean(off**2)))
 
 
 def aligned(sensor: Series, reference: Series, longest: float, max_gap: float) -> Alignment:
@@ -172,49 +172,31 @@ def aligned(sensor: Series, reference: Series, longest: float, max_gap: float) -
     """
     pair, both = Pair(sensor, reference, max_gap), f"{sensor.where} and {reference.where}"
     rows = pair.rows(-longest, longest)
-    lags = np.linspace(-longest, longest, 1 + 2 * math.ceil(longest / (0.5 * pair.step))).tolist()
-    correlations = [pair.correlation(rows, lag) for lag in lags]
-    best, against = max(correlations), -min(correlations)
-    at = correlations.index(best)
-    if best < ALIKE:
+    lags = np.linspace(-longest, longest, 1 + 2 * math.ceil(longest / (0.5 * pair.step)))
+    correlations = np.array([pair.correlation(rows, lag) for lag in lags])
+    at, against = int(correlations.argmax()), -float(correlations.min())
+    if correlations[at] < ALIKE:
         why = "are both of one knee, in one time?"
         if against >= ALIKE:
             why = f"but in opposite directions with {against:.2f}: is a sign turned?"
-        raise UsageError(f"{both} go together with r = {best:.2f} at best; {why}")
+        raise UsageError(f"{both} go together with r = {correlations[at]:.2f} at best; {why}")
     if at in (0, len(lags) - 1):
         raise UsageError(f"{both} fit best at the longest lag tried, {lags[at]:g} s: see --longest-lag")
-    margin = 4.0 * pair.step
-    rows = pair.rows(lags[at - 1] - margin, lags[at + 1] + margin)  # more of them than with the longest lags
-    alignment = _estimated(
-        pair, rows, pair.best(rows, lags[at - 1], lags[at + 1]), (lags[at - 1] - margin, lags[at + 1] + margin)
-    )
-    gain = alignment.gain.value
-    if not 1.0 / MOST_GAIN <= gain <= MOST_GAIN:
-        raise UsageError(f"{sensor.where} moves {gain:.3g} times as far as {reference.where}: are both units right?")
-    return alignment
-
-
-def _estimated(pair: Pair, rows: Rows, lag: float, within: tuple[float, float]) -> Alignment:
-    """Estimate offset, lag and gain with their intervals; the lag of a jackknife's part is looked for `within` [s]."""
-    span = pair.times[rows[-1]] - pair.times[rows[0]]
-    number = int(np.clip(round(span / STRETCH), FEWEST, MOST))
-    of_row = np.minimum((np.arange(len(rows)) * number) // len(rows), number - 1)
-    whole = np.array(pair.at(rows, lag))
-    parts = [rows[of_row != stretch] for stretch in range(number)]
-    without = np.array([pair.at(kept, pair.best(kept, *within)) for kept in parts])
-    error = np.sqrt((number - 1) / number * ((without - without.mean(axis=0)) ** 2).sum(axis=0))
-    half = float(student.ppf(0.5 * (1.0 + SURE), number - 1)) * error
-    offset, late, gain = (Estimate(float(v), float(h)) for v, h in zip(whole, half, strict=True))
-    sensor, raw, moved = pair.values[rows], pair.reference(rows, 0.0), pair.reference(rows, lag)
-    return Alignment(
-        offset, late, gain, len(rows), number,
-        (correlation(sensor, raw), _rms(sensor - raw)),
-        (correlation(sensor, moved), _rms(sensor + whole[0] - moved)),
-    )  # fmt: skip
-
-
-def _rms(values: Floats) -> float:
-    return float(np.sqrt(np.mean(values**2)))
+    within = float(lags[at - 1]) - 4.0 * pair.step, float(lags[at + 1]) + 4.0 * pair.step
+    rows = pair.rows(*within)  # more of them than with the longest lags
+    stretches = int(np.clip(round((pair.times[rows[-1]] - pair.times[rows[0]]) / STRETCH), FEWEST, MOST))
+    whole = pair.best(rows, within)
+    number = np.arange(len(rows)) * stretches // len(rows)
+    without = np.array([pair.best(rows[number != stretch], within) for stretch in range(stretches)])
+    error = np.sqrt((stretches - 1) / stretches * ((without - without.mean(axis=0)) ** 2).sum(axis=0))
+    half = float(student.ppf(0.975, stretches - 1)) * error
+    offset, lag, gain = (Estimate(value, float(each)) for value, each in zip(whole, half, strict=True))
+    if not 1.0 / MOST_GAIN <= gain.value <= MOST_GAIN:
+        raise UsageError(
+            f"{sensor.where} moves {gain.value:.3g} times as far as {reference.where}: are both units right?"
+        )
+    before, after = pair.fit(rows, 0.0, 0.0), pair.fit(rows, lag.value, offset.value)
+    return Alignment(offset, lag, gain, len(rows), before, after)
 
 
 def overlay(alignment: Alignment, sensor: str, reference: str, sign: float) -> str:
@@ -251,22 +233,5 @@ def show(alignment: Alignment, output: Path) -> None:
     Console(width=WIDTH, emoji=False).print(table, highlight=False)
     for label, (r, rms) in {"as they are": alignment.before, "aligned": alignment.after}.items():
         say(f"{label}: r {r:.4f}, {math.degrees(rms):.2f} deg RMS")
-    for line in (
-        f"{alignment.rows} rows in common, intervals from {alignment.stretches} stretches",
-        "",
-        f"Parameters: {output}",
-    ):
-        say(line)
-
-
-def doubts(alignment: Alignment, scale: float) -> list[str]:
-    """Warn of a gain, which offset and delay cannot correct; `scale` is that of the map's angle."""
-    gain = alignment.gain.value
-    least, most = alignment.gain.bounds
-    if abs(gain - 1.0) <= GAIN_OFF or least <= 1.0 <= most:
-        return []
-    return [
-        f"the sensor moves {gain:.3f} times as far as the reference, {least:.3f} to {most:.3f}, and "
-        f"{math.degrees(alignment.after[1]):.1f} deg RMS are left; angle.scale {scale / gain:.4g} in the map "
-        "would make up for it (then align again)"
-    ]
+    say(f"{alignment.rows} rows in common")
+    say(f"\nParameters: {output}")

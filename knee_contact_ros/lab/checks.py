@@ -120,10 +120,7 @@ def check_axial(load: Floats, where: str) -> None:
     """Refuse an axial load [N], > 0 in compression, shape (n,), that is mostly tension, or not in N."""
     least, most = float(load.min()), float(load.max())
     if most < -least:
-        raise UsageError(
-            f"{where} pulls the knee apart, by up to {-least:.0f} N, and presses with {most:.0f} N at most: it is not "
-            "the force on the tibia, or its y does not point up"
-        )
+        raise UsageError(f"{where} {_pulls(least, most)}: it is not the force on the tibia, or its y does not point up")
     if not SMALLEST_FORCE <= most <= LARGEST_FORCE:
         raise UsageError(f"{where} presses with {most:.3g} at most; it must be in N")
 
@@ -171,13 +168,14 @@ def impossible(angle: Series, load: Series | None = None) -> str:
         )
     least, most = (float(load.values.min()), float(load.values.max())) if load else (0.0, 0.0)
     if load and most < -least:
-        return (
-            f"{load.where} pulls the knee apart, by up to {-least:.0f} N, and presses with {most:.0f} N at most: see "
-            "load.direction"
-        )
+        return f"{load.where} {_pulls(least, most)}: see load.direction"
     if load and most > LARGEST_LOAD:
         return f"{load.where} presses with {most:.3g} N, beyond {LARGEST_LOAD:g}: is load.unit right?"
     return ""
+
+
+def _pulls(least: float, most: float) -> str:
+    return f"pulls the knee apart, by up to {-least:.0f} N, and presses with {most:.4g} N at most"
 
 
 def doubts(
@@ -190,7 +188,7 @@ def doubts(
     """
     ask = "is time.unit right, or does it count frames (time.rate)?" if mapped else "are its times in s?"
     sentences = ["" if weight is None else weight_doubt(weight), _slow(angle, ask), *[_still(angle)][:mapped]]
-    sentences += [_included(angle, mapped) or _outside(angle), _jumps(angle, max_gap)]
+    sentences += [_outside(angle, mapped), _jumps(angle, max_gap)]
     if load:
         sentences += [_slow(load, ask), _spike(load, weight), _peak(load, unit, weight)]
     return [sentence for sentence in sentences if sentence]
@@ -214,8 +212,8 @@ def unusual(load: Series, weight: float | None) -> list[str]:
     peak, (least, most) = float(load.values.max()), USUAL_LOAD
     if weight or least <= peak <= most:
         return []
-    hint = "percent of body weight, or kN?" if peak < least else "a spike, or another unit?"
-    return [f"{load.where} presses with {peak:.4g} N at most, which is {'little' if peak < least else 'much'}: {hint}"]
+    hint = "little: percent of body weight, or kN?" if peak < least else "much: a spike, or another unit?"
+    return [f"{load.where} presses with {peak:.4g} N at most, which is {hint}"]
 
 
 def _slow(series: Series, ask: str) -> str:
@@ -226,15 +224,18 @@ def _slow(series: Series, ask: str) -> str:
     return f"{series.path} has {rate:.3g} rows a second: {ask}{hint}"
 
 
-def _included(angle: Series, mapped: bool) -> str:
-    """Doubt about a knee that is never less bent than 90 degrees, or more than a loaded one can be."""
-    low, high = float(angle.values.min()), float(angle.values.max())
-    if high <= FOLDED and low < BENT:
+def _outside(angle: Series, mapped: bool) -> str:
+    """Doubt about a knee that extends or bends more than one under load can, or is never less bent than 90 degrees."""
+    low, high = np.degrees([angle.values.min(), angle.values.max()])
+    least, most, bent = np.degrees([EXTENDS, FOLDED, BENT])
+    if low >= least and high <= most and low < bent:
         return ""
-    cure = f" Then {angle.name}.sign: -1, and {angle.name}.offset: 180 (in deg)" if mapped else ""
+    name = angle.name
+    offset = f"is {name}.sign right, or has the sensor an offset ({name}.offset, or knee-contact align)?"
+    cure = f"{offset} The included angle has sign: -1, offset: 180 (in deg)" if mapped else "is it the included angle?"
     return (
-        f"{angle.where} is {math.degrees(low):.0f} to {math.degrees(high):.0f} deg of flexion: is it the included "
-        f"angle, 180 deg less flexion?{cure}"
+        f"{angle.where} is {low:.1f} to {high:.1f} deg of flexion, and a knee that walks is within {least:.0f} to "
+        f"{most:.0f}, and below {bent:.0f} in every step: {cure}"
     )
 
 
@@ -246,10 +247,9 @@ def _spike(load: Series, weight: float | None) -> str:
     if not spikes.any():
         return ""
     row = int(np.argmax(np.where(spikes, inner, -math.inf)))
-    times = np.count_nonzero(spikes)
     return (
         f"{load.where} is {inner[row]:.5g} N at {load.stamps[row + 1] / NANOSECONDS:.7g} s and {beside[row]:.5g} N at "
-        f"most in the rows beside{f', and so {times} times in all' if times > 1 else ''}: a spike?"
+        f"most in the rows beside (and {np.count_nonzero(spikes)} times in all): a spike?"
     )
 
 
@@ -261,26 +261,16 @@ def _still(angle: Series) -> str:
     return f"{moves}: is {angle.name}.unit right, and is it the knee's?"
 
 
-def _outside(angle: Series) -> str:
-    low, high = float(angle.values.min()), float(angle.values.max())
-    if low >= EXTENDS and high <= FLEXES:
-        return ""
-    return (
-        f"{angle.where} is {math.degrees(low):.1f} to {math.degrees(high):.1f} deg of flexion, and a knee has "
-        f"{math.degrees(EXTENDS):.0f} to {math.degrees(FLEXES):.0f}: is {angle.name}.sign right, or has the sensor an "
-        f"offset ({angle.name}.offset, or knee-contact align)?"
-    )
-
-
 def _jumps(angle: Series, max_gap: float) -> str:
     """Doubt about steps that no knee makes; behind a gap, which is noted elsewhere, any angle is possible."""
     steps = np.where(np.diff(angle.stamps) <= max_gap * NANOSECONDS, np.abs(np.diff(angle.values)), 0.0)
     worst = int(np.argmax(steps))
     if steps[worst] <= JUMP:
         return ""
-    at, times = angle.stamps[worst + 1] / NANOSECONDS, np.count_nonzero(steps > JUMP)
-    jumps = f"{angle.where} jumps by {math.degrees(steps[worst]):.0f} deg at {at:.7g} s"
-    return f"{jumps}{f', and {times} times in all' if times > 1 else ''}: a loose contact, or an encoder's turn?"
+    return (
+        f"{angle.where} jumps by {math.degrees(steps[worst]):.0f} deg at {angle.stamps[worst + 1] / NANOSECONDS:.7g} s "
+        f"(and {np.count_nonzero(steps > JUMP)} times in all): a loose contact, or an encoder's turn?"
+    )
 
 
 def _peak(
@@ -289,8 +279,7 @@ def _peak(
 ) -> str:  # fmt: skip
     """Doubt about a peak that is not of the order of the body weight, with the unit in which it would be `usual`."""
     peak = float(load.values.max())
-    lightest, heaviest = (weight, weight) if weight else USUAL_WEIGHT
-    least, most = limits[0] * lightest, limits[1] * heaviest
+    least, most = np.multiply(limits, (weight, weight) if weight else USUAL_WEIGHT)
     if least <= peak <= most:
         return ""
     measured = f"{peak:.4g} N" + (f", {peak / weight:.3g} body weights" if weight else "")
@@ -299,13 +288,8 @@ def _peak(
     if unit is None:
         hint = "is it of this person (model), in N, and without spikes?"
     elif weight:
-        fitting = []
-        for other in ("lbf", "N", "kgf", "kN", BODY_WEIGHT, PERCENT):
+        for other in (PERCENT, BODY_WEIGHT, "kN", "kgf", "N", "lbf"):
             there = peak / factor(unit, FORCE, "load", weight) * factor(other, FORCE, "load", weight) / weight
             if usual[0] <= there <= usual[1]:
-                fitting.append((other, f"{there:.2g}"))
-        if fitting:
-            (first, times), *more = fitting
-            hint = f"is {load.name}.unit {unit} right? In {first} it would be {times} body weights"
-            hint += "".join(f", in {other} {there}" for other, there in more)
+                hint = f"is {load.name}.unit {unit} right? In {other} it would be {there:.2g} body weights"
     return f"{load.where} presses with {measured} at most, and {who} with {expected}: {hint}"

@@ -6,11 +6,10 @@ An importer reads signals from its files (`tables.py`), has them checked (`check
 from __future__ import annotations
 
 import heapq
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from operator import itemgetter
 from pathlib import Path
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,14 +46,6 @@ MIRROR = np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0])
 BLOCK = 8192
 """Number of rows that are made messages at a time: those of hours at once would take gigabytes"""
 MCAP = ".mcap"
-
-
-class Stamped(Protocol):
-    """Something over time: `Signal` or `Series`."""
-
-    @property
-    def stamps(self) -> Stamps:
-        """Stamps [ns], growing; shape (n,)."""
 
 
 class Signal(NamedTuple):
@@ -133,15 +124,15 @@ class Gait(NamedTuple):
         return next(iter(self.joints.values()))
 
 
-def common_window(*signals: Stamped, start: float | None = None, end: float | None = None) -> tuple[int, int]:
-    """Give the first and the last stamp [ns] of the time that all signals cover, within `start` and `end` [s].
+def common_window(*known: Stamps, start: float | None = None, end: float | None = None) -> tuple[int, int]:
+    """Give the first and the last stamp [ns] of the time that all stamps cover, within `start` and `end` [s].
 
     Times before 0 are left out.
 
     Raises:
-        UsageError: the signals have no time in common, or none within `start` and `end`.
+        UsageError: they have no time in common, or none within `start` and `end`.
     """
-    spans = list(dict.fromkeys((int(each.stamps[0]), int(each.stamps[-1])) for each in signals))
+    spans = list(dict.fromkeys((int(each[0]), int(each[-1])) for each in known))
     first, last = max(0, *(span[0] for span in spans)), min(span[1] for span in spans)
     if first >= last:
         covered = " and ".join(f"{a / NANOSECONDS:g} to {b / NANOSECONDS:g} s" for a, b in spans)
@@ -167,13 +158,14 @@ def grid(window: tuple[int, int], rate: float) -> Stamps:
 
 
 def samples(
-    joints: Sequence[Stamped], wrenches: dict[str, Signal], others: Sequence[Stamped] = (), *, rate: float | None,
+    joints: Sequence[Stamps], wrenches: dict[str, Signal], others: Sequence[Stamps] = (), *, rate: float | None,
     max_gap: float, start: float | None = None, end: float | None = None, beyond: int = 0,
 ) -> tuple[Stamps, dict[str, Signal], list[str]]:  # fmt: skip
     """Choose the samples in the time that all signals cover, within `start` and `end` [s].
 
     With a `rate` [Hz] all are interpolated there, outside of gaps longer than `max_gap` [s]. Without one every row
-    keeps its stamp; angles go on for `beyond` [ns] and one row, so that every wrench lies between two.
+    keeps its stamp; angles, at the first of the stamps `joints`, go on for `beyond` [ns] and one row, so that every
+    wrench lies between two.
 
     Returns:
         Stamps [ns] of the angles, the wrenches by name, and notes on what was interpolated or left out.
@@ -181,14 +173,13 @@ def samples(
     Raises:
         UsageError: fewer than two samples are left.
     """
-    every = [*joints, *wrenches.values(), *others]
-    window, notes = common_window(*every, start=start, end=end), []
-    known = joints[0].stamps
-    for name, stamps in (("angle", known), *((name, wrench.stamps) for name, wrench in wrenches.items())):
-        notes += _gaps(name, stamps[_around(stamps, window)], max_gap)
+    named = {"angle": joints[0], **{name: wrench.stamps for name, wrench in wrenches.items()}}
+    every = [*joints, *others, *named.values()]
+    window = common_window(*every, start=start, end=end)
+    notes = [note for name, stamps in named.items() for note in _gaps(name, stamps[_around(stamps, window)], max_gap)]
     if rate:
         at = grid(window, rate)
-        at = at[np.all([bridged(at, each.stamps, max_gap) for each in every], axis=0)]
+        at = at[np.all([bridged(at, each, max_gap) for each in every], axis=0)]
         if len(at) < 2:
             raise UsageError(f"rate {rate:g}: fewer than two samples lie outside gaps of {max_gap:g} s")
         notes.append(f"interpolated linearly at {rate:g} Hz, with gaps left out")
@@ -201,7 +192,7 @@ def samples(
         if outside := len(wrenches[name].stamps) - len(wrench.stamps):
             notes.append(f"{name}: {outside} rows left out, before time 0 or where another signal or time is not")
     first, last = common_window(*joints)
-    kept = known[_around(known, (window[0] - beyond, window[1] + beyond))]
+    kept = joints[0][_around(joints[0], (window[0] - beyond, window[1] + beyond))]
     return kept[(kept >= first) & (kept <= last)], inside, notes
 
 
@@ -256,14 +247,11 @@ def write_bag(gait: Gait, folder: Path, origin: dict[str, str]) -> None:
 
 def _joint_messages(joints: dict[str, Signal]) -> Iterator[tuple[int, str, bytes]]:
     """Yield stamp [ns], topic and bytes of a JointState for every stamp."""
-    names, signals = tuple(joints), list(joints.values())
-    angles, rates = (np.column_stack([joint.values[:, column] for joint in signals]) for column in (0, 1))
-    efforts = np.full_like(angles, math.nan)  # of a joint without an actuator
-    for place, joint in enumerate(signals):
-        if joint.values.shape[1] > 2:
-            efforts[:, place] = joint.values[:, 2]
-    known = any(joint.values.shape[1] > 2 for joint in signals)
-    for stamp, angle, rate, effort in _rows(signals[0].stamps, angles, rates, efforts):
+    names = tuple(joints)
+    wide = [np.pad(each.values, ((0, 0), (0, 3 - each.values.shape[1])), constant_values=np.nan)
+            for each in joints.values()]  # fmt: skip
+    known = any(each.values.shape[1] > 2 for each in joints.values())  # a joint without an actuator has no torque
+    for stamp, (angle, rate, effort) in _rows(joints[names[0]].stamps, np.stack(wide, axis=2)):
         message = JointState(stamp, "", names, tuple(angle), tuple(rate), tuple(effort) if known else ())
         yield stamp, topics.JOINT_STATES, encode_joint_state(message)
 

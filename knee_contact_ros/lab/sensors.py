@@ -209,7 +209,7 @@ def read_channels(files: Sequence[Path], sensors: SensorMap, wanted: Sequence[st
     read: dict[Path, Table] = {}
     for path in dict.fromkeys(homes.values()):
         needed = [column for name, home in homes.items() if home == path for column in channels[name].weights]
-        read[path] = tables.read_columns(path, list(dict.fromkeys(needed)), sensors.time, sensors.table)
+        read[path] = tables.read_columns(headers[path], list(dict.fromkeys(needed)), sensors.time, sensors.table)
     if len({table.day is None for table in read.values()}) > 1 or (len(read) > 1 and not sensors.time.places):
         raise UsageError(
             f"{' and '.join(path.name for path in read)} must have times of one clock: some count rows or frames, or "
@@ -256,18 +256,16 @@ def _home(channel: Channel, name: str, headers: dict[Path, Header]) -> Path:
         raise UsageError(f"map: {name}.file: no file is named as {channel.file}; given are {given}")
     lacking = {path: [column for column in channel.weights if not headers[path].places(column)] for path in candidates}
     homes = [path for path in candidates if not lacking[path]]
-    if len(homes) == 1:
-        return homes[0]
-    if homes:
+    if len(homes) > 1:
         both, columns = " and ".join(path.name for path in homes), ", ".join(map(str, channel.weights))
         raise UsageError(f"map: {name}: {both} both have {columns}; say which with {name}.file")
-    best = min(candidates, key=lambda path: len(lacking[path]))
-    missing = lacking[best][0]
-    fault = f"none of {', '.join(path.name for path in candidates)} has a column"
-    if len(candidates) == 1 or any(missing not in columns for columns in lacking.values()):
-        fault = f"{best} has no column"
-    everywhere = list(dict.fromkeys(column for path in candidates for column in headers[path].names))
-    raise UsageError(f"{fault} {missing} (map: {name}); {tables.meant(str(missing), everywhere)}")
+    if not homes:
+        missing = min(lacking.values(), key=len)[0]
+        where = " and ".join(str(path) for path in candidates if missing in lacking[path])
+        everywhere = list(dict.fromkeys(column for path in candidates for column in headers[path].names))
+        hint = tables.meant(str(missing), everywhere)
+        raise UsageError(f"{where} has no column {missing} (map: {name}); {hint}")
+    return homes[0]
 
 
 def _series(name: str, channel: Channel, table: Table, to_si: float, leave_out: bool) -> Series:
@@ -316,32 +314,25 @@ def gait_of(channels: dict[str, Series], sensors: SensorMap) -> Gait:
     for name, parts in (("load", ("", "load", "", "moment", "", "")), ("ground_force", GROUND)):
         if name in channels:
             wrenches[name] = _wrench(channels, parts, channels[name].stamps)
-    joints = [channels[name] for name in (*ANGLES, *TORQUES) if name in channels]
+    joints = {name: channels[name] for name in ANGLES if name in channels}
+    known = [channels[name].stamps for name in (*ANGLES, *TORQUES) if name in channels]
+    others = [series.stamps for series in channels.values()]
     at, wrenches, sampled = gait_bag.samples(
-        joints, wrenches, list(channels.values()), rate=sensors.rate, max_gap=sensors.max_gap, beyond=BEYOND
+        known, wrenches, others, rate=sensors.rate, max_gap=sensors.max_gap, beyond=BEYOND
     )
-    reaction, ground = wrenches.get("load", gait_bag.NOTHING), wrenches.get("ground_force")
+    ground = wrenches.get("ground_force")
     if ground and sensors.side == "left":
         ground = Signal(ground.stamps, ground.values * gait_bag.MIRROR)
         notes.append("ground: left leg mirrored to a right one (force z, torque x and y turned)")
+    signals = {}
+    for name, series in joints.items():
+        angle = Signal(at, series.at(at)[:, None]).with_rate()
+        torque = channels.get(TORQUES[ANGLES.index(name)])
+        values = np.column_stack([angle.values, torque.at(at)]) if torque else angle.values
+        signals[sensors.angle.joint if name == "angle" else name] = Signal(at, values)
     columns = {name: f"{series.columns} of {series.path.name}" for name, series in channels.items()}
-    angles = _joints(channels, sensors.angle.joint, at)
-    return Gait(sensors.side, angles, reaction, columns, [*notes, *sampled], ground, weight=sensors.body_weight)
-
-
-def _joints(channels: dict[str, Series], knee: str, stamps: tables.Stamps) -> dict[str, Signal]:
-    """Angles, rates and torques of the joints at stamps [ns], by their names in the bag."""
-    joints = {}
-    for name, torque in zip(ANGLES, TORQUES, strict=True):
-        if name in channels:
-            angle = _signal(channels[name]).at(stamps).with_rate()
-            efforts = [_signal(channels[each]).at(stamps).values for each in (torque,) if each in channels]
-            joints[knee if name == "angle" else name] = Signal(stamps, np.hstack([angle.values, *efforts]))
-    return joints
-
-
-def _signal(series: Series) -> Signal:
-    return Signal(series.stamps, series.values[:, None])
+    reaction = wrenches.get("load", gait_bag.NOTHING)
+    return Gait(sensors.side, signals, reaction, columns, [*notes, *sampled], ground, weight=sensors.body_weight)
 
 
 def _wrench(channels: dict[str, Series], parts: Sequence[str], stamps: tables.Stamps) -> Signal:
@@ -349,7 +340,7 @@ def _wrench(channels: dict[str, Series], parts: Sequence[str], stamps: tables.St
     wrench = np.full((len(stamps), 6), np.nan if parts is GROUND else 0.0)
     for place, name in enumerate(parts):
         if name in channels:
-            wrench[:, place] = _signal(channels[name]).at(stamps).values[:, 0]
+            wrench[:, place] = channels[name].at(stamps)
     if parts is not GROUND:
         wrench[:, 1] = 0.0 - wrench[:, 1]  # no minus zero
     return Signal(stamps, wrench)

@@ -152,7 +152,7 @@ def read_trial(
         header.place(time)
         known += header.names
         table = read_columns(
-            path, [each for each in needed if header.places(each)], TimeColumn(column=time), TableFormat()
+            header, [each for each in needed if header.places(each)], TimeColumn(column=time), TableFormat()
         )
         day = day if clocks else table.day
         if table.day != day:

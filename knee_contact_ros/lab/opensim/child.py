@@ -38,7 +38,11 @@ def places(opensim: Any, request: dict[str, Any]) -> dict[str, Any]:
     frames = [_frame(model, kind, name) for kind, name in request["frames"]]
     coordinates = [model.getCoordinateSet().get(name) for name in request["coordinates"]]
     turning = [request["degrees"] and each.getMotionType() == opensim.Coordinate.Rotational for each in coordinates]
-    between = _coordinates_between(model, state, frames[:2])
+    unknown = [
+        each.getName()
+        for each in (model.getCoordinateSet().get(place) for place in range(model.getCoordinateSet().getSize()))
+        if each.getName() not in request["coordinates"] and _moves(model, state, each, *frames[:2])
+    ]
     for coordinate in coordinates:
         coordinate.setLocked(state, False)
     rows = []
@@ -49,7 +53,6 @@ def places(opensim: Any, request: dict[str, Any]) -> dict[str, Any]:
             model.assemble(state)
         model.realizePosition(state)
         rows.append([_numbers(frame.getTransformInGround(state)) for frame in frames])
-    unknown = [name for name in between if name not in request["coordinates"]]
     return {"names": [frame.getName() for frame in frames], "places": rows, "unknown": unknown}
 
 
@@ -65,21 +68,16 @@ def _frame(model: Any, kind: str, name: str) -> Any:
     return frame if kind == "child" else frame.findBaseFrame()
 
 
-def _coordinates_between(model: Any, state: Any, frames: list[Any]) -> list[str]:
-    """Names of the free coordinates that move two frames against each other."""
-    joints = {joint.getChildFrame().findBaseFrame().getName(): joint for joint in model.getJointList()}
-    chains: list[dict[str, list[str]]] = []
-    for frame in frames:
-        body, chain = frame.findBaseFrame().getName(), {}
-        while joint := joints.get(body):
-            own = [joint.get_coordinates(place) for place in range(joint.numCoordinates())]
-            chain[joint.getName()] = [
-                each.getName() for each in own if not each.getLocked(state) and not each.isDependent(state)
-            ]
-            body = joint.getParentFrame().findBaseFrame().getName()
-        chains.append(chain)
-    one, other = chains
-    return [name for joint in one.keys() ^ other.keys() for name in (one.get(joint) or other.get(joint) or [])]
+def _moves(model: Any, state: Any, coordinate: Any, frame: Any, other: Any) -> bool:
+    """Whether a free coordinate moves two frames against each other."""
+    if coordinate.getLocked(state) or coordinate.isDependent(state):
+        return False
+    places = []
+    for step in (0.1, -0.1):
+        model.realizePosition(state)
+        places.append(_numbers(frame.findTransformBetween(state, other)))
+        coordinate.setValue(state, coordinate.getValue(state) + step, False)
+    return any(abs(a - b) > 1e-9 for a, b in zip(*places, strict=True))
 
 
 def _numbers(transform: Any) -> list[float]:

@@ -10,6 +10,8 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from knee_contact_ros.lab import checks, gait_bag
 from knee_contact_ros.lab.gait_bag import Gait, digest
 from knee_contact_ros.lab.opensim import leg as legs
@@ -19,6 +21,7 @@ from knee_contact_ros.lab.opensim.results import LEFT, RIGHT, Pose, Reaction, Se
 from knee_contact_ros.lab.tables import Series, read_storage
 from knee_contact_ros.lab.tables import Table as StorageTable
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.files import require
 from knee_contact_ros.system.output_files import work_folder
 from knee_contact_ros.system.terminal import progress, say
 
@@ -65,8 +68,8 @@ def import_opensim(
             raise UsageError("--ground FILE is missing; it is found only with --setup")
         if not files["model"]:
             raise UsageError("--ground needs --model M.osim, to find the ankle")
-        setup_files.check_opensim()
-        files |= {"ground": Path(ground), "ground_data": legs.data_file(Path(ground))}
+        require("opensim", "opensim")
+        files |= {"ground": Path(ground), "ground_data": setup_files.data_file(Path(ground))}
     if chosen or work:
         raise UsageError("--steps and --work need --setup")
     for name in ("kinematics", "reactions"):
@@ -89,7 +92,7 @@ def import_run(
     if keep and keep.exists():
         raise UsageError(f"--work {keep} exists already; give a new folder")
     if ground:
-        legs.data_file(Path(ground))
+        setup_files.data_file(Path(ground))
     elif ground is not None and not planned[-1].text(LOADS):
         raise UsageError(f"--ground: {planned[-1].path} has no {LOADS}; give --ground FILE")
     with work_folder(next(iter(bags.values())).parent) as work:
@@ -99,10 +102,13 @@ def import_run(
             found, fault = pipeline.assess(run), ""
         except UsageError as error:  # hours of computing are not given up for that
             found, fault = [], f"Residuals and reserves could not be judged: {error}"
-        files = Files(run.kinematics, run.reactions, run.speeds, run.model)
+        kinematics, speeds, reactions = map(run.result, ("Kinematics_q", "Kinematics_u", "JointReaction_ReactionLoads"))
+        files = Files(kinematics, reactions, speeds, run.folder / run.muscles.text("model_file"))
         if ground is not None:
             loads = Path(ground) if ground else run.folder / run.muscles.text(LOADS)
-            files = files._replace(ground=loads, ground_data=legs.data_file(loads, None if ground else run.folder))
+            files = files._replace(
+                ground=loads, ground_data=setup_files.data_file(loads, None if ground else run.folder)
+            )
         more = {
             "source": f"OpenSim {version('opensim')}",
             "steps": "\n".join(f"{setup.step}: {setup.path.name} {digest(setup.path)}" for setup in run.setups),
@@ -176,7 +182,7 @@ def read_knee(side: str, files: Files, settings: Settings, work: Path) -> Gait:
         columns["ground_force"] = f"{ground.columns} of {files.ground_data.name}"
         notes += of_leg
     weight, start, end = facts and facts.weight, settings.start, settings.end
-    window = gait_bag.common_window(angle, *wrenches.values(), start=start, end=end)
+    window = gait_bag.common_window(angle.stamps, *(each.stamps for each in wrenches.values()), start=start, end=end)
     flexion, force = (
         each.inside(window) if len(each.inside(window).stamps) > 1 else each for each in (angle, reaction)
     )
@@ -188,7 +194,7 @@ def read_knee(side: str, files: Files, settings: Settings, work: Path) -> Gait:
     if doubtful and not settings.anyway:
         raise UsageError(f"{doubtful[0]} (--anyway imports it as it is)")
     at, wrenches, sampled = gait_bag.samples(
-        [angle], wrenches, rate=settings.rate, max_gap=results.MAX_GAP, start=start, end=end
+        [angle.stamps], wrenches, rate=settings.rate, max_gap=results.MAX_GAP, start=start, end=end
     )
     resampled = {name: joint.at(at).with_rate() for name, joint in joints.items()}
     doubts += [*doubtful, *checks.unusual(load, weight)]
@@ -211,7 +217,7 @@ def _poses(
         return [None] * len(chosen), reactions, []
     if model and (find_spec("opensim") or not first.in_femur):
         found = [legs.tibia_in(each, kinematics, degrees, model, reactions.stamps, work) for each in chosen]
-        return [pose for pose, _ in found], reactions.at(found[0][1]), []
+        return [pose for pose, _ in found], reactions.rows(np.isin(reactions.stamps, found[0][1])), []
     if not first.in_femur:
         raise results.needs_model(reactions, first)
     inside = reactions.stamps[(reactions.stamps >= angle.stamps[0]) & (reactions.stamps <= angle.stamps[-1])]
@@ -219,7 +225,7 @@ def _poses(
         f"{reactions.path}: the reaction was turned from {first.frame} by the flexion angle alone, as of a hinge, and "
         "its torque is about the point that the file has: --model (with the extra opensim) turns it as the model does"
     )
-    return [results.hinge(angle, inside)], reactions.at(inside), [doubt]
+    return [results.hinge(angle, inside)], reactions.rows(np.isin(reactions.stamps, inside)), [doubt]
 
 
 def show_checks(found: Sequence[Check], fault: str = "") -> None:

@@ -10,13 +10,12 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
-from xml.etree import ElementTree as ET
 
 import numpy as np
 
 from knee_contact_ros.lab import checks
 from knee_contact_ros.lab.gait_bag import MIRROR, Signal
-from knee_contact_ros.lab.opensim import child, pipeline, setup_files
+from knee_contact_ros.lab.opensim import child, pipeline
 from knee_contact_ros.lab.opensim.results import (
     FEMUR,
     LEFT,
@@ -29,12 +28,12 @@ from knee_contact_ros.lab.opensim.results import (
     is_part,
     words,
 )
-from knee_contact_ros.lab.opensim.setup_files import NOTHING, read_xml, text_in
+from knee_contact_ros.lab.opensim.setup_files import NOTHING, XML, read_xml, text_in
 from knee_contact_ros.lab.tables import Floats, Stamps, Table, read_storage, some
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.files import require
 
-XML = ".xml"
 GROUND = {"ground", "/ground", *NOTHING}
 """Names of the ground frame, which is also meant where none is named"""
 FOOT = ("foot", "calc", "talus", "toe", "heel", "mtp", "midfoot", "forefoot", "hindfoot")
@@ -84,17 +83,6 @@ class Frames(NamedTuple):
     """Coordinates that move the first two frames against each other, and are not in the kinematics"""
 
 
-def data_file(ground: Path, folder: Path | None = None) -> Path:
-    """Find the file with the numbers: `ground` itself, or the one that it names if it is an external loads file.
-
-    That file lies beside it, or is named from `folder`, in which a tool of OpenSim runs with it.
-
-    Raises:
-        UsageError: the external loads file names no file, or one that is not there.
-    """
-    return setup_files.named_data(ground, folder) if ground.suffix.lower() == XML else ground
-
-
 def read_ground(ground: Path, data: Path, side: str) -> GroundFile:
     """Read the forces on the right or left foot; `data` is the file that `data_file` finds.
 
@@ -120,37 +108,34 @@ def _stem(identifier: str, table: Table) -> str:
 
 
 def _by_loads(path: Path, side: str) -> tuple[list[FootForce], list[str]]:
-    """Forces that an external loads file applies to bodies of a foot, and notes on forces on other bodies than feet."""
+    """Forces that an external loads file applies to bodies of a foot, and notes on forces on other bodies than feet.
+
+    A force must have a force and a point, expressed in ground.
+    """
     forces: list[FootForce] = []
     bodies: list[str] = []
     elsewhere: list[str] = []
     for element in read_xml(path, "ExternalLoads").iter("ExternalForce"):
-        body = text_in(element, "applied_to_body")
+        body, where = text_in(element, "applied_to_body"), f"{path}: the force {element.get('name', '')!r}"
         bodies.append(body)
         off = text_in(element, "isDisabled").lower() == "true" or text_in(element, "appliesForce").lower() == "false"
         if off or not body:
             continue
-        if is_foot(body, side):
-            forces.append(_foot_force(path, element))
-        elif not any(is_foot(body, other) for other in SIDE_WORDS):
-            elsewhere.append(body)
+        if not is_foot(body, side):
+            elsewhere += [body] * (not any(is_foot(body, other) for other in SIDE_WORDS))
+            continue
+        for tag in ("force_expressed_in_body", "point_expressed_in_body"):
+            if text_in(element, tag) not in GROUND:
+                raise UsageError(f"{where}: {tag} is {text_in(element, tag)}, and must be ground")
+        names = [text_in(element, f"{what}_identifier") for what in ("force", "point", "torque")]
+        force = FootForce(*("" if name in NOTHING else name for name in names))
+        if not force.force or not force.point:
+            raise UsageError(f"{where} has no {'point' if force.force else 'force'}_identifier")
+        forces.append(force)
     if not forces:
         named = some(list(dict.fromkeys(filter(None, bodies))))
         raise UsageError(f"{path} applies no force to the {side} foot; its forces act on {named or 'nothing'}")
     return forces, [f"ground: what acts on {', '.join(elsewhere)} is left out"] * bool(elsewhere)
-
-
-def _foot_force(path: Path, element: ET.Element) -> FootForce:
-    """Columns that an ExternalForce names; it must have a force and a point, expressed in ground."""
-    where = f"{path}: the force {element.get('name', '')!r}"
-    for tag in ("force_expressed_in_body", "point_expressed_in_body"):
-        if text_in(element, tag) not in GROUND:
-            raise UsageError(f"{where}: {tag} is {text_in(element, tag)}, and must be ground")
-    force, point, torque = (text_in(element, f"{what}_identifier") for what in ("force", "point", "torque"))
-    for name, value in (("force", force), ("point", point)):
-        if value in NOTHING:
-            raise UsageError(f"{where} has no {name}_identifier")
-    return FootForce(force, point, "" if torque in NOTHING else torque)
 
 
 def is_foot(body: str, side: str) -> bool:
@@ -249,7 +234,6 @@ def read_leg(
     Raises:
         UsageError: OpenSim is not installed or fails, or a file cannot be used or does not fit the others.
     """
-    setup_files.check_opensim()
     ground = during(ground, kinematics.stamps)
     kinds = ("child", "child", "child", "parent_base", "child_base", "child_base")
     frames = list(zip(kinds, (*joints, *joints), strict=True))
@@ -281,19 +265,18 @@ def leg_joints(model: Path, side: str, coordinate: str | None) -> list[str]:
         UsageError: the file is no model, or a joint is not there or not unique.
     """
     joints = [e for e in read_xml(model, "Model").iter() if e.tag.endswith("Joint") and e.get("name")]
-    knees = [e.get("name", "") for e in joints if any(c.get("name") == coordinate for c in e.iter("Coordinate"))]
-    names = [name for name in (e.get("name", "") for e in joints) if words(name) & SIDE_WORDS[side]]
+    of_side = [e.get("name", "") for e in joints if words(e.get("name", "")) & SIDE_WORDS[side]]
     found: list[str] = []
     for what, fitting in (
-        (f"{side} hip", [name for name in names if "hip" in words(name)]),
-        (f"coordinate {coordinate}", knees),
-        (f"{side} ankle", [name for name in names if "ankle" in words(name)]),
-    ):
-        different = list(dict.fromkeys(fitting))
-        if len(different) != 1:
-            having = f"the joints {', '.join(different)}" if different else "no joint"
+        (f"{side} hip", [name for name in of_side if "hip" in words(name)]),
+        (f"coordinate {coordinate}",
+         [e.get("name", "") for e in joints if any(c.get("name") == coordinate for c in e.iter("Coordinate"))]),
+        (f"{side} ankle", [name for name in of_side if "ankle" in words(name)]),
+    ):  # fmt: skip
+        if len(set(fitting)) != 1:
+            having = f"the joints {', '.join(dict.fromkeys(fitting))}" if fitting else "no joint"
             raise UsageError(f"{model} has {having} of the {what}, and one is needed")
-        found += different
+        found.append(fitting[0])
     return found
 
 
@@ -303,7 +286,7 @@ def frames_of(kinematics: Table, degrees: bool, model: Path, frames: Sequence[tu
     Raises:
         UsageError: a number is not finite, or OpenSim fails.
     """
-    setup_files.check_opensim()
+    require("opensim", "opensim")
     known = {e.get("name") for e in read_xml(model, "Model").iter("Coordinate")}
     columns = {coordinate_of(name): name for name in kinematics.names}
     coordinates = {name: kinematics.column(column).tolist() for name, column in columns.items() if name in known}

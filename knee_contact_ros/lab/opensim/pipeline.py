@@ -12,7 +12,6 @@ from __future__ import annotations
 
 import re
 import shutil
-import stat
 import time
 from collections.abc import Sequence
 from contextlib import suppress
@@ -23,29 +22,27 @@ import numpy as np
 
 from knee_contact_ros.lab.opensim import child, setup_files
 from knee_contact_ros.lab.opensim.setup_files import CMC, IK, STATIC, TOOLS, WORDS, Setup, absolute, read_xml, text_in
-from knee_contact_ros.lab.tables import Floats, Stamps, Table, read_storage, repaired, text_of
+from knee_contact_ros.lab.tables import Floats, Stamps, Table, read_storage, repaired
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.processes import kept, python_module
 from knee_contact_ros.system.terminal import Bar
 
-GB = 10**9
-LARGEST = 4 * GB
-"""Largest size of a folder that is copied [B]"""
 STATIC_RATE = 200.0
 """Rate of static optimization in our set-up files [Hz]: forces are smooth in between, and a row takes some 50 ms"""
-RESULTS = ("Kinematics_q", "Kinematics_u", "JointReaction_ReactionLoads", "BodyKinematics_pos_global")
-"""Results of the joint reactions' step, in the order of the fields of `Run`"""
 PATIENCE = 5.0
 """Time that a step has to end [s]"""
-MESHES = re.compile(r"mesh|\.vtp|\.stl|\.obj", re.IGNORECASE)
 FAILED = re.compile(r"error|exception|fail|unable|not found", re.IGNORECASE)
+MESHES = re.compile(r"mesh|\.vtp|\.stl|\.obj", re.IGNORECASE)
 FORCE_SHARE, MOMENT_SHARE, RESERVE_SHARE = 0.05, 0.01, 0.05
 """Largest residual forces, residual moments and reserves, as shares of the quantities above"""
 SMALL_RESERVE = 1.0
 """Reserve that always passes [N m]"""
-MARKER_RMS, MARKER_MAX = 20.0, 40.0
-"""Largest RMS and largest single marker error [mm]"""
+MARKERS = {
+    "marker error, RMS of all": ("marker_error_RMS", 20.0),
+    "marker error, the worst": ("marker_error_max", 40.0),
+}
+"""Columns of marker errors, and the largest ones [mm]"""
 PELVIS = "pelvis"
 """Beginning of the names of coordinates whose actuators are residuals"""
 ALWAYS = "knee"
@@ -61,17 +58,18 @@ class Run(NamedTuple):
     """Set-up file of CMC or static optimization"""
     forces: Path
     """Forces of muscles, residual and reserve actuators"""
-    model: Path
-    kinematics: Path
-    speeds: Path
-    reactions: Path
-    centre_of_mass: Path
+    results: Path
+    """Folder of the joint reactions' step"""
     moments: Path
     """Net joint moments; the file is missing if inverse dynamics failed"""
     seconds: dict[str, float]
     """Duration of each step [s]"""
     setups: tuple[Setup, ...]
     """The user's set-up files, as they ran"""
+
+    def result(self, name: str) -> Path:
+        """File with a result of the joint reactions' step."""
+        return self.results / f"knee_contact_{name}.sto"
 
 
 class Check(NamedTuple):
@@ -104,13 +102,23 @@ def run_pipeline(folder: Path, setups: Sequence[Setup], work: Path, bar: Bar) ->
     Raises:
         UsageError: the folder cannot be copied, or a step has failed: its log is in `work`/logs.
     """
-    copy(folder, work)
+    try:
+        shutil.copytree(folder, work, ignore=shutil.ignore_patterns(".*"), copy_function=shutil.copyfile)
+        for path in (work, *(path for path in work.rglob("*") if path.is_dir())):
+            path.chmod(0o755)  # even if the original cannot be written to
+        (work / "logs").mkdir(exist_ok=True)
+    except (OSError, shutil.Error) as error:
+        raise UsageError(f"cannot copy {folder}: {error}") from None
     seconds: dict[str, float] = {}
 
     def run(setup: Setup) -> None:
         bar.describe(f"{WORDS[setup.step]} ({len(seconds) + 1} of {len(setups) + 2})")
-        begun = time.monotonic()
-        run_step(setup, work)
+        begun, log = time.monotonic(), work / "logs" / f"{setup.step}.log"
+        if code := run_python(child.__name__, (TOOLS[setup.step], setup.path.name), setup.folder, log):
+            raise UsageError(
+                f"OpenSim's {setup.step} ({setup.path.name}) failed with code {code}: {last_words(log)}; "
+                "--work DIR keeps its log"
+            )
         seconds[setup.step] = time.monotonic() - begun
 
     own = [setup._replace(path=work / absolute(setup.path).relative_to(folder)) for setup in setups]
@@ -120,59 +128,20 @@ def run_pipeline(folder: Path, setups: Sequence[Setup], work: Path, bar: Bar) ->
     if last.step == STATIC and last.tool.tag == TOOLS[CMC]:
         stamps = read_storage(place / last.text("desired_kinematics_file")).stamps
         rate = (len(stamps) - 1) * NANOSECONDS / float(stamps[-1] - stamps[0])
-        last = own[-1] = setup_files.static_setup(
-            last, place / "knee_contact_static.xml", max(1, round(rate / STATIC_RATE))
-        )
+        interval = max(1, round(rate / STATIC_RATE))
+        last = own[-1] = setup_files.static_setup(last, place / "knee_contact_static.xml", interval)
     run(last)
     forces, states = results_of(last)
     reactions = setup_files.reactions_setup(last, place / "knee_contact_reactions.xml", states, forces)
     run(reactions)
-    kinematics, speeds, loads, centre = (
-        place / reactions.results() / f"{reactions.name}_{name}.sto" for name in RESULTS
-    )
+    done = Run(place, last, place / forces, place / reactions.results, Path(), seconds, tuple(own))
+    kinematics = done.result("Kinematics_q")
     times = read_storage(kinematics).stamps / NANOSECONDS
     window, coordinates = (float(times[0]), float(times[-1])), str(kinematics.relative_to(place))
     dynamics = setup_files.dynamics_setup(last, place / "knee_contact_dynamics.xml", coordinates, window)
     with suppress(UsageError):  # it only serves to judge; where it is missing, that is said
         run(dynamics)
-    moments, model = place / dynamics.results() / "moments.sto", place / last.text("model_file")
-    return Run(
-        place, last, place / forces, model, kinematics, speeds, loads, centre, moments, seconds, tuple(own)
-    )  # fmt: skip
-
-
-def copy(folder: Path, work: Path) -> None:
-    """Copy a folder, make the copy writable even if the original is not, and make a folder for logs in it.
-
-    Raises:
-        UsageError: the folder cannot be copied, or is too large.
-    """
-    visible = (path for path in folder.rglob("[!.]*") if "/." not in str(path.relative_to(folder)))
-    size = sum(path.stat().st_size for path in visible if path.is_file())
-    if size > LARGEST:
-        raise UsageError(f"{folder} has {size / GB:.1f} GB, and up to {LARGEST / GB:g} GB are copied; put less into it")
-    try:
-        shutil.copytree(folder, work, ignore=shutil.ignore_patterns(".*"), copy_function=shutil.copyfile)
-        for path in (work, *work.rglob("*")):
-            if path.is_dir():
-                path.chmod(path.stat().st_mode | stat.S_IRWXU)
-        (work / "logs").mkdir(exist_ok=True)
-    except (OSError, shutil.Error) as error:
-        raise UsageError(f"cannot copy {folder}: {error}") from None
-
-
-def run_step(setup: Setup, work: Path) -> None:
-    """Run the tool of a set-up file in that file's folder, with its output in `work`/logs.
-
-    Raises:
-        UsageError: it has failed.
-    """
-    log = work / "logs" / f"{setup.step}.log"
-    if code := run_python(child.__name__, (TOOLS[setup.step], setup.path.name), setup.folder, log):
-        raise UsageError(
-            f"OpenSim's {setup.step} ({setup.path.name}) failed with code {code}: {last_words(log)}; "
-            "--work DIR keeps its log"
-        )
+    return done._replace(moments=place / dynamics.results / "moments.sto")
 
 
 def run_python(module: str, arguments: Sequence[str], folder: Path, log: Path) -> int:
@@ -189,7 +158,7 @@ def last_words(log: Path) -> str:
     return (telling or lines or ["it said nothing"])[-1]
 
 
-def results_of(muscles: Setup) -> tuple[str, str | None]:
+def results_of(muscles: Setup) -> tuple[Path, Path | None]:
     """Find the files of forces and of states that the muscles' step wrote, relative to its folder.
 
     CMC's states are copied with a header that OpenSim can read; static optimization may have none.
@@ -197,20 +166,19 @@ def results_of(muscles: Setup) -> tuple[str, str | None]:
     Raises:
         UsageError: a file is not there.
     """
-    results, place = Path(muscles.results()), muscles.folder
-    forces, states = results / f"{muscles.name}_Actuation_force.sto", results / f"{muscles.name}_states.sto"
+    begin = muscles.results / muscles.name
+    forces, states = Path(f"{begin}_Actuation_force.sto"), Path(f"{begin}_states.sto")
     if muscles.step == STATIC:
-        forces = results / f"{muscles.name}_StaticOptimization_force.sto"
-        states = Path(muscles.text("states_file"))
+        forces, states = Path(f"{begin}_StaticOptimization_force.sto"), Path(muscles.text("states_file"))
     known = states != Path()
     for name in [forces, states][: 1 + known]:
-        if not (place / name).is_file():
+        if not (muscles.folder / name).is_file():
             raise UsageError(f"{muscles.step} has not written {name}; for CMC that needs an Actuation analysis")
     if not known:
-        return str(forces), None
+        return forces, None
     fixed = states.with_stem(f"{states.stem}_repaired")
-    (place / fixed).write_text(repaired(text_of(place / states), place / states), encoding="utf-8")
-    return str(forces), str(fixed)
+    (muscles.folder / fixed).write_text(repaired(muscles.folder / states), encoding="utf-8")
+    return forces, fixed
 
 
 def assess(run: Run) -> list[Check]:
@@ -222,35 +190,34 @@ def assess(run: Run) -> list[Check]:
     forces = read_storage(run.forces)
     residual_forces, residual_moments, reserves = actuators_of(run.muscles, run.folder, forces)
     external = external_peak(run.folder / run.muscles.text("external_loads_file"), run.folder, forces.stamps)
-    height = float(read_storage(run.centre_of_mass).column("center_of_mass_Y").mean())
+    height = float(read_storage(run.result("BodyKinematics_pos_global")).column("center_of_mass_Y").mean())
     of_force, of_moment = f"5 % of {external:.0f} N of external force", f"1 % of {external:.0f} N x {height:.2f} m"
-    quantities: list[tuple[str, Floats, float, str, str]] = []
+    found: list[Check] = []
+
+    def check(name: str, values: Floats, allowed: float, unit: str, basis: str) -> None:
+        peak, rms = float(np.abs(values).max()), float(np.sqrt(np.mean(values**2)))
+        if not name.startswith("reserve") or ALWAYS in name or peak > allowed:
+            found.append(Check(name, peak, rms, allowed, unit, basis))
+
     for name, names, allowed, unit, basis in (
         ("residual force", residual_forces, FORCE_SHARE * external, "N", of_force),
         ("residual moment", residual_moments, MOMENT_SHARE * external * height, "N m", of_moment),
     ):
         if names:
-            together = np.linalg.norm([forces.column(each) for each in names], axis=0)
-            quantities.append((name, together, allowed, unit, basis))
+            check(name, np.linalg.norm([forces.column(each) for each in names], axis=0), allowed, unit, basis)
     moments = read_storage(run.moments)
     for name, coordinate in reserves.items():
         if f"{coordinate}_moment" in moments.names:
             peak = float(np.abs(moments.column(f"{coordinate}_moment")).max())
             basis = f"5 % of the net {peak:.3g} N m, at least {SMALL_RESERVE:g}"
-            allowed, values = max(RESERVE_SHARE * peak, SMALL_RESERVE), forces.column(name)
-            if ALWAYS in coordinate or np.abs(values).max() > allowed:
-                quantities.append((f"reserve {coordinate}", values, allowed, "N m", basis))
+            allowed = max(RESERVE_SHARE * peak, SMALL_RESERVE)
+            check(f"reserve {coordinate}", forces.column(name), allowed, "N m", basis)
     for setup in run.setups:
-        path = setup.folder / setup.results() / f"{setup.name}_ik_marker_errors.sto"
+        path = setup.folder / setup.results / f"{setup.name}_ik_marker_errors.sto"
         if setup.step == IK and path.is_file():
-            errors = read_storage(path)
-            for name, column, allowed in (("RMS of all", "RMS", MARKER_RMS), ("the worst", "max", MARKER_MAX)):
-                values = errors.column(f"marker_error_{column}") * 1e3
-                quantities.append((f"marker error, {name}", values, allowed, "mm", "best practices"))
-    return [
-        Check(name, float(np.abs(values).max()), float(np.sqrt(np.mean(values**2))), allowed, unit, basis)
-        for name, values, allowed, unit, basis in quantities
-    ]
+            for name, (column, allowed) in MARKERS.items():
+                check(name, read_storage(path).column(column) * 1e3, allowed, "mm", "best practices")
+    return found
 
 
 def actuators_of(muscles: Setup, folder: Path, forces: Table) -> tuple[list[str], list[str], dict[str, str]]:
@@ -280,7 +247,7 @@ def external_peak(loads: Path, folder: Path, stamps: Stamps) -> float:
     Raises:
         UsageError: the loads cannot be read.
     """
-    data = read_storage(setup_files.named_data(loads, folder))
+    data = read_storage(setup_files.data_file(loads, folder))
     names = [text_in(force, "force_identifier") for force in read_xml(loads, "ExternalLoads").iter("ExternalForce")]
     names = [name for name in names if f"{name}x" in data.names]
     if not names:

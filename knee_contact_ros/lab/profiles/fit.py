@@ -10,6 +10,7 @@ how smooth it is.
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -57,15 +58,15 @@ MOST_OUTSIDE, THICKEST = 0.1, 0.012
 plausible thickness [m]: human cartilage of the knee has some 2 mm, of the patella up to 7 mm"""
 FLATTEST_FEMUR = 0.35
 """Smallest ratio of height and width of a femur's slice: a condyle has some 0.8, a plateau 0.1 to 0.2"""
-NOTABLE = 0.5e-3
-"""Deviation of the slice from the profile [m] from which on it is reported"""
+NOTABLE = 0.5
+"""Deviation of the slice from the profile [mm] from which on it is reported"""
 GAIT, LEAST_REACH = (0.0, 60.0), 0.5
 """Directions of the normal [deg] that are in contact in gait, and the least share of them that a condyle has"""
 MOST_IN_FRONT = 40.0
 """How much further a condyle's articular side may reach in front than behind [deg]; in a knee from MRI it reaches 12 to
 120 degrees further behind, and only near the notch as much as 33 further in front"""
-RADII = ((12e-3, math.inf), (10e-3, 50e-3), (9e-3, 40e-3))
-"""Radii over `FEMORAL_WINDOWS` that a condyle may have [m], generously: in a knee from MRI they are 20 to 84, 15 to 26
+RADII = ((12.0, math.inf), (10.0, 50.0), (9.0, 40.0))
+"""Radii over `FEMORAL_WINDOWS` that a condyle may have [mm], generously: in a knee from MRI they are 20 to 84, 15 to 26
 and 14 to 21 mm"""
 MOST_GROWTH = 1.2
 """How many times larger than the radius near extension that of the rear may be; from MRI it is 0.2 to 0.8"""
@@ -159,92 +160,60 @@ def fit(
     Raises:
         UsageError: the slice is empty, or no femur's or tibia's; or the bone is not behind the cartilage.
     """
+
+    def refuse(*faults: tuple[bool, str, str]) -> None:
+        kind = "condyle of a femur" if femur else "plateau of a tibia"
+        for wrong, what, cure in faults:
+            if wrong:
+                raise UsageError(f"{surface.path}: the slice at z = {1e3 * z:g} mm is no {kind}: {what}; {cure}")
+
     slab_points = slices(surface, z, slab, femur)
-    _check_side(surface, slab_points.raw, femur)
-    chart = Chart.around(slab_points.raw, femur)
+    raw, other = slab_points.raw, "--side tibia?" if femur else "--side femur?"
+    width, height = 1e3 * np.ptp(raw, axis=0)
+    refuse(
+        (femur != (height > FLATTEST_FEMUR * width), f"it is {width:.1f} mm wide and {height:.1f} mm high",
+         f"{other} (or see --axes and --slice)"),
+        (femur and (raw - circle(raw)[0]).mean(axis=0)[1] > 0.0, "it looks up, not down", surface.axes_cure),
+    )  # fmt: skip
+    chart = Chart.around(raw, femur)
     smoothed = smooth(slab_points, chart, tolerance)
     worst = int(np.abs(smoothed.deviations).argmax())
-    off, (x, y) = float(smoothed.deviations[worst]), 1e3 * smoothed.raw[worst]
-    if smoothed.roughness > WORST:
-        kind = "convex condyle" if femur else "plateau"
-        raise UsageError(
-            f"{surface.path}: the slice at z = {1e3 * z:g} mm is no {kind}: no profile comes closer to it than "
-            f"{1e3 * smoothed.roughness:.1f} mm RMS ({1e3 * smoothed.largest:.1f} mm at x = {x:.1f}, y = {y:.1f} mm); "
-            "cut off what is not articular surface, or see --slice, --side and --axes"
-        )
+    off, (x, y) = 1e3 * float(smoothed.deviations[worst]), 1e3 * smoothed.raw[worst]
     shape = _shape_of(smoothed.points)
     circles = _circles(shape, femur)
-    if femur:
-        _check_reach(surface, z, shape)
-        _check_radii(surface, z, circles)
-    if not femur and z < 0.0 and not concave(shape):
-        raise UsageError(
-            f"{surface.path}: the plateau at z = {1e3 * z:g} mm is convex throughout, and a medial one (z < 0) is "
-            f"hollow: is it upside down, or the lateral one? {surface.axes_cure}"
-        )
+    radii = {each.window: 1e3 * each.radius for each in circles} if femur else {}
+    told = "radii of " + ", ".join(f"{r:.1f} mm over normals of {a:.0f}° to {b:.0f}°" for (a, b), r in radii.items())
+    low, high = np.degrees([shape.normal.min(), shape.normal.max()])
+    reach = f"outward normals of {low:.0f}° to {high:.0f}° (0 down, > 0 posterior)"
+    refuse(
+        (smoothed.roughness > WORST,
+         f"no profile comes closer to it than {1e3 * smoothed.roughness:.1f} mm RMS ({abs(off):.1f} mm at x = {x:.1f}, "
+         f"y = {y:.1f} mm)", "cut off what is not articular surface, or see --slice, --side and --axes"),
+        (femur and min(high, GAIT[1]) - max(low, GAIT[0]) < LEAST_REACH * (GAIT[1] - GAIT[0]),
+         f"{reach}, and in gait those of {GAIT[0]:g}° to {GAIT[1]:g}° touch",
+         "--slice through a condyle, or see --axes"),
+        (femur and -low - high > MOST_IN_FRONT, f"{reach}, further in front than behind",
+         f"is it the notch (--slice), or are front and back exchanged? {surface.turned_cure}"),
+        (not _possible(radii, 1.0), told, "--unit is 10 times too small or large"
+         if _possible(radii, 10.0) or _possible(radii, 0.1) else surface.axes_cure),
+        (radii.get(FEMORAL_WINDOWS[-1], 0.0) > MOST_GROWTH * radii.get(FEMORAL_WINDOWS[0], math.inf),
+         f"{told}, which grow towards the rear", f"are front and back exchanged? {surface.turned_cure}"),
+        (not femur and z < 0.0 and not concave(shape), "it is convex throughout, and a medial one (z < 0) is hollow",
+         f"is it upside down, or the lateral one? {surface.axes_cure}"),
+    )  # fmt: skip
     cartilage = _thickness(shape, chart, bone, z) if bone is not None else None
     remarks = (*surface.remarks, *slab_points.remarks)
     if abs(off) >= NOTABLE:
         where = "outside of" if off > 0.0 else "behind"
-        remarks += (f"the slice lies {1e3 * abs(off):.1f} mm {where} the profile at x = {x:.1f}, y = {y:.1f} mm: a "
-                    "dent or a step?",)  # fmt: skip
+        dent = f"the slice lies {abs(off):.1f} mm {where} the profile at x = {x:.1f}, y = {y:.1f} mm: a dent or a step?"
+        remarks = (*remarks, dent)
     return Fit(femur, z, slab, tolerance, smoothed, shape, circles, cartilage, remarks)
 
 
-def _check_side(surface: Surface, raw: Floats, femur: bool) -> None:
-    """Refuse a tibia as a femur, a femur as a tibia, and a femur upside down."""
-    width, height = np.ptp(raw, axis=0)
-    flatness = height / max(width, 1e-9)
-    if (femur and flatness < FLATTEST_FEMUR) or (not femur and flatness > FLATTEST_FEMUR):
-        side, as_what, other = (("femur", "flat as a tibial plateau", "tibia") if femur
-                                else ("tibia", "round as a femoral condyle", "femur"))  # fmt: skip
-        raise UsageError(
-            f"--side {side}: the slice of {surface.path} is {1e3 * width:.1f} mm wide and {1e3 * height:.1f} mm high, "
-            f"as {as_what}: --side {other}? (or see --axes and --slice)"
-        )
-    if femur and (raw - circle(raw)[0]).mean(axis=0)[1] > 0.0:
-        raise UsageError(f"--side femur: the condyle of {surface.path} looks up, not down: {surface.axes_cure}")
-
-
-def _check_reach(surface: Surface, z: float, shape: Shape) -> None:
-    """Refuse a profile that cannot be in contact in most of a gait, or that reaches further in front than behind.
-
-    The first is a slice through the intercondylar notch, or a trochlea; of the second, front and back are exchanged.
-    """
-    low, high = np.degrees([shape.normal.min(), shape.normal.max()])
-    if min(high, GAIT[1]) - max(low, GAIT[0]) < LEAST_REACH * (GAIT[1] - GAIT[0]):
-        raise UsageError(
-            f"{surface.path}: the slice at z = {1e3 * z:g} mm has outward normals of {low:.0f}° to {high:.0f}° "
-            f"(0 down, > 0 posterior), and in gait those of {GAIT[0]:g}° to {GAIT[1]:g}° touch: --slice through a "
-            "condyle, or see --axes"
-        )
-    if -low - high > MOST_IN_FRONT:
-        raise UsageError(
-            f"{surface.path}: the slice at z = {1e3 * z:g} mm reaches further in front (a normal of {low:.0f}°) than "
-            f"behind ({high:.0f}°), and a condyle does not: does it run through the notch (--slice), "
-            f"or are front and back exchanged? {surface.turned_cure}"
-        )
-
-
-def _check_radii(surface: Surface, z: float, circles: list[FittedCircle]) -> None:
-    """Refuse radii that no condyle has: of another plane's cut, in another unit, or with front and back exchanged."""
-    radii = {each.window: each.radius for each in circles}
+def _possible(radii: Mapping[tuple[float, float], float], factor: float) -> bool:
+    """Whether a femur may have radii [mm] over the windows, times a factor."""
     limits = dict(zip(FEMORAL_WINDOWS, RADII, strict=True))
-
-    def fit_in(factor: float) -> bool:
-        return all(limits[window][0] <= factor * radius <= limits[window][1] for window, radius in radii.items())
-
-    told = ", ".join(f"{1e3 * r:.1f} mm over normals of {a:.0f}° to {b:.0f}°" for (a, b), r in radii.items())
-    found = f"{surface.path}: the slice at z = {1e3 * z:g} mm has radii of {told}"
-    if not fit_in(1.0):
-        unit = "--unit is 10 times too small or large" if radii and (fit_in(10.0) or fit_in(0.1)) else ""
-        raise UsageError(f"{found}, which no condyle has: {unit or surface.axes_cure}")
-    first, last = radii.get(FEMORAL_WINDOWS[0], math.inf), radii.get(FEMORAL_WINDOWS[-1], 0.0)
-    if last > MOST_GROWTH * first:
-        raise UsageError(
-            f"{found}, and a condyle's become smaller towards the rear: are front and back exchanged? "
-            f"{surface.turned_cure}"
-        )
+    return all(limits[window][0] <= factor * radius <= limits[window][1] for window, radius in radii.items())
 
 
 class _Problem(NamedTuple):

@@ -1,4 +1,4 @@
-"""Label maps, which have a number for every voxel: NIfTI by nibabel; NRRD and MetaImage by their text headers.
+"""Label maps, which have a number for every voxel: NIfTI by nibabel; MetaImage by VTK; NRRD by its text header.
 
 Every header says where the voxels lie in a scanner's axes. Ours are RAS: x to the right, y anterior, z superior.
 NRRD: https://teem.sourceforge.net/nrrd/format.html. MetaImage: https://itk.org/Wiki/MetaIO/Documentation; its axes are
@@ -11,7 +11,8 @@ import bz2
 import gzip
 import math
 import re
-import zlib
+import warnings
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -23,17 +24,8 @@ from knee_contact_ros.system.errors import UsageError
 
 HEADER = 2**16
 """Largest size of a text header [B]"""
-MOST_VOXELS = 2**31
-TYPES = {
-    "int8": ("signed char", "int8_t", "MET_CHAR"), "uint8": ("uchar", "unsigned char", "uint8_t", "MET_UCHAR"),
-    "int16": ("short", "short int", "signed short", "int16_t", "MET_SHORT"),
-    "uint16": ("ushort", "unsigned short", "uint16_t", "MET_USHORT"),
-    "int32": ("int", "signed int", "int32_t", "MET_INT"), "uint32": ("uint", "unsigned int", "uint32_t", "MET_UINT"),
-    "int64": ("longlong", "long long", "int64_t", "MET_LONG_LONG"),
-    "uint64": ("ulonglong", "unsigned long long", "uint64_t", "MET_ULONG_LONG"),
-    "float32": ("float", "MET_FLOAT"), "float64": ("double", "MET_DOUBLE"),
-}  # fmt: skip
-"""Names of the types of numbers in headers, by NumPy's"""
+TYPES = {"char": "i1", "uchar": "u1", "int": "i4", "uint": "u4", "float": "f4"}
+"""NumPy's types of numbers, by those of NRRD without `signed` and blanks; of other names NumPy knows the meaning"""
 NUMBER = re.compile(r"[-+0-9.eE]+")
 
 
@@ -61,8 +53,8 @@ def read_label_map(path: Path) -> LabelMap:
         raise UsageError(f"{path} cannot be read: {' '.join(str(error).split())[:200]}") from None
     values = found.values
     values = values.reshape(values.shape[:3]) if values.ndim > 3 and set(values.shape[3:]) == {1} else values
-    if values.ndim != 3:
-        raise UsageError(f"{path} has {values.ndim} dimensions; a label map has 3")
+    if values.ndim != 3 or not values.size or abs(np.linalg.det(found.affine)) < 1e-12:
+        raise UsageError(f"{path}: its voxels have the shape {values.shape}, and must span a space of 3 dimensions")
     return found._replace(values=values)
 
 
@@ -89,7 +81,7 @@ def _nrrd(path: Path) -> LabelMap:
         raise ValueError("a map has dimension 3, without byte skip and line skip")
     if name := fields.get("data file") or fields.get("datafile"):
         data = (path.parent / name).read_bytes()
-    values = _voxels(data, fields["type"], _numbers(fields["sizes"]), fields["encoding"], fields.get("endian") == "big")
+    values = _voxels(data, fields)
     space = fields.get("space", "")
     letters = space if len(space) == 3 else "".join(word[:1] for word in space.split("-"))
     directions = fields.get("space directions", "")
@@ -100,74 +92,44 @@ def _nrrd(path: Path) -> LabelMap:
     turn = np.array([1.0 if letter in "RAS" else -1.0 for letter in letters.upper()])
     origin = _numbers(fields.get("space origin", "0 0 0"))
     scale = {"mm": 1.0, "cm": 10.0, "m": 1e3}[(re.findall('"(.*?)"', fields.get("space units", "")) or ["mm"])[0]]
-    return LabelMap(values, _affine(_numbers(directions), origin, scale * turn))
+    affine = np.eye(4)
+    affine[:3, :3], affine[:3, 3] = np.reshape(_numbers(directions), (3, 3)).T, origin
+    affine[:3] *= scale * turn[:, None]
+    return LabelMap(values, affine)
 
 
 def _meta_image(path: Path) -> LabelMap:
-    content = path.read_bytes()
-    head, key, rest = content.partition(b"ElementDataFile")
-    if not key:
-        raise ValueError("it has no ElementDataFile")
-    line, _, data = rest.partition(b"\n")
-    lines = [line.split("=", 1) for line in head[:HEADER].decode("latin-1").splitlines() if "=" in line]
-    fields = {key.strip().lower(): value.strip() for key, value in lines}
-    name = line.decode().strip(" =\r")
-    if name.upper() != "LOCAL":
-        data = (path.parent / name).read_bytes()
-    if fields.get("elementnumberofchannels", "1") != "1":
-        raise ValueError("a map has one channel")
+    import pyvista
 
-    def flag(*names: str) -> bool:
-        return any(fields.get(name, "").lower() == "true" for name in names)
-
-    encoding = "gzip" if flag("compresseddata") else "raw"
-    big = flag("binarydatabyteordermsb", "elementbyteordermsb")
-    values = _voxels(data, fields["elementtype"], _numbers(fields["dimsize"]), encoding, big)
-    matrix, origin = (
-        next((fields[name] for name in names if name in fields), None)
-        for names in (("transformmatrix", "rotation", "orientation"), ("offset", "position", "origin"))
-    )
-    spacing = np.array(_numbers(fields.get("elementspacing", "1 1 1")))
-    if matrix is None:
-        return LabelMap(values, np.diag([*spacing, 1.0]), "it has no TransformMatrix")
-    directions = np.array(_numbers(matrix)).reshape(3, 3) * spacing[:, None]
-    return LabelMap(values, _affine(directions.ravel(), _numbers(origin or "0 0 0"), np.array([-1.0, -1.0, 1.0])))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")  # which a file that is too short causes
+        grid: Any = pyvista.read(path)
+    values = np.asarray(grid.active_scalars).reshape(grid.dimensions, order="F")
+    if not re.search(rb"(TransformMatrix|Rotation|Orientation) *=", path.read_bytes()[:HEADER], re.IGNORECASE):
+        return LabelMap(values, np.diag([*grid.spacing, 1.0]), "it has no TransformMatrix")
+    affine = np.eye(4)
+    affine[:3, :3], affine[:3, 3] = np.asarray(grid.direction_matrix).T * grid.spacing, grid.origin
+    affine[:2] *= -1.0  # its axes are LPS
+    return LabelMap(values, affine)
 
 
 def _numbers(text: str) -> list[float]:
     return [float(number) for number in NUMBER.findall(text)]
 
 
-def _affine(directions: Any, origin: Any, turn: Floats) -> Floats:
-    """Affine from directions of the voxels' axes, one after another, and an origin, that `turn` scales and turns."""
-    affine = np.eye(4)
-    affine[:3, :3], affine[:3, 3] = np.reshape(directions, (3, 3)).T, origin
-    affine[:3] *= turn[:, None]
-    if abs(np.linalg.det(affine)) < 1e-12:
-        raise ValueError("the directions of its axes span no space")
-    return affine
-
-
-def _voxels(data: bytes, kind: str, sizes: list[float], encoding: str, big: bool) -> NDArray[Any]:
+def _voxels(data: bytes, fields: Mapping[str, str]) -> NDArray[Any]:
     """Decode the numbers of voxels, the first axis fastest."""
-    name = next((ours for ours, theirs in TYPES.items() if kind.strip() in (ours, *theirs)), None)
-    if name is None:
-        raise ValueError(f"its numbers are of the type {kind}")
-    dtype, shape = np.dtype(name).newbyteorder(">" if big else "<"), tuple(int(size) for size in sizes)
-    number = math.prod(shape)
-    if not 0 < number <= MOST_VOXELS:
-        raise ValueError(f"it has the size {shape}")
-    if encoding in {"text", "txt", "ascii"}:
-        return np.array(data.split(), name).reshape(shape, order="F")
-    if encoding in {"gzip", "gz"}:  # MetaImage has zlib's header, NRRD gzip's
-        data = gzip.decompress(data) if data[:2] == b"\x1f\x8b" else zlib.decompress(data)
-    elif encoding in {"bzip2", "bz2"}:
-        data = bz2.decompress(data)
-    elif encoding != "raw":
-        raise ValueError(f"its encoding is {encoding}")
-    if len(data) < number * dtype.itemsize:
-        raise ValueError(f"it has {len(data)} of {number * dtype.itemsize} B")
-    return np.frombuffer(data, dtype, number).reshape(shape, order="F")
+    kind = fields["type"].replace("unsigned ", "u").replace("signed ", "").removesuffix(" int").removesuffix("_t")
+    kind = kind.replace(" ", "")
+    shape = tuple(int(size) for size in _numbers(fields["sizes"]))
+    dtype = np.dtype(TYPES.get(kind, kind)).newbyteorder(">" if fields.get("endian") == "big" else "<")
+    if fields["encoding"] in {"text", "txt", "ascii"}:
+        return np.array(data.split(), dtype).reshape(shape, order="F")
+    unpacked: Mapping[str, Callable[[bytes], bytes]] = {"gz": gzip.decompress, "bz": bz2.decompress, "ra": bytes}
+    data = unpacked[fields["encoding"][:2]](data)
+    if len(data) < math.prod(shape) * dtype.itemsize:
+        raise ValueError(f"it has {len(data)} of {math.prod(shape) * dtype.itemsize} B")
+    return np.frombuffer(data, dtype, math.prod(shape)).reshape(shape, order="F")
 
 
 LABEL_MAPS = {

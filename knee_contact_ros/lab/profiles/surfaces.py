@@ -147,22 +147,16 @@ def read_surface(path: Path, unit: str | None = None, axes: str | None = None, l
     if space:
         usual, unit, remarks = _axes_in(space), unit or "mm", _space_remarks(path, space, axes)
     places, signs = _axes(axes or usual)
-    scaled = points * UNITS[_checked_unit(path, points, unit or "m")]
-    turned = np.ascontiguousarray(scaled[:, places] * signs)
+    _check_size(path, points, unit or "m")
+    turned = np.ascontiguousarray(points[:, places] * signs) * UNITS[unit or "m"]
     return Surface(path, turned, triangles, axes or usual, remarks, axes is None and usual != BODY_AXES)
 
 
 def _axes_in(space: str, left: bool = False) -> str:
     """Axes of a right or left knee in a file whose x, y and z point to three sides of the body, as `RAS` or `LPS`."""
-
-    def axis(side: str, opposite: str) -> str:
-        return next(
-            f"{'-' * (letter == opposite)}{name}"
-            for name, letter in zip("xyz", space, strict=True)
-            if letter in (side, opposite)
-        )
-
-    return ",".join([axis("A", "P"), axis("S", "I"), axis("L", "R") if left else axis("R", "L")])
+    names = dict(zip(space, "xyz", strict=True))
+    wanted = {"A": "P", "S": "I"} | ({"L": "R"} if left else {"R": "L"})
+    return ",".join(names.get(side, f"-{names.get(back)}") for side, back in wanted.items())
 
 
 def _space_remarks(path: Path, space: str, axes: str | None) -> tuple[str, ...]:
@@ -170,12 +164,12 @@ def _space_remarks(path: Path, space: str, axes: str | None) -> tuple[str, ...]:
     right, left = _axes_in(space), _axes_in(space, left=True)
     if axes is None:
         return (f"axes {right} follow from SPACE={space} in the file's header, for a right knee; left: --axes={left}",)
-    given = [name.strip().lower().lstrip("+") for name in axes.split(",")]
-    if given[:2] == right.split(",")[:2]:
+    given, known = (names.replace(" ", "").replace("+", "").split(",")[:2] for names in (axes.lower(), right))
+    if given == known:
         return ()
     cure = f"the header of {path.name} says SPACE={space}, where a right knee's are {right} and a left one's {left}"
-    for name, known, what in zip(given, right.split(","), ("front and back", "up and down"), strict=False):
-        if name != known and name.lstrip("-") == known.lstrip("-"):
+    for name, other, what in zip(given, known, ("front and back", "up and down"), strict=False):
+        if name != other and name.lstrip("-") == other.lstrip("-"):
             raise UsageError(f"--axes={axes} exchanges {what}: {cure}")
     return (f"--axes={axes} is used, although {cure}",)
 
@@ -192,19 +186,20 @@ def _axes(text: str) -> tuple[list[int], list[float]]:
     return ["xyz".index(letter) for letter in letters], [-1.0 if name[0] == "-" else 1.0 for name in names]
 
 
-def _checked_unit(path: Path, points: Floats, unit: str) -> str:
-    """Return the unit of a file's points; refuse one that makes no knee of them, and say which one does."""
+def _check_size(path: Path, points: Floats, unit: str) -> None:
+    """Refuse points in a unit that makes no knee of them, and say which one does."""
     if not np.isfinite(points).all():
         raise UsageError(f"{path} has a point that is not finite")
     largest = float(np.ptp(points, axis=0).max())
-    size = largest * UNITS[unit]
-    if SMALLEST <= size <= LARGEST:
-        return unit
-    likely = min(UNITS, key=lambda each: abs(math.log(largest * UNITS[each] / USUAL)) if largest else 0.0)
+    if SMALLEST <= largest * UNITS[unit] <= LARGEST:
+        return
+    likely = min(UNITS, key=lambda each: abs(math.log(max(largest, 1e-9) * UNITS[each] / USUAL)))
     fits = SMALLEST <= largest * UNITS[likely] <= LARGEST
-    hint = f": likely it is in {likely}, --unit {likely}" if fits else "; scale it to m or mm first"
-    wanted = f"cartilages and bones of a knee measure {SMALLEST:g} to {LARGEST:g} m"
-    raise UsageError(f"{path} measures {size:.3g} m with --unit {unit}; {wanted}{hint}")
+    raise UsageError(
+        f"{path} measures {largest * UNITS[unit]:.3g} m with --unit {unit}; cartilages and bones of a knee measure "
+        f"{SMALLEST:g} to {LARGEST:g} m"
+        + (f": likely it is in {likely}, --unit {likely}" if fits else "; scale it to m or mm first")
+    )
 
 
 def _read_mesh(path: Path, kind: str) -> tuple[Floats, Integers, str]:
@@ -265,10 +260,8 @@ def _read_cloud(path: Path) -> Floats:
     The first line may name the columns; what follows # is a comment.
     """
     try:
-        lines = [line.split("#")[0].replace(",", " ") for line in path.read_text("utf-8-sig").splitlines()]
-        lines = [line for line in lines if line.strip()]
-        named = bool(lines) and lines[0].strip()[0].isalpha()
-        points = np.loadtxt(lines[named:], ndmin=2)
+        lines = path.read_text("utf-8-sig").replace(",", " ").lstrip().splitlines()
+        points = np.loadtxt(lines, ndmin=2, skiprows=int(bool(lines) and lines[0][0].isalpha()))
         return np.pad(points, ((0, 0), (0, {2: 1, 3: 0}[points.shape[1]])))
     except (ValueError, KeyError) as error:  # of Unicode, too
         fault = f"{path} must hold numbers in two columns x, y or three x, y, z"

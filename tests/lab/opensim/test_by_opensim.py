@@ -272,7 +272,7 @@ def moments(folder: Path) -> Path:
     assert isinstance(base, Setup)
     setup = dynamics_setup(base, folder / "dynamics.xml", KINEMATICS, (0.53, 2.46))
     assert run_python(child.__name__, ("InverseDynamicsTool", setup.path.name), folder, folder / "log") == 0
-    return folder / setup.results() / "moments.sto"
+    return folder / setup.results / "moments.sto"
 
 
 def estimated(bag: Path, config: Path, output: Path) -> tuple[LoadSummary, dict[int, Estimate]]:
