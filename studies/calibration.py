@@ -25,7 +25,7 @@ from benchmarks.report import Section, machine, save
 from knee_contact_ros import calibrate
 from knee_contact_ros.lab.calibrate import Calibration
 from knee_contact_ros.lab.calibrate.contact import fittable, measured_from, problem_of
-from knee_contact_ros.lab.calibrate.problem import scaled, unknowns_of
+from knee_contact_ros.lab.calibrate.fit import Fit, scaled, unknowns_of
 from knee_contact_ros.parameters.files import load_parameters
 from studies.reference import LAWS, Knee, Solution, solve
 
@@ -282,8 +282,7 @@ def along_straight_lines(name: str, repetitions: int) -> NDArray[np.int64]:
     parameters, table = load_parameters([case.parameters]), made(name, case, np.random.default_rng(0))
     measured = measured_from(table, parameters.drive)
     problem = problem_of(parameters, measured, unknowns_of(list(case.free), fittable(), parameters, name), True)
-    problem = problem.with_steps_for(problem.start, case.noise)
-    slopes = problem.jacobian(problem.start, case.noise)
+    slopes = Fit.begun(problem, "linear", case.noise).slopes
     spread = np.linalg.inv(slopes.T @ slopes)
     held = np.zeros(len(case.free), dtype=np.int64)
     exact, freedom = truth(name), len(slopes) - len(spread)

@@ -21,13 +21,16 @@ from knee_contact_ros.lab.calibrate import contact, load
 from knee_contact_ros.lab.calibrate.fit import (
     LINEAR,
     LOSSES,
+    Data,
+    Free,
     Interval,
+    Problem,
+    Unknown,
     doubts,
     fitted,
     intervals,
-    trades,
+    unknowns_of,
 )  # fmt: skip
-from knee_contact_ros.lab.calibrate.problem import Data, Free, Problem, Unknown, unknowns_of
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.offline.notebooks import Name, in_python_words
 from knee_contact_ros.offline.solve import parameters_for
@@ -178,34 +181,37 @@ def _calibrated(
         if not allowed:
             raise UsageError(f"{name}: {value!r} is not allowed; {words}")
     problem = _problem(data, params, free, values, remaps, namespace, compiled)
+    measured, unknowns = problem.measured, problem.unknowns
+    if measured.number <= len(unknowns):
+        raise UsageError(f"{measured.source}: {measured.number} values can be fitted, for {len(unknowns)} parameters; "
+                         "more are needed than parameters are free")  # fmt: skip
+    problem.predicted({unknown.name: unknown.start for unknown in unknowns})  # refuses wrong inputs or a wrong start
     for name, deviation in sigma.items():
-        if name not in problem.measured.answers:
-            raise UsageError(f"--sigma {name}: it was not measured; measured are {', '.join(problem.measured.answers)}")
+        if name not in measured.answers:
+            raise UsageError(f"--sigma {name}: it was not measured; measured are {', '.join(measured.answers)}")
         if not (isinstance(deviation, int | float | np.floating) and 0.0 < deviation < math.inf):
             raise UsageError(f"--sigma {name}={deviation}: it must be COLUMN=NUMBER, the number > 0 in its unit")
     with progress("Fitting") as advance:
-        minimum = fitted(problem, loss, {name: float(value) for name, value in sigma.items()}, starts, advance)
-    bounds, better = None, None
+        fit = fitted(problem, loss, {name: float(value) for name, value in sigma.items()}, starts, advance)
+    bounds, better = list[Interval](), None
     for _ in range(ROUNDS if with_intervals else 0):
-        minimum = minimum if better is None else replace(minimum, place=better).settled()
+        fit = fit if better is None else replace(fit, place=better).settled()
         with progress("Intervals") as advance:
-            bounds, better = intervals(minimum, level, advance)
+            bounds, better = intervals(fit, level, advance)
         if better is None:
             break
-    problem, place = minimum.problem, minimum.place
-    answers = problem.predicted(place)
-    residuals = {name: answers[name] - column for name, column in problem.measured.answers.items()}
-    rms = {name: float(np.sqrt(np.nanmean(misfit**2))) for name, misfit in residuals.items()}
-    names = [unknown.name for unknown in problem.unknowns]
+    found = fit.values()
+    answers = problem.predicted(found)
+    residuals = {name: answers[name] - column for name, column in measured.answers.items()}
     with progress("Leaving one out") as advance:
         remarks, also, warnings = problem.conclusions(
-            place, lambda others: fitted(others, loss, dict(minimum.noise), 1, advance).place
+            found, lambda others: fitted(others, loss, fit.noise, 1, advance).values()
         )
     return Calibration(
-        problem.unknowns, problem.measured, problem.values(place), dict(zip(names, bounds or (), strict=False)), level,
-        minimum.correlation, dict(minimum.noise), minimum.given, rms, residuals, answers,
-        (*([] if better is None else [ROUGH]), *trades(minimum, bounds), *doubts(minimum, bounds, level), *warnings),
-        loss, tuple(remarks), also,
+        unknowns, measured, found, dict(zip(found, bounds, strict=False)), level, fit.correlation, dict(fit.noise),
+        fit.given, {name: float(np.sqrt(np.nanmean(misfit**2))) for name, misfit in residuals.items()}, residuals,
+        answers, (*([] if better is None else [ROUGH]), *doubts(fit, bounds, level), *warnings), loss, tuple(remarks),
+        also,
     )  # fmt: skip
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from knee_contact_ros.lab.calibrate.problem import STEP, Data, Problem, Unknown
+from knee_contact_ros.lab.calibrate.fit import Data, Problem, Unknown, Values
 from knee_contact_ros.lab.gait_bag import digest
 from knee_contact_ros.lab.tables import TableFormat, header_of, read_numbers
 from knee_contact_ros.model.compiler import worth_compiling
@@ -91,34 +91,41 @@ def measured_from(table: Mapping[str, ArrayLike] | Any, drive: str, source: str 
         UsageError: columns are missing, or values make no sense.
     """
     columns = {str(name): _column(table, name, source) for name in table}
-    prescribed = drive == "displacement"
     loads = [name for name in (LOAD, AXIAL_LOAD) if name in columns]
     if len(loads) == 2:
         raise UsageError(f"{source}: columns load and axial_load are both there; give the one that was measured")
-    needed = [TIME, ANGLE, *([HEIGHT] if prescribed else [] if loads else [LOAD])]
-    for name in needed:
+    inputs = [TIME, ANGLE, *([HEIGHT] if drive == "displacement" else []), *loads]
+    inputs += [LOAD] if drive != "displacement" and not loads else []
+    for name in inputs:
         if name not in columns:
             raise UsageError(f"{source}: it has no column {name}, which drive {drive} needs; it has "
                              f"{', '.join(columns) or 'none'}")  # fmt: skip
-    measurable = [name for name in ANSWERS if name not in needed]
+    measurable = [name for name in ANSWERS if name not in inputs]
     answers = {name: columns[name] for name in measurable if name in columns}
     if not answers:
         raise UsageError(f"{source}: nothing is measured in it; one or more of the columns {', '.join(measurable)} "
                          "are needed")  # fmt: skip
     if len({len(column) for column in columns.values()}) > 1 or not len(columns[TIME]):
         raise UsageError(f"{source}: its columns must be equally long, with one sample or more")
-    _check_finite({name: columns[name] for name in [*needed, *loads]}, answers, source)
+    for name in (*inputs, *answers):
+        column = columns[name]
+        wrong = ~np.isfinite(column) if name in inputs else np.isinf(column)
+        if wrong.any():
+            what = "an input must be known at every sample" if name in inputs else "allowed are numbers and empty cells"
+            where = f"column {name} is {column[wrong][0]:g} in row {int(wrong.argmax()) + 1}"
+            raise UsageError(f"{source}: {where}; {what}")
+        if np.isnan(column).all():
+            raise UsageError(f"{source}: column {name} is empty; leave it out, or give what was measured")
     time = columns[TIME]
-    grows = np.diff(np.rint(time * 1e9)) > 0.0
-    if not grows.all():
-        row = int(np.argmin(grows)) + 2
+    if (back := np.diff(np.rint(time * 1e9)) <= 0.0).any():
+        row = int(back.argmax()) + 2
         raise UsageError(f"{source}: column {TIME} must increase, by a nanosecond or more; row {row} does not")
     load = columns[loads[0]] if loads else np.zeros(len(time))
-    height = columns[HEIGHT] if prescribed else None
+    height = columns[HEIGHT] if HEIGHT in inputs else None
     return Measured(source, "", answers, time, columns[ANGLE], load, loads == [AXIAL_LOAD], height)
 
 
-def _column(table: Any, name: str, source: str) -> Floats:
+def _column(table: Any, name: Any, source: str) -> Floats:
     """Copy a column as numbers."""
     if str(name) not in COLUMNS:
         near = difflib.get_close_matches(str(name), COLUMNS, n=1, cutoff=0.6)
@@ -131,18 +138,6 @@ def _column(table: Any, name: str, source: str) -> Floats:
     if column.ndim != 1:
         raise UsageError(f"{source}: column {name} has shape {column.shape}; allowed is (n,)")
     return column
-
-
-def _check_finite(inputs: Mapping[str, Floats], answers: Mapping[str, Floats], source: str) -> None:
-    """Refuse an input that is missing or infinite anywhere, and an answer that is infinite or missing everywhere."""
-    for name, column in [*inputs.items(), *answers.items()]:
-        wrong = ~np.isfinite(column) if name in inputs else np.isinf(column)
-        if wrong.any():
-            what = "an input must be known at every sample" if name in inputs else "allowed are numbers and empty cells"
-            where = f"column {name} is {column[wrong][0]:g} in row {int(wrong.argmax()) + 1}"
-            raise UsageError(f"{source}: {where}; {what}")
-        if np.isnan(column).all():
-            raise UsageError(f"{source}: column {name} is empty; leave it out, or give what was measured")
 
 
 def fittable() -> list[str]:
@@ -163,56 +158,57 @@ class ContactProblem(Problem):
     texts: Mapping[str, str]
     """Contents of the files that parameters name, by parameter"""
 
-    def answers(self, place: Floats) -> Rows:
-        """Compute the answers, shape (n,), without the checks of `KneeModel.run`; see `Problem.answers`."""
-        parameters = self._near(place)
-        trial, height = self.measured, self.measured.height
-        if height is None:
-            height = np.full(len(trial.time), math.nan)
+    def answers(self, values: Values) -> Rows:
+        """Compute the answers, shape (n,), without the checks of `KneeModel.run`; see `Problem.answers`.
+
+        Values are within their ranges, and parameters are not checked again: that takes milliseconds.
+        """
+        changed = self.parameters
+        for name, value in values.items():
+            section, own = name.split(".")
+            changed = changed.model_copy(update={section: getattr(changed, section).model_copy(update={own: value})})
+        femur, tibia, trial = changed.femur, changed.tibia, self.measured
+        if femur.geometry == tibia.geometry == "circle" and tibia.radius <= femur.radius:
+            raise UsageError(f"tibia.radius: {tibia.radius:g} must exceed femur.radius, {femur.radius:g}")
         stamps = np.rint(trial.time * 1e9)
         durations = np.diff(stamps, prepend=stamps[:1]) * 1e-9
-        samples = np.column_stack([durations, trial.angle, trial.load_of(parameters.load.share), height])
+        height = np.full(len(stamps), math.nan) if trial.height is None else trial.height
+        samples = np.column_stack([durations, trial.angle, trial.load_of(changed.load.share), height])
         answers = blank(len(samples))
-        surfaces = {each.name for each in self.unknowns if each.name.startswith(("femur.", "tibia."))} - {"femur.mass"}
+        same_surfaces = (changed.femur.radius, changed.tibia) == (self.parameters.femur.radius, self.parameters.tibia)
         try:
-            model = self._made(parameters) if surfaces else retuned(self.model, parameters)
-            model.compute(samples, answers)
+            self._made(changed, same_surfaces=same_surfaces).compute(samples, answers)
         except ValueError as error:
             raise UsageError(f"{trial.source}: {error}") from None
         return answers
 
-    def predicted(self, place: Floats) -> Results:
+    def _made(self, parameters: Parameters, *, same_surfaces: bool = False) -> KneeModel:
+        if same_surfaces:
+            return retuned(self.model, parameters)
+        return replace(build_model(parameters, curves=self.texts), compiled=self.model.compiled, results=Results)
+
+    def predicted(self, values: Values) -> Results:
         """Compute the answers by a run of a model, after a check of all parameters; see `Problem.predicted`."""
-        parameters = load_parameters(flat_parameters(self.parameters) | self.values(place))
+        parameters = load_parameters(flat_parameters(self.parameters) | values)
         trial = self.measured
         try:
-            model = self._made(parameters)
-            series = model.run(trial.time, trial.angle, trial.load_of(parameters.load.share), trial.height)
+            series = self._made(parameters).run(
+                trial.time, trial.angle, trial.load_of(parameters.load.share), trial.height
+            )
         except ValueError as error:
             raise UsageError(f"{trial.source}: {error}") from None
         return series if isinstance(series, Results) else series.view(Results)
 
-    def doubts(self, place: Floats) -> list[str]:
+    def conclusions(
+        self,
+        values: Values,
+        refit: Callable[[Problem], Values],  # noqa: ARG002
+    ) -> tuple[list[str], dict[str, Any], list[str]]:
         """Report answers with a status that makes them unusable."""
-        answers = self.predicted(place)
+        status = self.predicted(values)["status"]
         faults = {Status.NOT_CONVERGED: "missed their tolerance", Status.IMPLAUSIBLE: "are implausibly deep"}
-        counts = {fault: int(np.count_nonzero(answers["status"] & bit)) for bit, fault in faults.items()}
-        return [f"{count} of {len(answers)} answers {fault}" for fault, count in counts.items() if count]
-
-    def _near(self, place: Floats) -> Parameters:
-        """Give the parameters at a place, within their ranges, which are not checked again: that takes milliseconds."""
-        changed = self.parameters
-        for name, value in self.values(place).items():
-            section, own = name.split(".")
-            changed = changed.model_copy(update={section: getattr(changed, section).model_copy(update={own: value})})
-        femur, tibia = changed.femur, changed.tibia
-        if femur.geometry == tibia.geometry == "circle" and tibia.radius <= femur.radius:
-            raise UsageError(f"tibia.radius: {tibia.radius:g} must exceed femur.radius, {femur.radius:g}")
-        return changed
-
-    def _made(self, parameters: Parameters) -> KneeModel:
-        model = build_model(parameters, curves=self.texts)
-        return replace(model, compiled=self.model.compiled, results=Results)
+        counts = {fault: int(np.count_nonzero(status & bit)) for bit, fault in faults.items()}
+        return [], {}, [f"{count} of {len(status)} answers {fault}" for fault, count in counts.items() if count]
 
 
 def problem_of(
@@ -227,15 +223,11 @@ def problem_of(
         compiled: Whether to use the compiled model; None: where that is expected to be faster.
 
     Raises:
-        UsageError: the load is the axial one and no fixed share is modelled, inputs are too large for a knee, or there
-            are not more measurements than free parameters.
+        UsageError: the load is the axial one and no fixed share is modelled, or inputs are too large for a knee.
     """
     if measured.axial and parameters.load.rule != "fixed_share":
         raise UsageError(f"{measured.source}: column axial_load needs load.compartment fixed_share, not "
                          f"{parameters.load.rule}; give the compartment's own load as column load")  # fmt: skip
-    if measured.number <= len(unknowns):
-        raise UsageError(f"{measured.source}: {measured.number} values are measured, for {len(unknowns)} parameters; "
-                         "more are needed than parameters are free")  # fmt: skip
     tolerance = min(parameters.fidelity.tolerance, FINE)
     fidelity = parameters.fidelity.model_copy(update={"tolerance": tolerance, "budget": 0})
     exact = parameters.model_copy(update={"fidelity": fidelity})
@@ -243,6 +235,4 @@ def problem_of(
     if compiled is None:
         compiled = worth_compiling(RUNS * len(unknowns) * len(measured.time))
     model = replace(build_model(exact, curves=texts), compiled=compiled, results=Results)
-    problem = ContactProblem(measured, unknowns, np.full(len(unknowns), STEP), exact, model, texts)
-    problem.predicted(problem.start)  # raises an error for wrong inputs or a wrong start
-    return problem
+    return ContactProblem(measured, unknowns, exact, model, texts)

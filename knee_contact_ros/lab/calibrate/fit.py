@@ -24,20 +24,28 @@ symmetric, and it may have no end within the parameter's range: the data do not 
 
 from __future__ import annotations
 
+import difflib
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+import re
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq, least_squares
 from scipy.stats import chi2, f, qmc
 
-from knee_contact_ros.lab.calibrate.problem import Noise, Problem, Unknown
 from knee_contact_ros.model.types import Floats
+from knee_contact_ros.parameters.files import all_values, known_parameters
+from knee_contact_ros.parameters.schema import Declaration, NodeSection
 from knee_contact_ros.system.errors import UsageError
 
+Free = Mapping[str, Sequence[float] | None] | Iterable[str]
+"""Names of parameters, or a mapping of names to the ends of narrower ranges"""
+Values = dict[str, float]
+UNIT = re.compile(r"\[([^\]]+)\]")
+"""The unit with which a parameter's description begins, if it has one"""
 LINEAR = "linear"
 BEND = 1.345
 """Residual at the bend of Huber's loss, in units of the noise: 95 % as efficient as squares for normal noise"""
@@ -45,51 +53,40 @@ NORMAL_MEDIAN = 0.6744897501960817
 """Median of the absolute value of a standard normal number"""
 SURE = 4.0
 """The least ratio of the correlation with the next sample to its own standard deviation, for it to count"""
+STEP, LEAST_STEP = 1e-3, 1e-7
+"""Steps of difference quotients, in coordinates: STEP at first; later half of what the data resolve, at least
+LEAST_STEP, where that is less, since within STEP an impact may come before a sample or after it"""
+FAR = 1e8
+"""Residual where parameters do not make a model"""
 PRECISION, MOST_TRIES = 1e-10, 100
 """Relative change of cost and place, and slope, at which a search ends, and its largest number of evaluations"""
 COARSE, COARSE_TRIES = 1e-6, 30
 """The same of the searches from several starts, the best of which is continued"""
-REACH = 4.0
-"""The largest factor between another start and the first one; where a coordinate is no logarithm, its logarithm is the
-largest difference of the coordinates"""
-ROUNDS, STEADY, STEPS_STEADY = 30, 1e-3, 0.5
-"""The largest number of rounds of fit and noise; the relative change of a noise, and that of the logarithms of the
-difference quotients' steps, at which they end"""
-LEAST_NOISE = 1e-9
-"""The least noise of a column, relative to its largest value"""
-SCREENED = 50
-"""Number of places around the first start, for each parameter, of which the best become the other starts"""
-INSIDE = 1e-9
-"""Distance [coordinates] from the bounds within which a search does not begin"""
-SEED = 20
-"""Seed of the starts: the same fit has the same answer"""
+REACH = math.log(4.0)
+"""The largest distance [coordinates] of another start from the first one"""
+ROUNDS, STEADY = 30, 1e-3
+"""The largest number of rounds of fit and noise; the relative change of a noise at which they end"""
+SMALL = 1e-9
+"""The least noise of a column, relative to its largest value; the least singular value of a direction, relative to the
+largest one; and the distance [coordinates] from the bounds within which a search does not begin"""
+SCREENED, SEED = 50, 20
+"""Number of places around the first start, for each parameter, of which the best become the other starts; and the seed
+by which they are drawn: the same fit has the same answer"""
 NO_EFFECT = 1e-5
 """Slope of a residual, in spreads of its column over an e-fold change, below which a parameter has no effect: a
 thousandth of what the model's own error could make of it"""
 WIDEST = math.log(1e9)
 """The largest distance [coordinates] from the fit at which an end of an interval is searched for"""
-CLOSE = 1e-3
-"""Precision of an end, relative to the standard deviation"""
 BETTER = 1e-2
 """Likelihood ratio by which a place must be better than the fit to replace it"""
-NOTHING = 1e-9
-"""The least singular value of a direction, relative to the largest one"""
-UNKNOWN_DEVIATION, LEAST_REACH, LARGEST_REACH = 0.1, 1e-9, 1.0
-"""Standard deviation [coordinates] where it is not known, and range of the first step of a search for an end"""
-HIGH = 0.95
-"""Correlation above which two parameters trade off"""
-IN_GROUP = 0.3
-"""The least component that a parameter has in a direction to belong to it"""
-WIDE = 2.0
-"""Ratio of the ends of an interval from which on a value counts as not known"""
-SHOWN = 0.1
-"""Relative change of the first parameter in the description of a trade-off"""
+HIGH, IN_GROUP = 0.95, 0.3
+"""Correlation above which two parameters trade off; the least component of a parameter that takes part"""
+WIDE, SHOWN = 2.0, 0.1
+"""Ratio of the ends of an interval from which on a value counts as not known; relative change in a shown trade-off"""
 UNLIKELY = 1e-4
 """Probability of the residuals below which the noise given is doubted"""
 AT_END = 1e-3
-"""Distance [coordinates] from the end of a range within which a value counts as lying at the end"""
-APART = 1.0
-"""The least distance [standard deviations] of another minimum in a coordinate"""
+"""Distance [coordinates] within which two places count as one"""
 
 
 def _squares(z: Floats) -> Floats:
@@ -112,6 +109,136 @@ def _huber(z: Floats) -> Floats:
 LOSSES: dict[str, Callable[[Floats], Floats]] = {LINEAR: _squares, "soft_l1": _soft_l1, "huber": _huber}
 
 
+class Unknown(NamedTuple):
+    """A free parameter; its coordinate is the logarithm of a value that cannot be 0, else the value over `scale`."""
+
+    name: str
+    """Name of the parameter"""
+    start: float
+    """Value from which the fit starts"""
+    least: float
+    """Lower end of the range, which is allowed"""
+    most: float
+    """Upper end of the range, which is allowed"""
+    unit: str
+    """Unit of the parameter; empty if it has none"""
+    scale: float
+    """Change of the value over that of the coordinate, in the unit; 0 where the coordinate is the logarithm"""
+
+    def coordinate(self, value: float) -> float:
+        """Give the coordinate of a value."""
+        return value / self.scale if self.scale else math.log(value)
+
+    def value(self, coordinate: float) -> float:
+        """Give the value at a coordinate, within the range."""
+        value = coordinate * self.scale if self.scale else math.exp(min(coordinate, 700.0))
+        return min(max(value, self.least), self.most)
+
+
+def unknowns_of(free: Free, names: Sequence[str], parameters: NodeSection, source: str) -> tuple[Unknown, ...]:
+    """Give the free parameters in the order of their names, with the ranges that are given, or else with their own.
+
+    Args:
+        free: What the user wants to fit.
+        names: Names of the parameters that may be free.
+        parameters: All parameters, from which the fit starts.
+        source: Name of the data, for messages.
+
+    Raises:
+        UsageError: no name is given, one is given twice or cannot be free, a range is no range or is not within the
+            parameter's own, or the value to start from is outside of it.
+    """
+    if isinstance(free, Mapping):
+        pairs: list[tuple[str, Any]] = list(free.items())
+    else:
+        words = [str(each).partition("=") for each in ([free] if isinstance(free, str) else free)]
+        pairs = [(name, ends.split(":") if equals else None) for name, equals, ends in words]
+    known, values = known_parameters(type(parameters)), all_values(parameters)
+    found: dict[str, Unknown] = {}
+    for name, ends in pairs:
+        if name in found:
+            raise UsageError(f"--free {name}: it is given twice")
+        if name not in names:
+            near = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
+            hint = f"did you mean {near[0]}?" if near else f"allowed are {', '.join(names)}"
+            raise UsageError(f"--free {name or repr(name)}: it is no parameter that can be fitted to {source}; {hint}")
+        found[name] = _unknown(name, ends, known[name], float(values[name]))
+    if not found:
+        raise UsageError(f"calibrate: no parameter is free; as --free {names[0]}")
+    return tuple(found.values())
+
+
+def _unknown(name: str, ends: Any, declared: Declaration, start: float) -> Unknown:
+    least, most, words = declared.limits
+    try:
+        low, high = (least, most) if ends is None else map(float, ends)
+    except (TypeError, ValueError):
+        low = high = math.nan
+    if not least <= low < high <= most:
+        given = ":".join(map(str, ends)) if isinstance(ends, Sequence) else repr(ends)
+        raise UsageError(f"--free {name}: range {given} is not allowed; two numbers that grow, within {least:g} to "
+                         f"{most:g}, as {least:g}:{most:g}")  # fmt: skip
+    if not low <= start <= high:
+        raise UsageError(f"--free {name}: it starts from {start:g}, outside of {low:g} to {high:g}; give another value "
+                         "or range")  # fmt: skip
+    excluded = words.split("; ")  # ends of the range that are not allowed themselves
+    logarithmic = low > 0.0 or (low == 0.0 and f"> {least:g}" in excluded)
+    if low == least and f"> {least:g}" in excluded:
+        low = float(np.nextafter(low, high))
+    if high == most and f"< {most:g}" in excluded:
+        high = float(np.nextafter(high, low))
+    scale, unit = abs(start) or abs(float(declared.default)) or 0.1 * (high - low), UNIT.match(declared.description)
+    return Unknown(name, start, low, high, unit[1] if unit else "", 0.0 if logarithmic else scale)
+
+
+@dataclass(frozen=True)
+class Data:
+    """Measurements to which a model is fitted: from a table or from a bag."""
+
+    source: str
+    """Name of the file, bag or table, for messages"""
+    digest: str
+    """SHA-256 of the file or bag; empty for a table in memory"""
+    answers: dict[str, Floats]
+    """Measured columns by name, shape (n,) each; not a number where nothing was measured"""
+
+    @property
+    def number(self) -> int:
+        """Number of measured values."""
+        return sum(int(np.isfinite(column).sum()) for column in self.answers.values())
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A model with free parameters, and measurements to which it is fitted; its heirs are the models."""
+
+    measured: Data
+    unknowns: tuple[Unknown, ...]
+
+    def answers(self, values: Values) -> Any:
+        """Compute the model's answers by the names of the measured columns, shape (n,) each.
+
+        Raises:
+            UsageError: the parameters do not make a model.
+        """
+        raise NotImplementedError
+
+    def predicted(self, values: Values) -> Any:
+        """Compute the answers with all that the caller of `calibrate` gets."""
+        raise NotImplementedError
+
+    def conclusions(
+        self, values: Values, refit: Callable[[Problem], Values]
+    ) -> tuple[list[str], dict[str, Any], list[str]]:
+        """Give remarks on a fit, parameters that follow from it, and doubts; `refit` fits another such problem."""
+        raise NotImplementedError
+
+    def misfits(self, values: Values) -> dict[str, Floats]:
+        """Compute answers less measurements in their units, by column, where something was measured."""
+        answers = self.answers(values)
+        return {name: (answers[name] - column)[np.isfinite(column)] for name, column in self.measured.answers.items()}
+
+
 def correlations(misfit: Floats) -> Floats:
     """Compute the correlations of values with those k samples later, shape (n,); 1 at k = 0."""
     spectrum = np.fft.rfft(misfit, 2 * len(misfit))
@@ -120,43 +247,82 @@ def correlations(misfit: Floats) -> Floats:
     return normed
 
 
-def alike(misfit: Floats) -> float:
-    """Give the correlation with the next sample if it is significantly above 0, else 0."""
-    if len(misfit) < 2:
-        return 0.0
-    next_one = float(correlations(misfit)[1])
-    return next_one if next_one * np.sqrt(len(misfit)) > SURE else 0.0
-
-
 def samples_per_value(misfit: Floats) -> float:
-    """Give τ, 1 or more; 1 where the correlation is not significant."""
-    if not alike(misfit):
+    """Give τ, 1 or more; 1 where the correlation with the next sample is not significant."""
+    if len(misfit) < 2 or (known := correlations(misfit))[1] * math.sqrt(len(misfit)) <= SURE:
         return 1.0
-    known = correlations(misfit)
     ends = np.flatnonzero(known <= 0.0)
     return float(1.0 + 2.0 * known[1 : ends[0] if len(ends) else None].sum())
 
 
-def independent_part(misfits: Mapping[str, Floats]) -> float:
-    """Give 1 / τ of the column with the largest τ, which decides for all columns."""
-    return 1.0 / max(map(samples_per_value, misfits.values()))
-
-
 @dataclass(frozen=True)
-class Minimum:
-    """The best fit that was found."""
+class Fit:
+    """A place, a choice of the p free parameters by their coordinates, shape (p,), and how it fits."""
 
     problem: Problem
     loss: str
-    place: Floats
-    """Coordinates of the parameters, shape (p,)"""
-    noise: Noise
     given: frozenset[str]
     """Columns whose noise was given"""
+    noise: Values
+    """Standard deviation of each measured column, in its unit"""
+    place: Floats
+    steps: Floats
+    """Steps of difference quotients, in coordinates, shape (p,)"""
     ends: tuple[Floats, ...] = ()
     """Place at which the search from each start ended"""
     independent: float = 1.0
     """Part of the measurements that counts: less than 1 where residuals are correlated from sample to sample"""
+
+    @classmethod
+    def begun(cls, problem: Problem, loss: str, given: Mapping[str, float]) -> Fit:
+        """Begin at the start, with the noise that is given, or a guess of the right order."""
+        noise = {}
+        for name, column in problem.measured.answers.items():
+            known = column[np.isfinite(column)]
+            spread, largest = float(np.std(known)), float(np.abs(known).max())
+            # equal values differ by rounding, not by noise
+            noise[name] = given.get(name) or (spread if spread > SMALL * largest else largest or 1.0)
+        start = np.array([unknown.coordinate(unknown.start) for unknown in problem.unknowns])
+        return cls(problem, loss, frozenset(given), noise, start, np.full(len(start), STEP))
+
+    @property
+    def bounds(self) -> tuple[Floats, Floats]:
+        """Lower and upper ends of the coordinates, shape (p,) each."""
+        ends = [(each.coordinate(each.least), each.coordinate(each.most)) for each in self.problem.unknowns]
+        low, high = np.array(ends).T
+        return low, high
+
+    def values(self, place: Floats | None = None) -> Values:
+        """Give the values of the parameters at a place, or at that of the fit, by name."""
+        coordinates = (self.place if place is None else place).tolist()
+        return {each.name: each.value(at) for each, at in zip(self.problem.unknowns, coordinates, strict=True)}
+
+    def residuals(self, place: Floats) -> Floats:
+        """Compute all misfits in units of the noise, one column after another; `FAR` if there is no model."""
+        try:
+            return scaled(self.problem.misfits(self.values(place)), self.noise)
+        except UsageError:
+            return np.full(self.problem.measured.number, FAR)
+
+    def jacobian(self, place: Floats, which: Iterable[int] | None = None) -> Floats:
+        """Compute the slopes of the residuals over all coordinates, or some of them, by central differences."""
+        low, high = self.bounds
+        columns = []
+        for index in range(len(place)) if which is None else which:
+            sides = []
+            for step in (-self.steps[index], self.steps[index]):
+                moved = place.copy()
+                moved[index] = min(max(place[index] + step, low[index]), high[index])
+                residuals = self.residuals(moved)
+                beyond = abs(residuals[0]) >= FAR
+                sides.append((place[index], self.residuals(place)) if beyond else (moved[index], residuals))
+            (first, below), (last, above) = sides
+            columns.append((above - below) / (last - first) if last > first else np.zeros_like(above))
+        return np.stack(columns, axis=1)
+
+    def cost(self, place: Floats) -> float:
+        """Give half the sum of losses at a place."""
+        return float(0.5 * LOSSES[self.loss](self.residuals(place) ** 2)[0].sum())
 
     @property
     def freedom(self) -> float:
@@ -166,11 +332,7 @@ class Minimum:
     @property
     def knows_noise(self) -> bool:
         """Whether the noise of every column was given."""
-        return self.given >= self.problem.measured.answers.keys()
-
-    def cost(self, place: Floats) -> float:
-        """Give half the sum of losses at a place."""
-        return float(0.5 * LOSSES[self.loss](self.problem.residuals(place, self.noise) ** 2)[0].sum())
+        return self.given >= self.noise.keys()
 
     @cached_property
     def calibration(self) -> float:
@@ -178,7 +340,7 @@ class Minimum:
         number = self.problem.measured.number
         if self.loss == LINEAR:
             return self.independent if self.knows_noise else self.freedom / (number - len(self.place))
-        residuals = self.problem.residuals(self.place, self.noise)
+        residuals = self.residuals(self.place)
         _, first, second = LOSSES[self.loss](residuals**2)
         slopes, sizes = first + 2.0 * residuals**2 * second, (residuals * first) ** 2
         return float(slopes.sum() / max(sizes.sum(), 1e-300)) * self.freedom / number
@@ -186,7 +348,7 @@ class Minimum:
     @cached_property
     def slopes(self) -> Floats:
         """Slopes of the residuals over the coordinates, shape (residuals, p)."""
-        return self.problem.jacobian(self.place, self.noise)
+        return self.jacobian(self.place)
 
     @cached_property
     def covariance(self) -> Floats:
@@ -195,7 +357,7 @@ class Minimum:
         Directions that change no residual get a very large variance.
         """
         _, singular, directions = np.linalg.svd(self.slopes, full_matrices=False)
-        information = np.maximum(singular, NOTHING * singular[0]) ** 2
+        information = np.maximum(singular, SMALL * singular[0]) ** 2
         return np.asarray(directions.T / information @ directions / self.calibration, dtype=np.float64)
 
     @property
@@ -209,6 +371,10 @@ class Minimum:
         """Value that a likelihood ratio does not exceed with a probability, if the value held is the true one."""
         return float(chi2.ppf(level, 1) if self.knows_noise else f.ppf(level, 1, self.freedom))
 
+    def ratio(self, place: Floats) -> float:
+        """Give the likelihood ratio of the fit to a place."""
+        return 2.0 * self.calibration * (self.cost(place) - self.cost(self.place))
+
     def searched(
         self, start: Floats, held: Sequence[int] = (), *, precision: float = PRECISION, tries: int = MOST_TRIES
     ) -> Floats:
@@ -216,8 +382,8 @@ class Minimum:
         moving = [index for index in range(len(start)) if index not in held]
         if not moving:
             return start
-        low, high = (ends[moving] for ends in self.problem.bounds)
-        inside = np.minimum(INSIDE, 0.25 * (high - low))
+        low, high = (ends[moving] for ends in self.bounds)
+        inside = np.minimum(SMALL, 0.25 * (high - low))
 
         def whole(part: Floats) -> Floats:
             place = start.copy()
@@ -225,84 +391,74 @@ class Minimum:
             return place
 
         result = least_squares(
-            lambda part: self.problem.residuals(whole(part), self.noise),
-            np.clip(start[moving], low + inside, high - inside),
-            jac=lambda part: self.problem.jacobian(whole(part), self.noise, moving), bounds=(low, high), method="trf",
-            loss=LINEAR if self.loss == LINEAR else LOSSES[self.loss], x_scale="jac",
+            lambda part: self.residuals(whole(part)), np.clip(start[moving], low + inside, high - inside),
+            jac=lambda part: self.jacobian(whole(part), moving), bounds=(low, high), x_scale="jac",
+            loss=LINEAR if self.loss == LINEAR else LOSSES[self.loss],
             ftol=precision, xtol=precision, gtol=precision, max_nfev=tries,
         )  # fmt: skip
         return whole(result.x)
 
-    def settled(self) -> Minimum:
+    def settled(self) -> Fit:
         """Search and estimate the noise alternately, until both converge."""
-        minimum = self
+        fit, number = self, self.problem.measured.number
         for _ in range(ROUNDS):
-            minimum = replace(minimum, place=minimum.searched(minimum.place))
-            problem, misfits, noise = minimum.problem, minimum.problem.misfits(minimum.place), dict(minimum.noise)
+            fit = replace(fit, place=fit.searched(fit.place))
+            misfits, noise = self.problem.misfits(fit.values()), dict(fit.noise)
+            part_free = 1.0 - len(fit.place) / number
             for name in misfits.keys() - self.given:
-                least = LEAST_NOISE * float(np.nanmax(np.abs(problem.measured.answers[name])))
-                noise[name] = max(self._noise_of(misfits[name]), least, np.finfo(float).tiny)
-            finer = problem.with_steps_for(minimum.place, noise)
-            steady = all(abs(noise[name] / minimum.noise[name] - 1.0) < STEADY for name in noise)
-            steady &= bool((np.abs(np.log(finer.steps / problem.steps)) < STEPS_STEADY).all())
-            minimum = replace(minimum, problem=finer, noise=noise)
+                least = SMALL * float(np.nanmax(np.abs(self.problem.measured.answers[name])))
+                size = np.sqrt(np.mean(misfits[name] ** 2))
+                if self.loss != LINEAR:  # outliers leave the median
+                    size = np.median(np.abs(misfits[name])) / NORMAL_MEDIAN
+                noise[name] = max(float(size / math.sqrt(part_free)), least, np.finfo(float).tiny)
+            new = replace(fit, noise=noise)
+            resolved = 0.5 / np.maximum(np.linalg.norm(new.slopes, axis=0), 1.0)
+            new = replace(new, steps=np.clip(resolved, LEAST_STEP, STEP))
+            steady = all(abs(noise[name] / fit.noise[name] - 1.0) < STEADY for name in noise)
+            steady &= bool((np.abs(np.log(new.steps / fit.steps)) < 0.5).all())
+            fit = new
             if steady:
                 break
-        return replace(minimum, independent=independent_part(minimum.problem.misfits(minimum.place)))
-
-    def _noise_of(self, misfits: Floats) -> float:
-        """Estimate a column's noise from its misfits; for a robust loss by their median, which outliers leave."""
-        part_free = 1.0 - len(self.place) / self.problem.measured.number
-        if self.loss == LINEAR:
-            return float(np.sqrt(np.mean(misfits**2) / part_free))
-        return float(np.median(np.abs(misfits)) / NORMAL_MEDIAN / np.sqrt(part_free))
+        misfits = self.problem.misfits(fit.values())
+        return replace(fit, independent=1.0 / max(map(samples_per_value, misfits.values())))
 
 
-def fitted(problem: Problem, loss: str, given: Noise, starts: int, advance: Callable[[int, int], None]) -> Minimum:
+def scaled(misfits: Mapping[str, Floats], noise: Mapping[str, float]) -> Floats:
+    """Divide misfits by the noise, and join them, one column after another."""
+    return np.concatenate([misfits[name] / noise[name] for name in misfits])
+
+
+def fitted(
+    problem: Problem, loss: str, given: Mapping[str, float], starts: int, advance: Callable[[int, int], None]
+) -> Fit:
     """Find the best fit.
 
     Args:
         problem: Model and measurements.
         loss: Name of the loss, a key of `LOSSES`.
         given: Noise of the columns for which it is known.
-        starts: Number of starts.
+        starts: Number of starts: the parameters' own, and the best of many places that are spread evenly around it.
         advance: Called with the number of starts that are done, and the number of all.
 
     Raises:
         UsageError: a free parameter changes nothing that was measured.
     """
-    measured = problem.measured.answers
-    noise = {name: given.get(name) or _spread(column) for name, column in measured.items()}
-    first = Minimum(problem, loss, problem.start, noise, frozenset(given))
+    first = Fit.begun(problem, loss, given)
     for unknown, slope in zip(problem.unknowns, np.abs(first.slopes).max(axis=0), strict=True):
         if slope < NO_EFFECT:
             raise UsageError(f"--free {unknown.name}: around {unknown.start:g} it changes no measured value "
-            f"({', '.join(measured)}); leave it fixed, or measure something that it changes")  # fmt: skip
+            f"({', '.join(first.noise)}); leave it fixed, or measure something that it changes")  # fmt: skip
+    places = [first.place]
+    if starts > 1:
+        low, high = first.bounds
+        least, most = np.maximum(first.place - REACH, low), np.minimum(first.place + REACH, high)
+        drawn = qmc.LatinHypercube(len(low), seed=SEED).random(max(SCREENED * len(low), starts - 1))
+        places += sorted(least + drawn * (most - least), key=first.cost)[: starts - 1]
     ends = []
-    for done, start in enumerate(_starts(first, starts), start=1):
+    for done, start in enumerate(places, start=1):
         ends.append(first.searched(start, precision=COARSE, tries=COARSE_TRIES))
         advance(done, starts)
     return replace(first, place=min(ends, key=first.cost), ends=tuple(ends)).settled()
-
-
-def _starts(first: Minimum, number: int) -> list[Floats]:
-    """Give the parameters' own start, and the best of many places that are spread evenly around it."""
-    if number == 1:
-        return [first.place]
-    low, high = first.problem.bounds
-    reach = np.log(REACH)
-    least, most = np.maximum(first.place - reach, low), np.minimum(first.place + reach, high)
-    drawn = qmc.LatinHypercube(len(low), seed=SEED).random(max(SCREENED * len(low), number - 1))
-    places = least + drawn * (most - least)
-    best = np.argsort([first.cost(place) for place in places], kind="stable")
-    return [first.place, *places[best[: number - 1]]]
-
-
-def _spread(column: Floats) -> float:
-    """Make a first guess of a column's noise, of the right order; equal values differ by rounding, not by noise."""
-    known = column[np.isfinite(column)]
-    spread, largest = float(np.std(known)), float(np.abs(known).max())
-    return spread if spread > LEAST_NOISE * largest else largest or 1.0
 
 
 class Interval(NamedTuple):
@@ -322,42 +478,43 @@ class Interval(NamedTuple):
             return "not bounded" if self.high_open else f"below {self.high:.6g}"
         return f"above {self.low:.6g}" if self.high_open else f"{self.low:.6g} to {self.high:.6g}"
 
+    @property
+    def is_narrow(self) -> bool:
+        """Whether the value is known."""
+        small, large = sorted((abs(self.low), abs(self.high)))
+        return self.low * self.high > 0.0 and large < WIDE * small and not (self.low_open or self.high_open)
 
-def intervals(
-    minimum: Minimum, level: float, advance: Callable[[int, int], None]
-) -> tuple[list[Interval], Floats | None]:
+
+def intervals(fit: Fit, level: float, advance: Callable[[int, int], None]) -> tuple[list[Interval], Floats | None]:
     """Compute the interval of each parameter.
 
     Args:
-        minimum: The fit.
+        fit: The fit.
         level: Probability of the intervals.
-        advance: Called with the number of ends that are found, and the number of all.
+        advance: Called with the number of parameters that are done, and the number of all.
 
     Returns:
         The intervals; and the best place that was found on the way, if it is better than the fit.
     """
     found, better = [], list[Floats]()
-    for index, unknown in enumerate(minimum.problem.unknowns):
-        ends = []
-        for side in (-1.0, 1.0):
-            ends.append(_end(minimum, index, side, math.sqrt(minimum.quantile(level)), better))
-            advance(len(ends) + 2 * index, 2 * len(minimum.place))
-        (low, low_open), (high, high_open) = ends
+    for index, unknown in enumerate(fit.problem.unknowns):
+        limit = math.sqrt(fit.quantile(level))
+        (low, low_open), (high, high_open) = (_end(fit, index, side, limit, better) for side in (-1.0, 1.0))
         found.append(Interval(unknown.value(low), unknown.value(high), low_open, high_open))
-    return found, min(better, key=minimum.cost, default=None)
+        advance(len(found), len(fit.place))
+    return found, min(better, key=fit.cost, default=None)
 
 
-def _end(minimum: Minimum, index: int, side: float, limit: float, better: list[Floats]) -> tuple[float, bool]:
+def _end(fit: Fit, index: int, side: float, limit: float, better: list[Floats]) -> tuple[float, bool]:
     """Find the coordinate of an end of an interval, and whether it is open.
 
     `side` is -1 for the lower end and 1 for the upper one, `limit` the root of the likelihood ratio at the end. Places
     that are better than the fit are added to `better`.
     """
-    best, bounds, spread = minimum.place, minimum.problem.bounds, minimum.covariance
-    at, cost = float(best[index]), minimum.cost(best)
-    variance = float(spread[index, index])
+    best, bounds, spread = fit.place, fit.bounds, fit.covariance
+    at, variance = float(best[index]), float(spread[index, index])
     usable = 0.0 < variance < math.inf
-    deviation = math.sqrt(variance) if usable else UNKNOWN_DEVIATION
+    deviation = math.sqrt(variance) if usable else 0.1
     slopes = spread[:, index] / variance if usable else np.eye(len(spread))[index]  # along the valley of the cost
     solved, known = {0.0: best}, {0.0: -limit}
 
@@ -367,108 +524,84 @@ def _end(minimum: Minimum, index: int, side: float, limit: float, better: list[F
             near = min(solved, key=lambda each: abs(each - reach))
             start = np.clip(solved[near] + side * (reach - near) * slopes, *bounds)
             start[index] = at + side * reach
-            solved[reach] = minimum.searched(start, held=[index])
-            ratio = 2.0 * minimum.calibration * (minimum.cost(solved[reach]) - cost)
+            solved[reach] = fit.searched(start, held=[index])
+            ratio = fit.ratio(solved[reach])
             if ratio < -BETTER:
                 better.append(solved[reach])
             known[reach] = math.sqrt(max(ratio, 0.0)) - limit
         return known[reach]
 
     furthest = min(abs(float(bounds[int(side > 0.0)][index] - at)), WIDEST)
-    inner, outer = 0.0, min(np.clip(limit * deviation, LEAST_REACH, LARGEST_REACH), furthest)
+    inner, outer = 0.0, min(np.clip(limit * deviation, SMALL, 1.0), furthest)
     while rise(outer) < 0.0:
         if outer >= furthest:
             return at + side * outer, True
         # The root of the ratio grows along a straight line as a rule
         further = outer * min(max(1.05 * limit / (known[outer] + limit + 1e-12), 1.2), 3.0)
         inner, outer = outer, min(further, furthest)
-    close = min(CLOSE * deviation, 0.01 * outer)
+    close = min(1e-3 * deviation, 0.01 * outer)
     return at + side * (brentq(rise, inner, outer, xtol=close, rtol=1e-6) if outer > inner else outer), False
 
 
-def trades(minimum: Minimum, bounds: Sequence[Interval] | None) -> Iterator[str]:
+def doubts(fit: Fit, bounds: Sequence[Interval], level: float) -> Iterator[str]:
+    """Give all doubts about a fit and its intervals of a level (none if not computed), a sentence each."""
+    yield from _trades(fit, bounds)
+    for unknown, place, least, most in zip(fit.problem.unknowns, fit.place, *fit.bounds, strict=True):
+        if min(place - least, most - place) < AT_END:
+            end = unknown.least if place - least < most - place else unknown.most
+            yield f"{unknown.name}: the fit lies at the end of its range, {end:.6g}: the data ask for more"
+    for unknown, interval in zip(fit.problem.unknowns, bounds, strict=False):
+        if sides := [side for side, is_open in zip(("below", "above"), interval[2:], strict=True) if is_open]:
+            yield f"{unknown.name} is not bounded by the data {' or '.join(sides)}"
+    distance = np.maximum(np.sqrt(np.diag(fit.covariance)), AT_END)
+    for other in fit.ends:
+        if (np.abs(other - fit.place) > distance).any():
+            there = fit.searched(other)  # else it may lie in the same valley
+            if (np.abs(there - fit.place) > distance).any() and fit.ratio(there) < fit.quantile(level):
+                values = [f"{name} {value:.6g}" for name, value in fit.values(there).items()]
+                yield f"another fit is as good within the level: {', '.join(values)}"
+                break
+    yield from _left(fit)
+
+
+def _left(fit: Fit) -> Iterator[str]:
+    """Report noise that was given and does not agree with the residuals, and residuals that are correlated."""
+    for name, misfit in fit.problem.misfits(fit.values()).items():
+        number = fit.independent * len(misfit)
+        total = fit.independent * float(((misfit / fit.noise[name]) ** 2).sum())
+        if fit.loss == LINEAR and name in fit.given:
+            left = f"{name}: what is left is {np.sqrt(total / number):.3g} times the noise given"
+            if chi2.sf(total, number) < UNLIKELY:
+                yield f"{left}: the model does not describe it, or the noise is larger; the intervals are too narrow"
+            elif chi2.cdf(total, number) < UNLIKELY:
+                yield f"{left}; the intervals are too wide"
+        if (worth := samples_per_value(misfit)) > 1.0:
+            yield (f"{name}: what is left is alike from sample to sample (correlation {correlations(misfit)[1]:.2f}): "
+                   f"{len(misfit)} samples count as {round(len(misfit) / worth)}, and the intervals are wider for it; "
+                   "they do not know the model's own error")  # fmt: skip
+
+
+def _trades(fit: Fit, bounds: Sequence[Interval]) -> Iterator[str]:
     """Describe each group of parameters that trade off, in a sentence with how they change together.
 
     Such a direction is one in which the slopes, scaled to one size for all parameters, nearly vanish: for two
     parameters, where their correlation exceeds `HIGH`.
-
-    Args:
-        minimum: The fit.
-        bounds: Intervals of the parameters; None if they were not computed.
     """
-    unknowns, sizes = minimum.problem.unknowns, np.linalg.norm(minimum.slopes, axis=0)
+    unknowns, sizes = fit.problem.unknowns, np.linalg.norm(fit.slopes, axis=0)
     sizes[sizes == 0.0] = 1.0
-    _, singular, directions = np.linalg.svd(minimum.slopes / sizes, full_matrices=False)
+    _, singular, directions = np.linalg.svd(fit.slopes / sizes, full_matrices=False)
     for direction in directions[singular < math.sqrt(1.0 - HIGH)]:
         group = np.flatnonzero(np.abs(direction) > IN_GROUP).tolist()
         steps = direction / sizes
         steps *= (SHOWN if unknowns[group[0]].scale else math.log1p(SHOWN)) / steps[group[0]]
-        changes = " with ".join(_change(unknowns[index], float(steps[index])) for index in group)
+        changes = []
+        for unknown, step in ((unknowns[index], float(steps[index])) for index in group):
+            size = f"{abs(step * unknown.scale):.3g} {unknown.unit}".strip()
+            size = size if unknown.scale else f"{abs(100 * math.expm1(step)):.3g} %"
+            changes.append(f"{unknown.name} {size} {'up' if step > 0.0 else 'down'}")
         names = " and ".join(unknowns[index].name for index in group)
-        known = bounds is not None and all(_is_known(bounds[index]) for index in group)
-        yield f"{names} trade off: {changes} gives nearly the same answers; " + (
+        known = bool(bounds) and all(bounds[index].is_narrow for index in group)
+        yield f"{names} trade off: {' with '.join(changes)} gives nearly the same answers; " + (
             "take them from one fit, never one of them alone" if known
             else "these data cannot tell them apart: hold one of them, or measure over a wider range"
         )  # fmt: skip
-
-
-def _change(unknown: Unknown, step: float) -> str:
-    """Write a step of a coordinate as a change of the value."""
-    size = (
-        f"{abs(step * unknown.scale):.3g} {unknown.unit}" if unknown.scale else f"{abs(100 * math.expm1(step)):.3g} %"
-    )
-    return f"{unknown.name} {size.strip()} {'up' if step > 0.0 else 'down'}"
-
-
-def _is_known(interval: Interval) -> bool:
-    low, high, low_open, high_open = interval
-    near = low * high > 0.0 and max(abs(low), abs(high)) < WIDE * min(abs(low), abs(high))
-    return near and not low_open and not high_open
-
-
-def doubts(minimum: Minimum, bounds: Sequence[Interval] | None, level: float) -> Iterator[str]:
-    """Give all doubts about a fit and its intervals of a level, if there are any, a sentence each."""
-    problem = minimum.problem
-    for unknown, place, least, most in zip(problem.unknowns, minimum.place, *problem.bounds, strict=True):
-        if min(place - least, most - place) < AT_END:
-            end = unknown.least if place - least < most - place else unknown.most
-            yield f"{unknown.name}: the fit lies at the end of its range, {end:.6g}: the data ask for more"
-    for unknown, (_, _, *ends) in zip(problem.unknowns, bounds or (), strict=False):
-        if any(ends):
-            sides = [side for side, is_open in zip(("below", "above"), ends, strict=True) if is_open]
-            yield f"{unknown.name} is not bounded by the data {' or '.join(sides)}"
-    yield from _other_fit(minimum, level)
-    misfits = problem.misfits(minimum.place)
-    if minimum.loss == LINEAR:
-        for name in sorted(minimum.given & misfits.keys()):
-            yield from _noise_doubts(name, misfits[name] / minimum.noise[name], minimum.independent)
-    for name, misfit in misfits.items():
-        if correlation := alike(misfit):
-            worth = round(len(misfit) / samples_per_value(misfit))
-            yield (f"{name}: what is left is alike from sample to sample (correlation {correlation:.2f}): "
-                   f"{len(misfit)} samples count as {worth}, and the intervals are wider for it; they do not know the "
-                   "model's own error")  # fmt: skip
-    yield from problem.doubts(minimum.place)
-
-
-def _other_fit(minimum: Minimum, level: float) -> Iterator[str]:
-    """Report another minimum, if the data do not reject one at the level of the intervals."""
-    distance = np.maximum(APART * np.sqrt(np.diag(minimum.covariance)), AT_END)
-    for end in minimum.ends:
-        if (np.abs(end - minimum.place) > distance).any():
-            there = minimum.searched(end)  # else it may lie in the same valley
-            ratio = 2.0 * minimum.calibration * (minimum.cost(there) - minimum.cost(minimum.place))
-            if (np.abs(there - minimum.place) > distance).any() and ratio < minimum.quantile(level):
-                values = [f"{name} {value:.6g}" for name, value in minimum.problem.values(there).items()]
-                yield f"another fit is as good within the level: {', '.join(values)}"
-                return
-
-
-def _noise_doubts(name: str, residuals: Floats, part: float) -> Iterator[str]:
-    """Report noise that was given and does not agree with a column's residuals, of which a part is independent."""
-    total, number = part * float((residuals**2).sum()), part * len(residuals)
-    left = f"{name}: what is left is {np.sqrt(total / number):.3g} times the noise given"
-    if chi2.sf(total, number) < UNLIKELY:
-        yield (f"{left}: the model does not describe it, or the noise is larger; the intervals are too narrow")
-    elif chi2.cdf(total, number) < UNLIKELY:
-        yield f"{left}; the intervals are too wide"

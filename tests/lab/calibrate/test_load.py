@@ -186,7 +186,7 @@ CASES = [
     ({EPOCH: float("nan"), EPOCH + STEP: float("inf")}, FREE, [],
      "no message on /joint_reaction_force can be a reference (2 not_finite)"),
     ({EPOCH + STEP: 500.0}, FREE, [],
-     "1 samples can be fitted, for 3 parameters; more are needed than parameters are free"),
+     "1 values can be fitted, for 3 parameters; more are needed than parameters are free"),
     (WHOLE, ["person.ton"], [], "trial.mcap; did you mean person.tone?"),
     (WHOLE, ["contact.stiffness"], [], "--free contact.stiffness: it is no parameter that can be fitted to bag"),
     (WHOLE, [], [], "Missing option '--free'"),
