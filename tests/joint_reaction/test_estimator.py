@@ -67,14 +67,6 @@ def test_fields_and_constants_are_those_of_the_message(store: Any) -> None:
     assert constants == levels | bits | {"UNUSABLE": UNUSABLE & sum(bits.values())}
 
 
-def test_levels_go_from_what_needs_least_to_what_knows_most() -> None:
-    assert [way.level for way in LEVELS.values()] == list(Level)
-    assert [level.name.lower() for level in Level] == list(LEVELS)
-    for axial in (-100.0, 0.0, 300.0, 3000.0):
-        told = [(way.calibrated.at(axial, 700.0), way.uncalibrated.at(axial, 700.0)) for way in LEVELS.values()]
-        assert all(0.0 < calibrated < uncalibrated for calibrated, uncalibrated in told)
-
-
 @pytest.mark.parametrize(
     ("flexion", "force", "extension"),
     [

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 from knee_contact_ros.joint_reaction.leg import (
     FEWEST,
-    MOST,
     STANDING,
     STILL,
     UNKNOWN,
@@ -81,10 +80,6 @@ def test_moments_and_compression_are_those_of_lagrange_and_newton(leg: Leg, draw
     assert alone.frontal == pytest.approx(still(flat, under, leg).frontal, abs=FEW)
 
 
-def test_with_neither_hip_nor_ankle_nothing_is_known() -> None:
-    assert all(map(math.isnan, still(Joints(0.3, UNKNOWN, UNKNOWN), AIR)))
-
-
 def test_standing_on_a_straight_leg() -> None:
     """Half of 75 kg through ankle and knee: the foot's weight alone bends the ankle, and the knee by as much."""
     found = still(Joints(0.0, 0.0, 0.0), Ground((0.0, 367.749375, 0.0), (0.0, 0.0, 0.0)))
@@ -101,12 +96,6 @@ def test_the_frontal_moment_is_that_of_all_the_grounds_wrench_about_the_knee(dra
     ankle = LEG.shank_length * np.array(down) - np.array([0.0, 0.0, LEG.knee_offset])
     moment = np.array(torque) + np.cross(ankle, force)
     assert still(joints, Ground(force, torque)).frontal == pytest.approx(-float(moment @ forward), abs=FEW)
-
-
-def test_a_force_inwards_on_a_right_foot_is_borne_by_the_medial_side() -> None:
-    """To the left, -z: what the femur exerts is about -x, as a compression at a medial place, of z < 0, is."""
-    pushed = Ground((0.0, 0.0, -50.0), (0.0, 0.0, 0.0))
-    assert still(Joints(0.0, 0.0, 0.0), pushed).frontal == pytest.approx(-50.0 * LEG.shank_length, abs=FEW)
 
 
 def along(samples: Samples, window: float = WINDOW) -> list[Motion]:
@@ -186,15 +175,3 @@ def test_a_joint_that_is_not_measured_stands_and_harms_no_other(missing: tuple[s
     standing = dict.fromkeys(missing, STANDING)
     for number, (found, whole) in enumerate(zip(along(seen), along(samples), strict=True)):
         assert found == (whole if one and not 100 <= number <= 150 else whole._replace(**standing))
-
-
-def test_of_a_quick_stream_the_last_angle_of_a_cell_counts() -> None:
-    """At 40 kHz 2000 are in a window. A parabola is told exactly, and its slope no cell later than by all of them."""
-    step = MS // 40
-    curved = [(stamp, Joints(0.5 * time**2, 0.0, 0.0)) for stamp, time in
-              ((EPOCH + number * step, 1e-9 * number * step) for number in range(4001))]  # fmt: skip
-    found = along(curved)[-1].flexion
-    assert found.acceleration == pytest.approx(1.0, abs=FIT / WINDOW**2)
-    assert found.rate == pytest.approx(0.1 - 0.5 * WINDOW, abs=WINDOW / (MOST - 1))
-    flat = [(stamp, Joints(0.0, 0.0, 0.0)) for stamp, _ in curved]
-    assert along([*flat[:-1], (flat[-1][0], Joints(1e-3, 0.0, 0.0))])[-1].flexion.acceleration > 0.0

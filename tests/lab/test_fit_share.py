@@ -9,7 +9,7 @@ import pytest
 
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.joint_reaction.compartments import MeasuredShare, ShareTable
-from knee_contact_ros.lab.shares import Curve, Trial, chosen, constant, fit_curve, fit_table, spacing
+from knee_contact_ros.lab.shares import Curve, Trial, chosen, fit_curve, fit_table
 from knee_contact_ros.parameters.files import read_share_table
 
 WEIGHT = 700.0
@@ -53,16 +53,6 @@ def test_a_table_is_found_again() -> None:
     np.testing.assert_allclose(found.share[:, loaded], TRUE.share[:, loaded], atol=1e-5)
 
 
-def test_the_smoothest_table_is_the_best_constant_and_a_long_trial_weighs_no_more() -> None:
-    trials = [drawn(1, 100), drawn(2, 4000)]
-    assert np.ptp(fit_table(trials, 1e6).share) < 1e-4
-    assert fit_table(trials, 1e6).share[0, 0] == pytest.approx(constant(trials), abs=1e-4)
-    doubled = Trial("twice", *(np.concatenate((column, column)) for column in trials[1][1:5]), WEIGHT)
-    np.testing.assert_allclose(fit_table([trials[0], doubled], 1e-3).share, fit_table(trials, 1e-3).share, atol=1e-9)
-    assert fit_curve([trials[0], doubled]) == pytest.approx(fit_curve(trials), rel=1e-6)
-    assert spacing([trials[0], doubled]) == pytest.approx(APART, rel=1e-6)
-
-
 def test_shares_stay_within_their_bounds_and_neighbours_say_what_is_where_no_trial_has_been() -> None:
     trial = drawn(4)
     pulled = trial._replace(medial=np.where(trial.flexion > 0.5, -0.05, 1.05) * trial.load)
@@ -71,14 +61,6 @@ def test_shares_stay_within_their_bounds_and_neighbours_say_what_is_where_no_tri
     seen = (trial.load < 1.2) | (trial.flexion < 0.3)
     share = fit_table([Trial("part", *(column[seen] for column in trial[1:5]), WEIGHT)], 1e-3).share
     assert share[-1, -1] == pytest.approx(0.5 * (share[-2, -1] + share[-1, -2]), abs=1e-6)
-
-
-def test_a_trial_that_is_left_out_does_not_count() -> None:
-    one, two = drawn(5), drawn(6)
-    other = two._replace(medial=0.9 * two.load)
-    found = chosen([one, other], "table").errors
-    expected = np.sqrt(np.mean((one.medial - 0.9 * one.load) ** 2))
-    assert (found["constant"][0], found["table"][0]) == pytest.approx((expected, expected), rel=1e-3)
 
 
 SMOOTH = Curve(0.7, 0.8)
@@ -99,13 +81,6 @@ def test_a_curve_is_found_again_and_noise_is_not_fitted() -> None:
     assert follows.curve is None
     assert follows.smoothing < 1e-3
     assert chosen([drawn(1, 500), drawn(2, 500)], "curve").curve is not None
-
-
-def test_spikes_of_a_moment_hardly_count_in_the_spacing() -> None:
-    trial = drawn(7, 500)
-    moment = np.where(np.arange(500) % 50 == 0, 0.11, trial.moment)
-    assert spacing([trial._replace(moment=moment)]) == pytest.approx(APART, rel=0.05)
-    assert np.isnan(spacing([trial._replace(moment=np.full(500, np.nan))]))
 
 
 def run(*arguments: object) -> int:

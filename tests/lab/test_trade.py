@@ -9,10 +9,9 @@ import pytest
 
 from knee_contact_ros import UsageError, load_model, solve
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.lab.trade import LEVELS, NAMES, REFERENCE, TOLERANCES, Setting, Trade, advice, draw, measure
+from knee_contact_ros.lab.trade import LEVELS, NAMES, REFERENCE, TOLERANCES, Setting, Trade, advice, measure
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.results import Results
-from tests.helpers.disks import remount
 
 pytest.importorskip("matplotlib", reason="needs the extra trade")
 
@@ -107,20 +106,6 @@ def test_heights_that_are_prescribed_are_taken_from_the_answers() -> None:
     found = measure(series)
     assert all(each.depth == each.force == 0.0 for each in found.settings)
     assert advice(found).startswith("Every setting gives the same")
-
-
-def test_a_picture_that_cannot_be_written_is_told_before_anything_is_computed_and_an_earlier_one_kept(
-    found: Trade, right_bag: Path, small_disk: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    picture = small_disk / "trade.png"
-    picture.write_bytes(b"earlier")
-    (small_disk / "other").write_bytes(bytes(1_000_000))
-    with pytest.raises(UsageError, match=r"cannot write .*trade\.png: No space left on device"):
-        draw(found, picture)
-    assert picture.read_bytes() == b"earlier"
-    remount(small_disk, "ro")
-    assert main(["trade", str(right_bag), "--picture", str(picture)]) == 2
-    assert capsys.readouterr() == ("", f"knee-contact: cannot write {picture}: Read-only file system\n")
 
 
 def test_the_command_prints_a_table_and_a_sentence_and_draws(

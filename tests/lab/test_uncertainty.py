@@ -115,25 +115,6 @@ def test_a_recording_whose_parameters_changed_is_refused_and_so_are_wrong_argume
             knee_contact_ros.uncertainty(*arguments)
 
 
-def test_inputs_are_off_where_they_come_in(short_bag: Path, tmp_path: Path) -> None:
-    taken = given(short_bag, ["healthy", "both_compartments"])
-    medial, lateral = taken.rows
-    more, less = taken.answers({
-        Deviation("axial_load", 10.0, relative=False): 2.0, Deviation("medial_share", 0.1, relative=False): 1.0,
-        Deviation("flexion_angle", 0.01, relative=False): -1.0,
-    })  # fmt: skip
-    axial = medial["load"] + lateral["load"] + 20.0
-    assert more["load"] == pytest.approx(0.6 * axial, rel=1e-14)  # a few roundings
-    assert less["load"] == pytest.approx(0.4 * axial, rel=1e-14)
-    np.testing.assert_array_equal(more["flexion_angle"], medial["flexion_angle"] - 0.01)
-    rows = [(i * 5_000_000, 0.1, 800.0) for i in range(10)]
-    taken = given(make_bag(tmp_path / "in.mcap", rows, heights=[0.0335] * 10), DISPLACED)
-    assert_same(taken.answers({})[0], taken.rows[0])
-    (higher,) = taken.answers({Deviation("femoral_height", 1e-4, relative=False): 1.0})
-    # the depth of a circle on a plane is the radius less the height: three roundings of 0.03 m
-    assert higher["penetration_depth"] == pytest.approx(taken.rows[0]["penetration_depth"] - 1e-4, abs=3e-17)
-
-
 @pytest.fixture(scope="module")
 def resting(tmp_path_factory: pytest.TempPathFactory) -> Path:
     rows = [(i * 10_000_000, 0.3, LOAD) for i in range(5)]

@@ -75,17 +75,13 @@ def test_events_of_the_shipped_gait_are_those_of_the_ground_reaction(side, sampl
     )
 
 
-def test_load_peaks_are_samples() -> None:
+def test_load_peaks_are_samples_and_events_say_what_they_are() -> None:
     events = [event for event in found(RIGHT) if event.kind == LOAD_PEAK]
     assert times(events, LOAD_PEAK) == [0.785, 1.205, 2.015, 2.430]
     assert [event.text for event in events][2] == "load peak 1.81 BW (1337.7 N)"
     assert times(found(LEFT), LOAD_PEAK) == [0.6, 1.395, 1.835]
-
-
-def test_events_say_what_they_are() -> None:
-    texts = {event.kind: event.text for event in found(RIGHT)}
-    assert texts[TOE_OFF] == "toe-off at 49° of flexion"
-    assert texts[HEEL_STRIKE] == "heel strike at 2° of flexion"
+    texts = {event.text for event in found(RIGHT)}
+    assert {"toe-off at 49° of flexion", "heel strike at 2° of flexion"} <= texts
 
 
 @pytest.mark.parametrize("rate", [37.0, 100.0, 200.0, 1000.0])

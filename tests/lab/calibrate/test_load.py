@@ -210,17 +210,3 @@ def test_what_is_wrong_is_told_in_one_line(
     if free == ["person.ton"]:
         with pytest.raises(UsageError, match=r"^free person\.ton: it is no parameter"):
             calibrate(bag, None, free)
-
-
-def test_an_interruption_leaves_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    bag = write_sensors(tmp_path / "trial.mcap", 150, WHOLE)
-
-    def interrupted(*_: object, **__: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr("knee_contact_ros.lab.calibrate.intervals", interrupted)
-    assert run(bag, "--free", TONE, "--starts", 1, "--output", tmp_path / "me.yaml") == 130
-    assert list(tmp_path.iterdir()) == [bag]
-    assert "interrupted" in capsys.readouterr().err

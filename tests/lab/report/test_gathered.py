@@ -13,7 +13,6 @@ from knee_contact_ros.lab.report.page import summary
 from knee_contact_ros.lab.report.runs import FIELDS, PERCENT, Gathered, Run
 from knee_contact_ros.model.readouts import SPREAD
 from knee_contact_ros.parameters.schema import Parameters
-from knee_contact_ros.streams.gait_events import HEEL_STRIKE, LOAD_PEAK, TOE_OFF
 from knee_contact_ros.streams.watch import Doubts
 from tests.streams.test_gait_events import BODY_WEIGHT, STRIDE, Samples, walking
 
@@ -85,17 +84,6 @@ def test_totals_leave_out_gaps_and_stamps_that_went_back() -> None:
     median, largest = 1e3 * np.median(load), 1e3 * load.max()
     assert told(found)["error bound of the depth"] == f"{1e-6 * largest:.2g} µm at most, {1e-6 * median:.2g} µm median"
     assert told(found)["error bound of the contact force"] == "no bound at most, 1 N median"
-
-
-def test_events_have_the_contact_of_their_tick() -> None:
-    samples = walking(200.0, 5.0)
-    ticks = np.arange(len(samples[0]))
-    events = gathered(samples, error_estimate=1e-9 * ticks, force_error_estimate=1e-3 * ticks).events
-    assert set(events["event"]) == {HEEL_STRIKE, TOE_OFF, LOAD_PEAK}
-    at = np.searchsorted(samples[0], events["stamp"], "right") - 1
-    assert events["load"].tolist() == events["contact_force"].tolist() == samples[2][at].tolist()
-    assert events["error_estimate"].tolist() == (1e-9 * at).tolist()
-    assert events["time_s"].to_numpy() == pytest.approx((events["stamp"] - samples[0][0]) / 1e9, abs=1e-9)
 
 
 def test_what_an_old_recording_lacks_draws_no_empty_figure() -> None:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from pathlib import Path
 
 import numpy as np
@@ -12,8 +11,6 @@ import knee_contact_ros
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.report.figures import ALL_OF_THEM, NUMERICAL
 from knee_contact_ros.lab.report.page import UNCERTAINTY_COLUMNS
-from tests.helpers.bags import write_rosbag2
-from tests.helpers.messages import raw_inputs
 from tests.lab.report.pages import check_html, page_of, rows_of, text_of
 from tests.offline.test_solve import make_bag
 
@@ -65,20 +62,6 @@ def test_both_compartments_of_a_recording(right_bag: Path, deviations: Path, tmp
     assert medial == pytest.approx(-lateral, rel=0.01)  # quasi-static: what one gains the other loses
     assert (out / "uncertainty_2.png").exists()
     assert "femur.profile: femur_medial.csv, femur_lateral.csv" in text_of(out)
-
-
-def test_an_interval_is_that_of_its_peak_where_stamps_went_back(
-    right_bag: Path, deviations: Path, tmp_path: Path
-) -> None:
-    once = raw_inputs(right_bag)
-    middle, whole = once[len(once) // 2].log_time, once[-1].log_time
-    early = [message._replace(log_time=message.log_time + whole) for message in once if message.log_time < middle]
-    bag = write_rosbag2(tmp_path / "bag", [*(message for message in once if message.log_time >= middle), *early])
-    out = tmp_path / "out"
-    assert main(["report", str(bag), "--output", str(out), "--uncertainty", str(deviations)]) == 0
-    (largest,) = re.findall(r"largest depth \[mm\] (\d\.\d{3})", text_of(out))[:1]
-    low, high = map(float, re.findall(r"depth lies between (\d\.\d{3}) and (\d\.\d{3})", text_of(out))[0])
-    assert 0.5 * (low + high) == pytest.approx(float(largest), abs=1.1e-3)  # three decimals of each
 
 
 def test_where_the_height_drives_it_is_told_at_the_largest_force(tmp_path: Path) -> None:

@@ -21,7 +21,6 @@ from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab import study as studies
 from knee_contact_ros.lab.study import MOST, Shards, Study, groups_of, read_study
 from knee_contact_ros.lab.sweep import OUTCOMES
-from knee_contact_ros.system import files
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 from tests import ROOT
 from tests.lab.sweep.studies import DAMPINGS, assert_same, computed, study, table
@@ -280,12 +279,6 @@ def test_a_scheduler_that_cannot_be_reached(file: Path, capfd: Capture, monkeypa
         taken.bind(("127.0.0.1", 0))  # not listening
         for address in (f"tcp://127.0.0.1:{taken.getsockname()[1]}", "nonsense", "gopher://a:1", "tcp://127.0.0.1"):
             assert f"scheduler {address}: cannot be reached" in refused(capfd, file, "--scheduler", address)
-
-
-@pytest.mark.parametrize("library", ["pyarrow", "distributed", "fsspec"])
-def test_a_missing_extra_is_named(library: str, file: Path, capfd: Capture, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(files, "find_spec", lambda name: None if name == library else name)
-    assert re.search(rf"{library} is not installed; .*\[sweep\]", refused(capfd, file))
 
 
 def test_the_example_of_the_page_runs(address: str, file: Path, capfd: Capture) -> None:
