@@ -105,15 +105,20 @@ def ros_command(options_metavar: str) -> Callable[[Callable[..., None]], click.C
     return click.command(context_settings=settings, add_help_option=False, options_metavar=options_metavar)
 
 
-def run(ros_arguments: tuple[str, ...], kinds: Callable[[], Sequence[Any]]) -> None:
-    """Run the nodes of some `kinds` until they end, or print the help text if the only argument asks for it."""
+def ready_for_ros(ros_arguments: tuple[str, ...]) -> bool:
+    """Check that ROS can be loaded; print the help text instead if the only argument asks for it."""
     if ros_arguments in (("--help",), ("-h",)):
         click.echo(click.get_current_context().get_help())
-        return
+        return False
     check_ros()
+    return True
+
+
+def run(ros_arguments: tuple[str, ...], kinds: Sequence[Any]) -> None:
+    """Run the nodes of some `kinds` until they end."""
     from knee_contact_ros.node.managed_node import run_nodes
 
-    if code := run_nodes(list(ros_arguments), list(kinds())):
+    if code := run_nodes(list(ros_arguments), kinds):
         sys.exit(code)
 
 
@@ -124,13 +129,10 @@ def node(ros_arguments: tuple[str, ...]) -> None:
 
     It takes ordinary ROS 2 arguments: --ros-args --params-file FILE -p NAME:=VALUE -r FROM:=TO ...
     """
-
-    def kinds() -> Sequence[Any]:
+    if ready_for_ros(ros_arguments):
         from knee_contact_ros.node.contact_node import CONTACT_NODE
 
-        return [CONTACT_NODE]
-
-    run(ros_arguments, kinds)
+        run(ros_arguments, [CONTACT_NODE])
 
 
 @ros_command("[--with-contact] [--ros-args ...]")
@@ -142,17 +144,10 @@ def load(ros_arguments: tuple[str, ...], with_contact: bool) -> None:
     It listens to joint_states and ground_reaction_force, and publishes joint_reaction_force and load_estimate. It takes
     ordinary ROS 2 arguments: --ros-args --params-file FILE -p NAME:=VALUE -r FROM:=TO ...
     """
+    if ready_for_ros(ros_arguments):
+        from knee_contact_ros.node.load_node import LOAD_NODE, load_and_contact
 
-    def kinds() -> Sequence[Any]:
-        if with_contact:
-            from knee_contact_ros.node.load_node import load_and_contact
-
-            return load_and_contact()
-        from knee_contact_ros.node.load_node import LOAD_NODE
-
-        return [LOAD_NODE]
-
-    run(ros_arguments, kinds)
+        run(ros_arguments, load_and_contact() if with_contact else [LOAD_NODE])
 
 
 class OptionalClockRate(click.Command):

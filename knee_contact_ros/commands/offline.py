@@ -230,14 +230,14 @@ def view(
         check_input(Path(source))  # an address is no path that is there
     executable()  # before what imports its library
     from knee_contact_ros.bags.reader import others_beside
-    from knee_contact_ros.commands.view import ViewOptions, run_view
+    from knee_contact_ros.commands.view import run_view
     from knee_contact_ros.parameters.files import load_parameters
     from knee_contact_ros.parameters.ros_files import parameters_of
     from knee_contact_ros.system.terminal import warn
 
     warn(sentence for source in sources for sentence in others_beside(Path(source)))
     parameters = load_parameters([*find_parameters(parameter_files), parameters_of(parameter_values)])
-    run_view(sources, parameters, ViewOptions(save, overwrite, serve, port))
+    run_view(sources, parameters, save, overwrite, serve, port)
 
 
 @click.command()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from contextlib import suppress
-from itertools import groupby
+from itertools import groupby, pairwise
 from operator import itemgetter
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -41,18 +41,6 @@ LONGEST_NAME = 80
 """Most characters of a knee's name"""
 
 
-class ViewOptions(NamedTuple):
-    """Options of viewing: by default in a window on a screen of this machine."""
-
-    save: Path | None = None
-    """Rerun file (.rrd) to write instead"""
-    overwrite: bool = False
-    serve: bool = False
-    """Whether to serve the scene to browsers and viewers on this machine instead"""
-    port: int = 9876
-    """Port at which viewers are served; browsers are served at the next one"""
-
-
 class RecordedKnee(NamedTuple):
     """A knee whose answers are in a recording."""
 
@@ -65,46 +53,68 @@ class RecordedKnee(NamedTuple):
     """Outlines of the knee"""
     changes: tuple[Change, ...]
     """Resets and changed parameters of the node during the recording"""
-    known: bool
-    """Whether the recording holds its parameters; otherwise they were assumed"""
 
 
 @interrupted_by_sigterm()
-def run_view(sources: Sequence[str], parameters: Parameters, options: ViewOptions) -> None:
-    """Show recordings, gait bags, a Rerun file or scenes that nodes serve.
+def run_view(
+    sources: Sequence[str], parameters: Parameters, save: Path | None, overwrite: bool, serve: bool, port: int
+) -> None:
+    """Show recordings, gait bags, a Rerun file or scenes that nodes serve, in a window.
 
-    Files that do not hold their parameters are drawn with `parameters`.
+    Args:
+        sources: Names of files, or addresses.
+        parameters: Parameters of files that do not hold their own.
+        save: Rerun file to write instead.
+        overwrite: Whether it may exist.
+        serve: Whether to serve the scene to browsers and viewers on this machine instead.
+        port: Port at which viewers are served; browsers are served at the next one.
 
     Raises:
         UsageError: a source or an option cannot be used.
         IncompleteError: the viewer failed.
     """
     addresses = [source for source in sources if source.startswith(SERVED)]
+    if addresses and (len(addresses) < len(sources) or save or serve):
+        raise UsageError(f"{addresses[0]}: what is served can only be looked at, and not together with files")
+    _refuse_in_vain(save, overwrite, (port, port + 1) if serve else ())
     if addresses:
-        if len(addresses) < len(sources) or options.save or options.serve:
-            raise UsageError(f"{addresses[0]}: what is served can only be looked at, and not together with files")
-        viewer.refuse_blind(ALTERNATIVES)
         viewer.look(viewer.connect_command(addresses))
         return
-    _check(options)
     if sources[0].endswith(".rrd"):
-        _present(_drawn_already(sources, options), options)
+        drawn = Path(sources[0])
+        if len(sources) > 1 or save:
+            raise UsageError(f"{drawn} is a Rerun file: it can be looked at or served, alone")
+        if not drawn.is_file():
+            raise UsageError(f"no Rerun file at {drawn}")
+        _present(drawn, port if serve else None)
         return
     with TemporaryDirectory(prefix="knee_contact_view_") as folder:
-        work = Path(folder)
-        path = options.save or work / "knee_contact.rrd"
+        path = save or Path(folder, "knee_contact.rrd")
         refuse_twice(list(map(Path, sources)))
         for source in sources:
             refuse_input(Path(source), path)
-        knees = recorded_knees(_with_answers([Path(source) for source in sources], parameters, work), parameters)
-        _draw(knees, path, options.overwrite)
-        for knee in knees:
-            if not knee.known:
-                say(f"{knee.recording} does not tell its parameters: drawn with those of --params", err=True)
-        if options.save:
-            say(f"Rerun file   {options.save}")
+        recordings = _with_answers([Path(source) for source in sources], parameters, Path(folder))
+        _draw(recorded_knees(recordings, parameters), path, overwrite)
+        if save:
+            say(f"Rerun file   {save}")
         else:
-            _present(path, options)
+            _present(path, port if serve else None)
+
+
+def _refuse_in_vain(save: Path | None, overwrite: bool, ports: Sequence[int]) -> None:
+    """Refuse options before any work that would be in vain.
+
+    Raises:
+        UsageError: the file to write exists, one of the `ports` that will be served is taken, or there is no screen.
+    """
+    if save and ports:
+        raise UsageError("--save and --serve: one of them")
+    if save and not overwrite:
+        refuse_existing(save)
+    for port in ports:
+        refuse_taken(port, "--port")
+    if not save and not ports:
+        viewer.refuse_blind(ALTERNATIVES)
 
 
 def recorded_knees(recordings: Mapping[Path, str], parameters: Parameters) -> list[RecordedKnee]:
@@ -151,15 +161,15 @@ def _knees(path: Path, answered: Sequence[tuple[Path, str, str]], parameters: Pa
     `answered` has recording, topic and name of each.
     """
     provenance = read_provenance(path)
+    if provenance is None:
+        say(f"{path} does not tell its parameters: drawn with those of --params", err=True)
     parameters = provenance.parameters if provenance else parameters
     texts = provenance.texts() if provenance else curve_texts(parameters, {})
     _, topics, names = zip(*answered, strict=True)
-    of_topics = [answering(topic, parameters, texts) for topic in topics]
-    models = [build_model(own, curves=curves) for own, curves in of_topics]
-    changes = provenance.changes if provenance else ()
+    models = [build_model(own, curves=curves) for own, curves in (answering(one, parameters, texts) for one in topics)]
     drawings = drawings_of(models, names, parameters.body_weight)
     for topic, model, drawing in zip(topics, models, drawings, strict=True):
-        yield RecordedKnee(path, topic, model, drawing, changes, provenance is not None)
+        yield RecordedKnee(path, topic, model, drawing, provenance.changes if provenance else ())
 
 
 def _with_answers(paths: Sequence[Path], parameters: Parameters, work: Path) -> dict[Path, str]:
@@ -176,7 +186,7 @@ def _with_answers(paths: Sequence[Path], parameters: Parameters, work: Path) -> 
     return recordings
 
 
-def _draw(knees: Sequence[RecordedKnee], path: Path, overwrite: bool = False) -> None:
+def _draw(knees: Sequence[RecordedKnee], path: Path, overwrite: bool) -> None:
     """Write the scene of several knees to a Rerun file, which appears under its name when it is complete."""
     file = RerunFile(path, [knee.drawing for knee in knees], overwrite=overwrite)
     try:
@@ -184,8 +194,9 @@ def _draw(knees: Sequence[RecordedKnee], path: Path, overwrite: bool = False) ->
             scene = Scene(file.recording, knee.drawing, number=number if len(knees) > 1 else None)
             with progress(f"Drawing {knee.drawing.knee}") as advance:
                 for changes, answers in _answers_of(knee, advance):
-                    for change in changes:
-                        scene.note(*_note_of(change))
+                    for values in (change.values for change in changes):
+                        told = {name: json.dumps(value) for name, value in (values or {}).items()}
+                        scene.note(RESET if values is None else PARAMETERS_CHANGED, told)
                     scene.show(answers)
             scene.finish()
         file.close()
@@ -199,68 +210,26 @@ def _answers_of(knee: RecordedKnee, advance: Callable[[int, int], None]) -> Iter
 
     Answers that are drawn get femoral x and normal, which messages do not hold.
     """
-    pictures, waiting, done = Pictures(), list(knee.changes), 0
+    pictures, done = Pictures(), 0
     for block in answer_blocks(knee.recording, knee.topic, advance):
         for i in pictures.choose(block["stamp"]).tolist():
             angle, height = float(block["flexion_angle"][i]), float(block["femoral_height"][i])
             x, _ = knee.model.pair.mechanism.translation(angle)
             closest = knee.model.closest(angle, height)
             block["femoral_x"][i], block["normal_x"][i], block["normal_y"][i] = x, closest.normal_x, closest.normal_y
-        begin = 0
-        while begin < len(block):
-            due = [change for change in waiting if change.tick <= done + begin]
-            waiting = waiting[len(due) :]
-            end = min(len(block), waiting[0].tick - done) if waiting else len(block)
-            yield due, block[begin:end]
-            begin = end
+        places = [change.tick - done for change in knee.changes]
+        for begin, end in pairwise(sorted({0, len(block), *(place for place in places if 0 < place < len(block))})):
+            yield [one for one, place in zip(knee.changes, places, strict=True) if place == begin], block[begin:end]
         done += len(block)
 
 
-def _note_of(change: Change) -> tuple[str, dict[str, str]]:
-    """Return the name and the values of the note with which the node reported a change."""
-    if change.values is None:
-        return RESET, {}
-    return PARAMETERS_CHANGED, {name: json.dumps(value) for name, value in change.values.items()}
-
-
-def _check(options: ViewOptions) -> None:
-    """Refuse options before any work that would be in vain.
-
-    Raises:
-        UsageError: the file to write exists, a port is taken, or there is no screen.
-    """
-    if options.save and options.serve:
-        raise UsageError("--save and --serve: one of them")
-    if options.save and not options.overwrite:
-        refuse_existing(options.save)
-    if options.serve:
-        for port in (options.port, options.port + 1):
-            refuse_taken(port, "--port")
-    if not options.save and not options.serve:
-        viewer.refuse_blind(ALTERNATIVES)
-
-
-def _drawn_already(sources: Sequence[str], options: ViewOptions) -> Path:
-    """Return the Rerun file that is the only source.
-
-    Raises:
-        UsageError: there are other sources, or the file does not exist.
-    """
-    path = Path(sources[0])
-    if len(sources) > 1 or options.save:
-        raise UsageError(f"{path} is a Rerun file: it can be looked at or served, alone")
-    if not path.is_file():
-        raise UsageError(f"no Rerun file at {path}")
-    return path
-
-
-def _present(path: Path, options: ViewOptions) -> None:
+def _present(path: Path, port: int | None) -> None:
     """Show a Rerun file in a window, or let Rerun serve it to browsers and viewers on this machine until Ctrl-C."""
-    if not options.serve:
+    if port is None:
         viewer.look_at(path)
         return
-    scene, web = viewer.address(options.port), options.port + 1
-    command = [str(viewer.executable()), *viewer.on_loopback(options.port), "--serve-web"]
+    scene, web = viewer.address(port), port + 1
+    command = [str(viewer.executable()), *viewer.on_loopback(port), "--serve-web"]
     with suppress(KeyboardInterrupt):
         click.echo(f"In a browser   http://{LOCALHOST}:{web}?url={quote(scene, safe='')}")
         click.echo(f"In a viewer    knee-contact view {scene}")

@@ -348,9 +348,7 @@ def curve_points(by: str, name: str, text: str) -> Columns:
     """
     is_table = by == "translation.table"
     points = _columns(by, name, text, ("flexion_angle", "x") if is_table else ("x", "y"))
-    if is_table:
-        _refuse_degrees(by, name, points[:, 0])
-    elif np.abs(points).max(initial=0.0) > 1.0:
+    if not is_table and np.abs(points).max(initial=0.0) > 1.0:
         raise UsageError(f"parameter {by}: {name} reaches {np.abs(points).max():g}; x and y must be in m")
     return points[:, 0], points[:, 1]
 
@@ -364,12 +362,8 @@ def read_share_table(name: str, text: str) -> ShareTable:
     Raises:
         UsageError: the text holds anything else, or a value that no knee has; see `ShareTable.of`.
     """
-    rows = _columns(SHARE_FILE, name, text, SHARE_COLUMNS)
-    if not len(rows) or not np.isfinite(rows).all():
-        raise _no_columns(SHARE_FILE, name, SHARE_COLUMNS)
-    _refuse_degrees(SHARE_FILE, name, rows[:, 0])
     try:
-        return ShareTable.of(rows)
+        return ShareTable.of(_columns(SHARE_FILE, name, text, SHARE_COLUMNS))
     except ValueError as error:
         raise UsageError(f"parameter {SHARE_FILE}: {name} {error}") from None
 
@@ -387,17 +381,14 @@ def _columns(by: str, name: str, text: str, columns: tuple[str, ...]) -> NDArray
     if len(rows) > MOST_POINTS:
         raise UsageError(f"parameter {by}: {name} has {len(rows)} points; at most {MOST_POINTS} are allowed")
     try:
-        return np.array(rows, dtype=float).reshape(len(rows), len(columns))
+        numbers = np.array(rows, dtype=float).reshape(len(rows), len(columns))
+        if not np.isfinite(numbers).all() or (by == SHARE_FILE and not rows):
+            raise ValueError("not finite, or no table")
     except ValueError:
-        raise _no_columns(by, name, columns) from None
-
-
-def _no_columns(by: str, name: str, columns: tuple[str, ...]) -> UsageError:
-    number = {2: "two", 3: "three"}[len(columns)]
-    return UsageError(f"parameter {by}: {name} must hold {number} columns {', '.join(columns)} of numbers")
-
-
-def _refuse_degrees(by: str, name: str, angles: NDArray[np.float64]) -> None:
-    reached = np.abs(angles).max(initial=0.0)
-    if reached > LARGEST_ANGLE:
-        raise UsageError(f"parameter {by}: {name} reaches {reached:g} rad; flexion angles must be in rad, not deg")
+        count = {2: "two", 3: "three"}[len(columns)]
+        words = f"must hold {count} columns {', '.join(columns)} of numbers"
+        raise UsageError(f"parameter {by}: {name} {words}") from None
+    angle = np.abs(numbers[:, 0]).max(initial=0.0) if columns[0] == "flexion_angle" else 0.0
+    if angle > LARGEST_ANGLE:
+        raise UsageError(f"parameter {by}: {name} reaches {angle:g} rad; flexion angles must be in rad, not deg")
+    return numbers
