@@ -64,13 +64,16 @@ def run_fit_profile(
     """
     require("mesh", "pyvista", "trimesh", "nibabel", "matplotlib")
     outputs = [output.with_suffix(suffix) for suffix in (".csv", ".png", ".yaml")]
-    _refuse_outputs(output, outputs, [path for path in (mesh, bone) if path], overwrite)
+    for path in outputs:
+        if path.resolve() in [each.resolve() for each in (mesh, bone) if each]:
+            raise UsageError(f"--output {output}: it would replace the input {path}")
+        if path.is_dir() or (path.exists() and not overwrite):
+            raise UsageError(f"{path} exists already; choose another name, or --overwrite")
     surface = read_surface(mesh, unit, axes, label)
     under = read_surface(bone, unit, axes, bone_label) if bone else None
     z = _place(slice, surface, femur, medial)
     found = fit(surface, z, femur=femur, bone=under, tolerance=tolerance, slab=slab)
-    start = _origin(found, origin)
-    _check_origin(found, start, mesh)
+    start = _origin(found, origin, mesh)
     profile = csv(found, mesh.name, found.smoothed.points - start)
     contents = (profile.encode(), picture(found, mesh.name), _parameter_file(found, outputs[0]).encode())
     write_complete(dict(zip(outputs, contents, strict=True)))
@@ -78,72 +81,54 @@ def run_fit_profile(
     return [f"{label:<{LABEL - 1}} {text}" for label, text in (*_report(found, mesh.name, start), *files)]
 
 
-def _refuse_outputs(output: Path, outputs: list[Path], inputs: list[Path], overwrite: bool) -> None:
-    """Check before any work that the output files can be written."""
-    for path in outputs:
-        if path.resolve() in [each.resolve() for each in inputs]:
-            raise UsageError(f"--output {output}: it would replace the input {path}")
-        if path.is_dir() or (path.exists() and not overwrite):
-            raise UsageError(f"{path} exists already; choose another name, or --overwrite")
-
-
 def _place(text: str, surface: Surface, femur: bool, medial: bool) -> float:
     """Place z of the slice [m]."""
     if text == "auto":
         return contact_centre(surface, femur, medial)
-    (z,) = _numbers(text) if "," not in text else (math.nan,)
-    if not abs(z) < 1.0:
+    place = _numbers(text)
+    if len(place) != 1 or not abs(place[0]) < 1.0:
         raise UsageError(f"--slice {text}: it must be a place in mm along the medio-lateral axis z, or auto")
-    return z
+    return place[0]
 
 
-def _origin(found: Fit, text: str | None) -> Floats:
-    """Origin of the profile in the mesh's axes [m], shape (2,)."""
-    text = text or ("mesh" if found.femur else "surface")
-    if text == "mesh":
-        return np.zeros(2)
-    if text == "surface" and not found.femur:
-        x, y = found.shape.points.T
-        if not x.min() <= 0.0 <= x.max():
-            raise UsageError(
-                f"--origin surface: the plateau reaches from x = {MM * x.min():.1f} to {MM * x.max():.1f} mm, "
-                "not over x = 0; give --origin X,Y in mm"
-            )
-        return np.array([0.0, float(np.interp(0.0, x, y))])
-    place = np.array(_numbers(text))
-    if place.shape != (2,) or not np.isfinite(place).all():
-        allowed = "mesh or X,Y in mm" if found.femur else "surface, mesh or X,Y in mm"
-        raise UsageError(f"--origin {text}: it must be {allowed}")
-    return place
+def _origin(found: Fit, text: str | None, mesh: Path) -> Floats:
+    """Origin of the profile in the mesh's axes [m], shape (2,).
 
-
-def _check_origin(found: Fit, origin: Floats, mesh: Path) -> None:
-    """Refuse an origin that is not in the knee, as of a mesh whose origin is the hip's or the scanner's.
-
-    A femur turns about its origin: from afar, it would leave the plateau.
+    Refuses one that is not in the knee, as of a mesh whose origin is the hip's or the scanner's: a femur turns about
+    its origin, and from afar it would leave the plateau.
     """
-    points = found.shape.points - origin
-    if not found.femur:
-        if (distance := float(np.hypot(*points.T).min())) > FARTHEST:
-            raise UsageError(
-                f"--origin: the plateau of {mesh} is {MM * distance:.0f} mm away from it; give surface or X,Y in mm"
-            )
-        return
+    points, text = found.shape.points, text or ("mesh" if found.femur else "surface")
+    x, y = points.T
+    place = [0.0, 0.0] if text == "mesh" else _numbers(text)
+    if text == "surface" and not found.femur:
+        place = [0.0, float(np.interp(0.0, x, y, left=math.nan, right=math.nan))]
+    if len(place) != 2 or not np.isfinite(place).all():
+        allowed = (
+            "mesh or X,Y in mm" if found.femur else "mesh, X,Y in mm or, if the plateau reaches over x = 0, surface"
+        )
+        raise UsageError(
+            f"--origin {text}: it must be {allowed}; this is x = {MM * x.min():.1f} to {MM * x.max():.1f} mm"
+        )
+    origin = np.array(place)
     low, high = np.radians(GAIT)
-    touching = (found.shape.normal >= low) & (found.shape.normal <= high)
-    angle, (x, y) = found.shape.normal[touching], points[touching].T
-    ahead = x * np.cos(angle) - y * np.sin(angle)
-    below = -x * np.sin(angle) - y * np.cos(angle)
-    if np.abs(ahead).max() <= MOST_AHEAD and below.min() >= LEAST_BELOW and below.max() <= MOST_BELOW:
-        return
-    middle = ",".join(f"{round(MM * each, 1) + 0.0:.1f}" for each in circle(found.shape.points[touching])[0])
-    away = float(np.hypot(x, y).min())
-    raise UsageError(
-        f"--origin: a femur turns about it, and the condyle of {mesh} is {MM * away:.0f} mm away from "
-        f"{MM * origin[0]:g},{MM * origin[1]:g} mm: it would touch the tibia at x = {MM * ahead.min():.0f} to "
-        f"{MM * ahead.max():.0f} mm; give the joint's axis in the mesh by --origin=X,Y, or this condyle's middle: "
-        f"--origin={middle}"
-    )
+    touching = (found.shape.normal >= low) & (found.shape.normal <= high) if found.femur else np.full(len(x), True)
+    angle, (x, y) = found.shape.normal[touching] * found.femur, (points[touching] - origin).T
+    ahead, below = x * np.cos(angle) - y * np.sin(angle), -x * np.sin(angle) - y * np.cos(angle)
+    away, middle = float(np.hypot(x, y).min()), circle(points[touching])[0]
+    if not found.femur and away > FARTHEST:
+        raise UsageError(
+            f"--origin: the plateau of {mesh} is {MM * away:.0f} mm away from it; give surface or X,Y in mm"
+        )
+    if found.femur and not (
+        np.abs(ahead).max() <= MOST_AHEAD and LEAST_BELOW <= below.min() <= below.max() <= MOST_BELOW
+    ):
+        raise UsageError(
+            f"--origin: a femur turns about it, and the condyle of {mesh} is {MM * away:.0f} mm away from "
+            f"{MM * origin[0]:g},{MM * origin[1]:g} mm: it would touch the tibia at x = {MM * ahead.min():.0f} to "
+            f"{MM * ahead.max():.0f} mm; give the joint's axis in the mesh by --origin=X,Y, or this condyle's middle: "
+            f"--origin={','.join(f'{round(MM * each, 1) + 0.0:.1f}' for each in middle)}"
+        )
+    return origin
 
 
 def _numbers(text: str) -> list[float]:
@@ -156,7 +141,7 @@ def _numbers(text: str) -> list[float]:
 
 def _report(found: Fit, name: str, origin: Floats) -> list[tuple[str, str]]:
     """Labels and texts of the report; `name` is the mesh's, `origin` the profile's origin [m], shape (2,)."""
-    smoothed, rows = found.smoothed, []
+    smoothed, shape, rows = found.smoothed, found.shape, []
     for each in found.circles:
         low, high = each.window
         window = f"normals of {low:.0f}° to {high:.0f}°" if found.femur else f"x = {low:.1f} to {high:.1f} mm"
@@ -172,13 +157,20 @@ def _report(found: Fit, name: str, origin: Floats) -> list[tuple[str, str]]:
                           f"{other}'s and say"),
             ("cartilage", f"thickness: {mean:.6f}   (m, so far) in a subject file, or -p contact.layer_depth:=..."),
         ]  # fmt: skip
+    hollow = [f"x = {MM * a:.1f} to {MM * b:.1f} mm" for a, b in ([] if found.femur else concave(shape))]
+    curvature = f"concave from {', '.join(hollow)}; convex elsewhere" if hollow else "convex everywhere"
+    if found.femur:
+        begin, end = sorted(np.degrees(shape.normal[[0, -1]]))
+        low, high = float(shape.curvature.min()), float(shape.curvature.max())
+        largest = f"{MM / low:.1f}" if low > 0.0 else "infinite"
+        curvature += f"; radius {MM / high:.1f} to {largest} mm; normals from {begin:.0f}° to {end:.0f}°"
     return [
         ("profile", f"{_side(found)} of {name}, slice at z = {MM * found.z:g} mm, {len(smoothed.points)} points"),
         ("origin", f"x = {MM * origin[0]:.5f}, y = {MM * origin[1]:.5f} mm of the mesh"),
         ("tolerance", _tolerance(found)),
         ("deviation", f"{MM * smoothed.rms:.3f} mm RMS, {MM * smoothed.largest:.3f} mm at most, of the "
                       f"{len(smoothed.raw)} points of the slice"),
-        ("curvature", _curvature(found)), *rows, *(("note", remark) for remark in found.remarks),
+        ("curvature", curvature), *rows, *(("note", remark) for remark in found.remarks),
     ]  # fmt: skip
 
 
@@ -188,25 +180,10 @@ def _side(found: Fit) -> str:
 
 def _tolerance(found: Fit) -> str:
     """Describe the tolerance, the roughness and the resulting deviation."""
-    smoothed = found.smoothed
-    allowed = math.hypot(smoothed.roughness, found.tolerance)
-    where = f"slab of ±{MM * found.slab:g} mm" if found.slab else "slice"
-    return (f"{MM * found.tolerance:.3g} mm RMS beyond the roughness of {MM * smoothed.roughness:.3f} mm: at most "
-            f"{MM * allowed:.3f} mm; {MM * smoothed.deviation:.3f} mm in the {where}")  # fmt: skip
-
-
-def _curvature(found: Fit) -> str:
-    """Describe the radii of curvature, and where the profile is convex or concave."""
-    shape = found.shape
-    if not found.femur:
-        places = [f"x = {MM * a:.1f} to {MM * b:.1f} mm" for a, b in concave(shape)]
-        return f"concave from {', '.join(places)}; convex elsewhere" if places else "convex everywhere"
-    low, high = float(shape.curvature.min()), float(shape.curvature.max())
-    begin, end = sorted(np.degrees(shape.normal[[0, -1]]))
-    return (
-        f"convex everywhere; radius {MM / high:.1f} to {f'{MM / low:.1f}' if low > 0.0 else 'infinite'} mm; "
-        f"normals from {begin:.0f}° to {end:.0f}°"
-    )
+    rough, where = found.smoothed.roughness, f"slab of ±{MM * found.slab:g} mm" if found.slab else "slice"
+    allowed = MM * math.hypot(rough, found.tolerance)
+    return (f"{MM * found.tolerance:.3g} mm RMS beyond the roughness of {MM * rough:.3f} mm: at most "
+            f"{allowed:.3f} mm; {MM * found.smoothed.deviation:.3f} mm in the {where}")  # fmt: skip
 
 
 def csv(found: Fit, name: str, points: Floats) -> str:
@@ -243,11 +220,10 @@ def picture(found: Fit, name: str) -> bytes:
 
     smoothed, shape, thickness = found.smoothed, found.shape, found.thickness
     along = np.degrees(shape.normal) if found.femur else MM * shape.points[:, 0]
+    heights = [2.5, 1.0, 1.0, *([1.0] if thickness else [])]
     with mpl.rc_context(STYLE):
         canvas = Figure(figsize=SIZE, layout="constrained")
-        whole, *rows = canvas.subplots(
-            3 + bool(thickness), 1, height_ratios=[2.5, 1.0, 1.0, 1.0][: 3 + bool(thickness)]
-        )
+        whole, *rows = canvas.subplots(len(heights), 1, height_ratios=heights)
         for number, piece in enumerate(MM * thickness.bone if thickness else ()):
             whole.plot(*piece.T, color=BONE, linewidth=1.2, label=None if number else "bone")
         whole.plot(*(MM * smoothed.raw).T, "o", color=RAW, markersize=3.0, label="slice of the mesh")
@@ -255,22 +231,19 @@ def picture(found: Fit, name: str) -> bytes:
         for each, (colour, width) in zip(found.circles, CIRCLES, strict=False):
             rows[0].plot(each.window, (1.0 / (MM * each.radius),) * 2, color=colour, linewidth=width)
             whole.plot(*(MM * each.part).T, color=colour, label=f"circle of radius {MM * each.radius:.1f} mm")
-        rows[0].plot(along, shape.curvature / MM, color=PROFILE, linewidth=1.5)
-        rows[0].set(
-            ylabel="[1/mm]",
-            title=f"curvature of the profile and of the circles{'' if found.femur else ', concave positive'}",
-        )
         nearest = along[cKDTree(shape.points).query(smoothed.raw)[1]]
+        rows[0].plot(along, shape.curvature / MM, color=PROFILE, linewidth=1.5)
         rows[1].plot(nearest, MM * smoothed.deviations, ".", color="0.3", markersize=3.5)
         most = f"{MM * smoothed.rms:.3f} mm RMS, {MM * smoothed.largest:.2f} mm at most"
-        rows[1].set(ylabel="[mm]", title=f"slice outside of the profile: {most}")
+        hollow = "" if found.femur else ", concave positive"
+        titles = [f"curvature of the profile and of the circles{hollow}", f"slice outside of the profile: {most}"]
         if thickness:
             rows[2].plot(along, MM * thickness.along, color=BONE, linewidth=1.5)
-            rows[2].set(ylabel="[mm]", title=f"cartilage: {MM * thickness.mean:.2f} mm on average where gait touches")
-            rows[2].set_ylim(bottom=0.0)
-        for row in rows:
+            titles.append(f"cartilage: {MM * thickness.mean:.2f} mm on average where gait touches")
+        for row, unit, title in zip(rows, ("[1/mm]", "[mm]", "[mm]"), titles, strict=False):
             row.sharex(rows[0])
             row.axhline(0.0, color="0.5", linewidth=0.8)
+            row.set(ylabel=unit, title=title)
         rows[-1].set_xlabel("outward normal: 0 down, posterior positive [°]" if found.femur else "x, anterior [mm]")
         whole.set_aspect("equal", adjustable="datalim")
         title = f"{_side(found).capitalize()} of {name}, z = {MM * found.z:g} mm: x anterior, y superior [mm]"

@@ -68,6 +68,7 @@ MOST_IN_FRONT = 40.0
 RADII = ((12.0, math.inf), (10.0, 50.0), (9.0, 40.0))
 """Radii over `FEMORAL_WINDOWS` that a condyle may have [mm], generously: in a knee from MRI they are 20 to 84, 15 to 26
 and 14 to 21 mm"""
+RADII_TEXT = "a condyle's are 12 or more, 10 to 50 and 9 to 40 mm"
 MOST_GROWTH = 1.2
 """How many times larger than the radius near extension that of the rear may be; from MRI it is 0.2 to 0.8"""
 WORST = 1e-3
@@ -170,9 +171,10 @@ def fit(
     slab_points = slices(surface, z, slab, femur)
     raw, other = slab_points.raw, "--side tibia?" if femur else "--side femur?"
     width, height = 1e3 * np.ptp(raw, axis=0)
+    allowed = f"must be {'more' if femur else 'less'} than {FLATTEST_FEMUR:g} times as high as wide"
     refuse(
-        (femur != (height > FLATTEST_FEMUR * width), f"it is {width:.1f} mm wide and {height:.1f} mm high",
-         f"{other} (or see --axes and --slice)"),
+        (femur != (height > FLATTEST_FEMUR * width), f"it is {width:.1f} mm wide and {height:.1f} mm high, "
+         f"and {allowed}", f"{other} (or see --axes and --slice)"),
         (femur and (raw - circle(raw)[0]).mean(axis=0)[1] > 0.0, "it looks up, not down", surface.axes_cure),
     )  # fmt: skip
     chart = Chart.around(raw, femur)
@@ -194,7 +196,7 @@ def fit(
          "--slice through a condyle, or see --axes"),
         (femur and -low - high > MOST_IN_FRONT, f"{reach}, further in front than behind",
          f"is it the notch (--slice), or are front and back exchanged? {surface.turned_cure}"),
-        (not _possible(radii, 1.0), told, "--unit is 10 times too small or large"
+        (not _possible(radii, 1.0), f"{told}, and {RADII_TEXT}", "--unit is 10 times too small or large"
          if _possible(radii, 10.0) or _possible(radii, 0.1) else surface.axes_cure),
         (radii.get(FEMORAL_WINDOWS[-1], 0.0) > MOST_GROWTH * radii.get(FEMORAL_WINDOWS[0], math.inf),
          f"{told}, which grow towards the rear", f"are front and back exchanged? {surface.turned_cure}"),

@@ -1,4 +1,4 @@
-"""Label maps, which have a number for every voxel: NIfTI by nibabel; MetaImage by VTK; NRRD by its text header.
+"""Label maps, which have a number for every voxel: NIfTI by nibabel; NRRD and MetaImage by their text headers.
 
 Every header says where the voxels lie in a scanner's axes. Ours are RAS: x to the right, y anterior, z superior.
 NRRD: https://teem.sourceforge.net/nrrd/format.html. MetaImage: https://itk.org/Wiki/MetaIO/Documentation; its axes are
@@ -11,8 +11,8 @@ import bz2
 import gzip
 import math
 import re
-import warnings
-from collections.abc import Callable, Mapping
+import zlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -25,7 +25,11 @@ from knee_contact_ros.system.errors import UsageError
 HEADER = 2**16
 """Largest size of a text header [B]"""
 TYPES = {"char": "i1", "uchar": "u1", "int": "i4", "uint": "u4", "float": "f4"}
-"""NumPy's types of numbers, by those of NRRD without `signed` and blanks; of other names NumPy knows the meaning"""
+"""NumPy's types of numbers, by those of headers without `signed` and blanks; other names are NumPy's too"""
+UNPACKED: dict[str, Callable[[bytes], bytes]] = {
+    "raw": bytes, "gzip": gzip.decompress, "gz": gzip.decompress, "bzip2": bz2.decompress, "bz2": bz2.decompress,
+    "zlib": zlib.decompress,
+}  # fmt: skip
 NUMBER = re.compile(r"[-+0-9.eE]+")
 
 
@@ -72,61 +76,75 @@ def _nifti(path: Path) -> LabelMap:
 def _nrrd(path: Path) -> LabelMap:
     content = path.read_bytes()
     end = re.search(rb"\r?\n\r?\n", content[:HEADER])
-    head, data = (content[: end.start()], content[end.end() :]) if end else (content, b"")
+    head, data = (content[: end.start()], content[end.end() :]) if end else (content[:HEADER], b"")
     if not head.startswith(b"NRRD"):
         raise ValueError("it does not begin with NRRD")
-    lines = [line.split(":", 1) for line in head.decode("latin-1").splitlines()[1:] if ":" in line]
-    fields = {key.strip().lower(): value.strip(" =") for key, value in lines}
+    fields = _fields(head, ":")
     if fields.get("dimension") != "3" or fields.get("byte skip", "0") != "0" or fields.get("line skip", "0") != "0":
         raise ValueError("a map has dimension 3, without byte skip and line skip")
     if name := fields.get("data file") or fields.get("datafile"):
         data = (path.parent / name).read_bytes()
-    values = _voxels(data, fields)
-    space = fields.get("space", "")
-    letters = space if len(space) == 3 else "".join(word[:1] for word in space.split("-"))
-    directions = fields.get("space directions", "")
-    if not re.fullmatch("[RL][AP][SI]", letters.upper()) or "none" in directions or not directions:
-        return LabelMap(
-            values, np.diag([*_numbers(fields.get("spacings", "1 1 1")), 1.0]), "it has no space directions"
-        )
-    turn = np.array([1.0 if letter in "RAS" else -1.0 for letter in letters.upper()])
-    origin = _numbers(fields.get("space origin", "0 0 0"))
-    scale = {"mm": 1.0, "cm": 10.0, "m": 1e3}[(re.findall('"(.*?)"', fields.get("space units", "")) or ["mm"])[0]]
-    affine = np.eye(4)
-    affine[:3, :3], affine[:3, 3] = np.reshape(_numbers(directions), (3, 3)).T, origin
-    affine[:3] *= scale * turn[:, None]
-    return LabelMap(values, affine)
+    values = _voxels(data, fields["type"], fields["sizes"], fields["encoding"], fields.get("endian") == "big")
+    space, directions = fields.get("space", ""), fields.get("space directions", "none")
+    letters = (space if len(space) == 3 else "".join(word[:1] for word in space.split("-"))).upper()
+    if not re.fullmatch("[RL][AP][SI]", letters) or "none" in directions:
+        spacing = _numbers(fields.get("spacings", "1 1 1"))
+        return LabelMap(values, np.diag([*spacing, 1.0]), "it has no space directions")
+    unit = (re.findall('"(.*?)"', fields.get("space units", "")) or ["mm"])[0]
+    turn = {"mm": 1.0, "cm": 10.0, "m": 1e3}[unit] * np.array([1.0 if each in "RAS" else -1.0 for each in letters])
+    return LabelMap(values, _affine(_numbers(directions), fields.get("space origin", "0 0 0"), turn))
 
 
 def _meta_image(path: Path) -> LabelMap:
-    import pyvista
+    head, key, rest = path.read_bytes().partition(b"ElementDataFile")
+    if not key:
+        raise ValueError("it has no ElementDataFile")
+    line, _, data = rest.partition(b"\n")
+    fields, name = _fields(head[:HEADER], "="), line.decode().strip(" =\r")
+    if name.upper() != "LOCAL":
+        data = (path.parent / name).read_bytes()
 
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")  # which a file that is too short causes
-        grid: Any = pyvista.read(path)
-    values = np.asarray(grid.active_scalars).reshape(grid.dimensions, order="F")
-    if not re.search(rb"(TransformMatrix|Rotation|Orientation) *=", path.read_bytes()[:HEADER], re.IGNORECASE):
-        return LabelMap(values, np.diag([*grid.spacing, 1.0]), "it has no TransformMatrix")
+    def first(names: str, default: str) -> str:
+        return next((fields[name] for name in names.split() if name in fields), default)
+
+    kind = fields["elementtype"].lower().removeprefix("met_").replace("_", "")
+    encoding = "zlib" if first("compresseddata", "").lower() == "true" else "raw"
+    big = first("binarydatabyteordermsb elementbyteordermsb", "").lower() == "true"
+    values = _voxels(data, kind, fields["dimsize"], encoding, big)
+    spacing = np.array(_numbers(fields.get("elementspacing", "1 1 1")))
+    matrix = _numbers(first("transformmatrix rotation orientation", ""))
+    if not matrix:
+        return LabelMap(values, np.diag([*spacing, 1.0]), "it has no TransformMatrix")
+    directions = np.reshape(matrix, (3, 3)) * spacing[:, None]
+    return LabelMap(values, _affine(directions, first("offset position origin", "0 0 0"), np.array([-1.0, -1.0, 1.0])))
+
+
+def _fields(head: bytes, mark: str) -> dict[str, str]:
+    """Entries of a header by their names in lower case."""
+    lines = [line.split(mark, 1) for line in head.decode("latin-1").splitlines() if mark in line]
+    return {key.strip().lower(): value.strip(" =") for key, value in lines}
+
+
+def _affine(directions: Any, origin: str, turn: Floats) -> Floats:
+    """Affine from directions of the voxels' axes, one after another, and an origin, that `turn` scales and turns."""
     affine = np.eye(4)
-    affine[:3, :3], affine[:3, 3] = np.asarray(grid.direction_matrix).T * grid.spacing, grid.origin
-    affine[:2] *= -1.0  # its axes are LPS
-    return LabelMap(values, affine)
+    affine[:3, :3], affine[:3, 3] = np.reshape(directions, (3, 3)).T, _numbers(origin)
+    affine[:3] *= turn[:, None]
+    return affine
 
 
 def _numbers(text: str) -> list[float]:
     return [float(number) for number in NUMBER.findall(text)]
 
 
-def _voxels(data: bytes, fields: Mapping[str, str]) -> NDArray[Any]:
+def _voxels(data: bytes, kind: str, sizes: str, encoding: str, big: bool) -> NDArray[Any]:
     """Decode the numbers of voxels, the first axis fastest."""
-    kind = fields["type"].replace("unsigned ", "u").replace("signed ", "").removesuffix(" int").removesuffix("_t")
-    kind = kind.replace(" ", "")
-    shape = tuple(int(size) for size in _numbers(fields["sizes"]))
-    dtype = np.dtype(TYPES.get(kind, kind)).newbyteorder(">" if fields.get("endian") == "big" else "<")
-    if fields["encoding"] in {"text", "txt", "ascii"}:
+    kind = kind.replace("unsigned ", "u").replace("signed ", "").removesuffix(" int").removesuffix("_t")
+    dtype = np.dtype(TYPES.get(kind, kind.replace(" ", ""))).newbyteorder(">" if big else "<")
+    shape = tuple(int(size) for size in _numbers(sizes))
+    if encoding in {"text", "txt", "ascii"}:
         return np.array(data.split(), dtype).reshape(shape, order="F")
-    unpacked: Mapping[str, Callable[[bytes], bytes]] = {"gz": gzip.decompress, "bz": bz2.decompress, "ra": bytes}
-    data = unpacked[fields["encoding"][:2]](data)
+    data = UNPACKED[encoding](data)
     if len(data) < math.prod(shape) * dtype.itemsize:
         raise ValueError(f"it has {len(data)} of {math.prod(shape) * dtype.itemsize} B")
     return np.frombuffer(data, dtype, math.prod(shape)).reshape(shape, order="F")
