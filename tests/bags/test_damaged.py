@@ -58,16 +58,6 @@ def test_the_command_ends_with_code_1_and_one_line(tmp_path: Path, capsys: pytes
     assert 0 < len(read_bag(tmp_path / "out.mcap", CONTACT)) < TICKS
 
 
-def test_a_missing_file_of_a_folder_is_a_hole(tmp_path: Path) -> None:
-    split(tmp_path / "bag")
-    (tmp_path / "bag" / "bag_1.mcap").unlink()
-    with BagReader(tmp_path / "bag") as reader:
-        found = [tuple(message) for message in reader.raw_messages()]
-        assert "bag_1.mcap is missing" in reader.damage
-    third = 2 * TICKS // 3
-    assert found == list(messages())[:third] + list(messages())[2 * third + 1 :]
-
-
 def test_without_metadata_the_numbered_files_are_the_bag(tmp_path: Path) -> None:
     split(tmp_path / "bag")
     (tmp_path / "bag" / "metadata.yaml").unlink()

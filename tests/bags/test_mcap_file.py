@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import struct
 from contextlib import closing, nullcontext
-from io import BytesIO
 from pathlib import Path
 
 import numpy as np
@@ -14,12 +13,9 @@ from mcap.writer import CompressionType, Writer
 
 from knee_contact_ros.bags.columns import MOST_AT_ONCE, by_arrival
 from knee_contact_ros.bags.mcap_file import (
-    BLOCK,
     MOST_RECORDS,
     McapFile,
-    Records,
 )  # fmt: skip
-from knee_contact_ros.bags.recorder import HEAD, MAGIC
 from knee_contact_ros.system.errors import UsageError
 from studies.fuzz_bags.bags import TICKS, Message, mcap, messages
 from tests.hostile.bags import channel, chunk, message, record, schema, whole, zstd_of_zeros
@@ -62,11 +58,6 @@ def change(path: Path, offset: int, data: bytes) -> None:
     content = bytearray(path.read_bytes())
     content[offset : offset + len(data)] = data
     path.write_bytes(content)
-
-
-@pytest.mark.parametrize("form", FORMS)
-def test_a_whole_file_has_no_faults(tmp_path: Path, form: str) -> None:
-    assert read(made(tmp_path, form)) == (WRITTEN, [])
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -113,17 +104,6 @@ def test_reading_goes_on_behind_records_whose_length_is_damaged(tmp_path: Path) 
     assert any(fault.startswith(f"bytes {offset} to ") and fault.endswith("no valid records") for fault in faults)
 
 
-def test_a_message_that_swallows_others_is_a_hole(tmp_path: Path) -> None:
-    path = made(tmp_path, "no chunks")
-    payload = path.read_bytes().index(WRITTEN[50][2])
-    length = payload - 22 - 8
-    change(path, length, (len(WRITTEN[50][2]) + 22 + 512).to_bytes(8, "little"))
-    found, faults = read(path)
-    assert found == WRITTEN[:50]
-    assert faults[0].startswith(f"bytes {length - 1} to ")
-    assert any(f"{len(WRITTEN) - 50} of {len(WRITTEN)} messages are missing" in fault for fault in faults)
-
-
 def test_without_checksums_a_chunk_tells_times_and_declarations(tmp_path: Path) -> None:
     path = made(tmp_path, "no checksums")
     payload = path.read_bytes().index(WRITTEN[50][2])
@@ -144,24 +124,6 @@ def test_channels_come_from_a_damaged_chunk_if_nothing_else_has_them(tmp_path: P
     assert "only a damaged chunk declares /joint_reaction_force, /joint_states" in faults
 
 
-@pytest.mark.parametrize("chunked", [True, False])
-def test_records_of_later_versions_are_passed_by(tmp_path: Path, chunked: bool) -> None:
-    """One of a kind that is not known, and a header that is longer."""
-    topics = schema(1, "a/msg/B", b"") + channel(1, "/a")
-    messages = message(1, b"x", 1) + message(1, b"y", 2)
-    data = topics + messages
-    path, body = tmp_path / "bag.mcap", chunk(data, len(data), "") if chunked else data
-    content = whole(body)
-    begin = len(MAGIC) + HEAD.size + int.from_bytes(content[9:17], "little")
-    longer = bytearray(content[len(MAGIC) : begin] + b"\x00\x00\x00")
-    longer[1:9] = (len(longer) - HEAD.size).to_bytes(8, "little")
-    for header in (content[len(MAGIC) : begin] + record(0x20, b"new"), bytes(longer)):
-        path.write_bytes(MAGIC + header + content[begin:])
-        found, faults = read(path)
-        assert [time for _, time, _ in found] == [1, 2]
-        assert any("they are no valid records" in fault for fault in faults)
-
-
 @pytest.mark.parametrize("seed", range(5))
 def test_chunks_that_lie_over_each_other_come_by_time(tmp_path: Path, seed: int) -> None:
     dice, path, chunks = np.random.default_rng(seed), tmp_path / "bag.mcap", []
@@ -173,28 +135,6 @@ def test_chunks_that_lie_over_each_other_come_by_time(tmp_path: Path, seed: int)
     channels = (channel(number, "/a") for number in range(1, len(times) + 1))
     path.write_bytes(whole(schema(1, "a/msg/B", b""), *channels, *chunks))
     assert [time for _, time, _ in read(path)[0]] == sorted(time for part in times for time in part)
-
-
-class Counting(BytesIO):
-    """Counts the bytes that are read of it."""
-
-    total = 0
-
-    def read(self, size: int | None = -1, /) -> bytes:
-        data = super().read(size)
-        self.total += len(data)
-        return data
-
-
-@pytest.mark.parametrize("opcode", [5, 6, 7, 9, 12, 15])
-def test_what_only_looks_like_records_is_not_read(opcode: int) -> None:
-    """Each of them claims all that follows."""
-    count = 60_000
-    heads = b"".join(struct.pack("<BQ", opcode, HEAD.size * (left - 1)) for left in range(count, 0, -1))
-    content = MAGIC + b"\xff" + heads + b"\xff" * 9
-    file = Counting(content)
-    assert sum(1 for _ in Records(file, len(content)).pieces()) < 10
-    assert file.total < 10 * len(content) + 2 * BLOCK
 
 
 def test_a_chunk_holds_so_much_at_most(tmp_path: Path) -> None:

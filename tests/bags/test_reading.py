@@ -10,13 +10,10 @@ import pytest
 from mcap.writer import CompressionType
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
-from knee_contact_ros.bags.reader import INPUT_TYPES, OWN_NAMES, BagReader, RawMessage, names_in_bag
-from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints
-from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.bags.reader import INPUT_TYPES, BagReader, RawMessage, names_in_bag
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.bags import Mcap, write_rosbag2, write_split
 from tests.helpers.messages import raw_inputs
-from tests.offline.test_solve import make_bag
 
 ANGLE, FORCE = INPUT_TYPES
 SQLITE, MCAP = StoragePlugin.SQLITE3, StoragePlugin.MCAP
@@ -212,17 +209,3 @@ def test_a_file_of_compressed_messages_asks_for_its_folder(
     (file,) = (path for path in folder.iterdir() if path.name != "metadata.yaml")
     with pytest.raises(UsageError, match=r"has compressed messages: give its folder"):
         BagReader(file)
-
-
-def test_a_joint_that_no_sample_has_is_told_with_those_that_are_there(tmp_path: Path) -> None:
-    rows = [(i * 5_000_000, 0.1, 800.0) for i in range(5)]
-    bag = make_bag(tmp_path / "bag.mcap", rows, joint="knee_r", heights=[0.03] * 5)
-    with BagInputs(bag, load_parameters({}), OWN_NAMES) as reader:
-        check_joints(reader, load_parameters({"knee.joint_name": "knee_r", "drive": "displacement"}).joints())
-        with pytest.raises(
-            UsageError, match=r"no joint 'knee'; it has knee_r, knee_height \(parameter knee.joint_name"
-        ):
-            check_joints(reader, load_parameters({}).joints())
-        wrong = {"knee.joint_name": "knee_r", "drive": "displacement", "knee.height_joint_name": "h"}
-        with pytest.raises(UsageError, match=r"no joint 'h'; .* \(parameter knee.height_joint_name\)"):
-            check_joints(reader, load_parameters(wrong).joints())

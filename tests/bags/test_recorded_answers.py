@@ -10,7 +10,6 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from knee_contact_ros.bags.reader import answer_blocks, answer_topics, read_answers, read_bag
-from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.model.types import FLAT, TOLD, blank
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
@@ -48,18 +47,6 @@ def message(stamp: int, frame: str) -> bytes:
     for number, name in enumerate(TOLD):
         rows.view(FLAT)[name] = number
     return encode_answer(stamp, frame, rows.tobytes())
-
-
-def test_frames_of_different_length_and_trailing_bytes(tmp_path: Path) -> None:
-    with BagWriter(tmp_path / "x.mcap") as bag:
-        bag.add_topic("/left/knee_contact", CONTACT)
-        for number, data in enumerate([message(1, "tibia"), message(2, "a long frame"), message(3, "") + b"\x00" * 3]):
-            bag.write("/left/knee_contact", number, data)
-    answers = read_answers(tmp_path / "x.mcap", "/left/knee_contact")
-    assert answers["stamp"].tolist() == [1, 2, 3]
-    for number, name in enumerate(TOLD):
-        assert answers.view(FLAT)[name].tolist() == [number] * 3, name
-    assert answer_topics(tmp_path / "x.mcap") == ["/left/knee_contact"]
 
 
 def test_recordings_from_before_a_field_stay_readable(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import struct
 import threading
 from pathlib import Path
 from resource import RLIMIT_NOFILE, getrlimit, setrlimit
@@ -10,12 +9,10 @@ from typing import Any
 
 import pytest
 from mcap.reader import make_reader
-from rosbags.highlevel import AnyReader
 from ruamel.yaml import YAML
 
-from knee_contact_ros.bags.reader import BagReader, files_of, goes_on_with
+from knee_contact_ros.bags.reader import BagReader, files_of
 from knee_contact_ros.bags.recorder import (
-    CONTINUED,
     AnswerWriter,
     BagFile,
     BagWriter,
@@ -24,19 +21,11 @@ from knee_contact_ros.bags.recorder import (
 from knee_contact_ros.streams.topics import Ending
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.sinks import answer, recorded_ticks
-from tests.hostile import bags as hostile
-from tests.hostile.bags import HEADER, MAGIC, METADATA, pairs, text
 
-HEAD = hostile.record(HEADER, text("ros2") * 2)
 MS = 1_000_000
 """[ns] between two answers"""
 TICK = 4
 """Messages of an answer"""
-
-
-def continued(first: str, name: str = CONTINUED) -> bytes:
-    """A metadata record that names the first file of a recording."""
-    return hostile.record(METADATA, text(name) + pairs([("first", first)]))
 
 
 def record(path: Path, numbers: range, limits: Limits, compressed: bool = True) -> None:
@@ -137,20 +126,6 @@ def test_a_recording_is_one_without_metadata(tmp_path: Path) -> None:
         recorded_ticks(tmp_path)
 
 
-def test_what_is_complete_can_be_read_while_the_rest_is_written(tmp_path: Path) -> None:
-    bag = BagWriter(tmp_path / "knee.mcap", limits=Limits(duration=100 * MS))
-    writer = AnswerWriter(bag, {})
-    for number in range(150):
-        writer.write(answer(number).records)
-    bag._settle(wait=True)
-    assert names(tmp_path) == ["knee.mcap", "knee_1.mcap.partial", "metadata.yaml"]
-    with AnyReader([tmp_path]) as reader:
-        assert reader.message_count == len(list(reader.messages())) == 100 * TICK
-    bag.close()
-    with AnyReader([tmp_path]) as reader:
-        assert reader.message_count == len(list(reader.messages())) == 150 * TICK
-
-
 def test_a_slow_disk_does_not_hold_up_what_comes_after_a_split(tmp_path: Path, monkeypatch: Any) -> None:
     goes_on, complete = threading.Event(), BagFile.complete
 
@@ -189,23 +164,3 @@ def test_another_bags_metadata_is_left_alone(tmp_path: Path) -> None:
     record(tmp_path / "second.mcap", range(250), Limits(duration=100 * MS))
     assert information(tmp_path) == before
     assert (tmp_path / "second_2.mcap").exists()
-
-
-@pytest.mark.parametrize(
-    ("content", "first"),
-    [
-        (MAGIC + HEAD + continued("knee.mcap"), "knee.mcap"),
-        (MAGIC + HEAD + continued("knee.mcap", "note"), ""),
-        (MAGIC + continued("knee.mcap")[:-1], ""),
-        (MAGIC + struct.pack("<BQ", HEADER, 2**64 - 1), ""),
-        (MAGIC, ""),
-        (b"", ""),
-    ],
-)
-def test_a_file_goes_on_with_what_a_whole_record_at_its_beginning_says(
-    tmp_path: Path, content: bytes, first: str
-) -> None:
-    path = tmp_path / "knee_1.mcap"
-    path.write_bytes(content)
-    assert goes_on_with(path) == first
-    assert not goes_on_with(tmp_path)

@@ -14,7 +14,6 @@ from knee_contact_ros.system.errors import UsageError
 from studies.fuzz_bags.bags import Message, messages, sqlite
 
 WRITTEN = list(messages())
-PAGE = 4096
 
 
 @pytest.fixture
@@ -35,22 +34,8 @@ def read(path: Path) -> tuple[list[Message], list[str]]:
         return found, file.faults
 
 
-def leaves(path: Path) -> list[int]:
-    """Pages that hold messages, by a look for their frame."""
-    content = path.read_bytes()
-    return [page for page in range(len(content) // PAGE) if content[page * PAGE :][:PAGE].count(b"tibia_r") > 5]
-
-
 def test_a_whole_file_has_no_faults(database: Path) -> None:
     assert read(database) == (WRITTEN, [])
-
-
-def test_a_file_with_a_lost_page_is_refused(database: Path) -> None:
-    content, page = bytearray(database.read_bytes()), leaves(database)[2]
-    content[page * PAGE : (page + 1) * PAGE] = bytes(PAGE)
-    database.write_bytes(content)
-    with pytest.raises(UsageError, match="is not a sqlite3 bag, or it is damaged"):
-        read(database)
 
 
 def test_a_file_cut_off_anywhere_is_refused(database: Path) -> None:

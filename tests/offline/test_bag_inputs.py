@@ -128,14 +128,6 @@ def test_forces_in_a_sensors_frame_give_the_same_answers(plain: list[bytes], tmp
     assert answers(tmp_path / "again.mcap") == plain
 
 
-def test_without_a_transform_the_frame_is_named(tmp_path: Path) -> None:
-    bag = bag_of(tmp_path / "s.mcap", plain_angles(), forces("sensor"), PLAIN)
-    how = load_parameters(SAME | {"frame.tibia": "tibia"})
-    with pytest.raises(UsageError, match=r"60 x frame_unknown; .* frame 'sensor', and no static transform"):
-        solve(bag, how, tmp_path / "out.mcap", lambda *_: None)
-    assert not (tmp_path / "out.mcap").exists()
-
-
 def test_a_bag_whose_frame_changes_loses_what_is_in_the_other(plain: list[bytes], tmp_path: Path) -> None:
     mixed = [
         other if i >= 40 else same for i, (same, other) in enumerate(zip(forces("tibia"), forces("x"), strict=True))

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.bags.provenance import provenance_record, read_provenance
-from knee_contact_ros.bags.reader import BagReader, RawMessage, metadata_records, names_in_bag, read_answers, read_bag
+from knee_contact_ros.bags.reader import BagReader, RawMessage, metadata_records, read_answers, read_bag
 from knee_contact_ros.bags.recorder import REFUSED_SAMPLES, AnswerWriter, BagWriter, Limits
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.joint_reaction.estimator import Estimate
@@ -168,29 +168,6 @@ def test_the_frontal_moment_splits_the_load_where_it_is_known(walking: Path, est
     estimate(walking, insole, {})
     with pytest.raises(UsageError, match=r"no tick could be computed \(240 x not_finite; .*torque\.x is nan"):
         solve(insole, by_moment, None, silent)
-
-
-@pytest.mark.parametrize("more", [{}, {"frame.ground": "plate_isb", "pairing.angle_delay": 0.01}])
-def test_its_own_output_gives_the_same_again(walking: Path, tmp_path: Path, more: dict[str, Any]) -> None:
-    for output, bag in (("first.mcap", walking), ("again.mcap", tmp_path / "first.mcap")):
-        estimate(bag, tmp_path / output, WHOLE_LEG | more)
-    assert raw(tmp_path / "first.mcap") == raw(tmp_path / "again.mcap")
-
-
-@pytest.mark.parametrize(
-    ("prefix", "rules", "namespace"),
-    [
-        ("/left", (), "left"),
-        ("/exo", ("joint_states:=/exo/joint_states", "ground_reaction_force:=/exo/ground_reaction_force"), ""),
-        ("/left/exo", ("joint_states:=exo/joint_states", "ground_reaction_force:=exo/ground_reaction_force"), "left"),
-    ],
-)
-def test_inputs_have_other_names(
-    estimated: Path, tmp_path: Path, prefix: str, rules: tuple[str, ...], namespace: str
-) -> None:
-    bag = walking_bag(tmp_path / "bag.mcap", WALK, prefix)
-    estimate(bag, tmp_path / "out.mcap", names=names_in_bag(rules, namespace, LOAD_INPUTS))
-    assert raw(tmp_path / "out.mcap") == raw(estimated)
 
 
 def test_forces_are_turned_by_what_the_bag_says_of_frames(tmp_path: Path) -> None:

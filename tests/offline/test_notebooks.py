@@ -76,14 +76,6 @@ def test_a_value_changes_a_recording_and_leaves_the_rest_of_it(right_bag: Path, 
     assert told(healthy) == told(knee_contact_ros.solve(right_bag))
 
 
-def test_inputs_may_have_other_names(tmp_path: Path) -> None:
-    bag = make_bag(tmp_path / "bag.mcap", ROWS)
-    with pytest.raises(UsageError, match="/left/joint_states"):
-        knee_contact_ros.solve(bag, namespace="left")
-    with pytest.raises(UsageError, match="/exo/states"):
-        knee_contact_ros.solve(bag, remap={"joint_states": "/exo/states"})
-
-
 def test_what_is_wrong_is_told(right_bag: Path, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="no bag"):
         knee_contact_ros.solve()
@@ -147,13 +139,3 @@ def test_a_load_is_what_the_command_estimates(tmp_path: Path) -> None:
     assert found.dtype == ESTIMATE
     assert found.tobytes() == np.array(each_told, ESTIMATE).tobytes()
     assert len(knee_contact_ros.solve(tmp_path / "out.mcap")) == len(found)
-
-
-def test_what_is_wrong_with_a_load_is_said_in_python(tmp_path: Path) -> None:
-    bag = walking_bag(tmp_path / "in.mcap", walk())
-    with pytest.raises(UsageError, match=r"did you mean person\.mass"):
-        knee_contact_ros.estimate_load(bag, values={"persn.mass": 60.0})
-    with pytest.raises(UsageError, match=r"remap: .* is not allowed; a mapping"):
-        knee_contact_ros.estimate_load(bag, remap=["joint_states"])  # type: ignore[arg-type]
-    with pytest.raises(UsageError, match="is not an input; FROM must be joint_states or ground_reaction"):
-        knee_contact_ros.estimate_load(bag, remap={"joint_reaction_force": "/force"})
