@@ -91,17 +91,16 @@ def provenance_record(
         source: Bag that the inputs come from, if any.
         ticks_before: Number of ticks that the node had computed before the recording began.
     """
-    values = flat_parameters(parameters)
-    kept = {name: value for name, value in values.items() if not name.startswith(NOT_OF_THE_RESULT)}
-    how = (
-        {"level": parameters.chosen_level}
-        if isinstance(parameters, LoadParameters)
-        else {"model_sha256": model_digest()}
-    )
-    what = {"parameters": json.dumps(kept, indent=0), TICKS_BEFORE: str(ticks_before)}
-    files = {CURVE + name: text for name, text in curves.items()}
-    origin = {"source": source.name, "source_sha256": bag_digest(source)} if source else {}
-    return {"package": f"knee_contact_ros {__version__}"} | how | what | files | origin
+    values = {k: v for k, v in flat_parameters(parameters).items() if not k.startswith(NOT_OF_THE_RESULT)}
+    level = parameters.chosen_level if isinstance(parameters, LoadParameters) else ""
+    return {
+        "package": f"knee_contact_ros {__version__}",
+        **({"level": level} if level else {"model_sha256": model_digest()}),
+        "parameters": json.dumps(values, indent=0),
+        TICKS_BEFORE: str(ticks_before),
+        **{CURVE + name: text for name, text in curves.items()},
+        **({"source": source.name, "source_sha256": bag_digest(source)} if source else {}),
+    }
 
 
 def change_record(tick: int, values: Mapping[str, Any]) -> dict[str, str]:
@@ -117,17 +116,13 @@ def read_provenance(bag: Path) -> Provenance | None:
             file of a recording, without its first one.
     """
     records = list(_metadata(bag))
-    record = next((content for name, content in records if name == PROVENANCE), None)
-    if record is None:
-        continued = next((content for name, content in records if name == CONTINUED), None)
-        if continued is not None and not any(name == LOAD_PROVENANCE for name, _ in records):
-            first = continued.get("first", "another file")
-            raise UsageError(
-                f"{bag} goes on with {first}, which has the parameters: give the whole folder, or --params"
-            )
-        return None
+    first = dict(reversed(records))
+    record = first.get(PROVENANCE)
+    if record is None and CONTINUED in first and LOAD_PROVENANCE not in first:
+        begin = first[CONTINUED].get("first", "another file")
+        raise UsageError(f"{bag} goes on with {begin}, which has the parameters: give the whole folder, or --params")
     values = _values_in(bag, PROVENANCE, record)
-    if values is None:
+    if record is None or values is None:
         return None
     before = int(record[TICKS_BEFORE])
     changes, damage = _changes(records, before)
@@ -140,13 +135,13 @@ def read_provenance(bag: Path) -> Provenance | None:
     return Provenance(bag, package, model, parameters, curves, before, tuple(changes), tuple(damage))
 
 
-def _values_in(bag: Path, name: str, record: Mapping[str, str]) -> dict[str, Any] | None:
-    """Parameters in the record `name` of a bag; None: somebody else's record has the same name.
+def _values_in(bag: Path, name: str, record: Mapping[str, str] | None) -> dict[str, Any] | None:
+    """Parameters in the record `name` of a bag; None: there is none, or somebody else's has the same name.
 
     Raises:
         UsageError: The record is damaged.
     """
-    if not record.get("package", "").startswith(OURS):
+    if not record or not record.get("package", "").startswith(OURS):
         return None
     try:
         values: dict[str, Any] = dict(json.loads(record["parameters"]))
@@ -167,7 +162,7 @@ def stored_load(bag: Path) -> tuple[dict[str, Any], int] | None:
     """
     records = list(_metadata(bag))
     record = next((content for name, content in records if name == LOAD_PROVENANCE), None)
-    values = _values_in(bag, LOAD_PROVENANCE, record) if record else None
+    values = _values_in(bag, LOAD_PROVENANCE, record)
     if values is None:
         return None
     changes = [content.keys() - {TICK} for name, content in records if name == PARAMETERS_CHANGED]

@@ -256,14 +256,13 @@ class BagReader:
             if topic in topics or not topics
         }
         for declared in self._in_file:
-            before, own = Counter[Connection](), dict[int, int]()
+            before = Counter[Connection]()
+            numbers.append({})
             for channel, connection in declared.items():
-                key = connection._replace(messages=0)
-                if key in wanted:
-                    own[channel] = known.setdefault((key, before[key]), len(known))
-                    publishers += [(wanted[key], key.definition)] * (len(known) - len(publishers))
+                if (key := connection._replace(messages=0)) in wanted:
+                    number = numbers[-1][channel] = known.setdefault((key, before[key]), len(known))
+                    publishers += [(wanted[key], key.definition)] * (number == len(publishers))
                     before[key] += 1
-            numbers.append(own)
         return publishers, self._batches(numbers)
 
     def _batches(self, numbers: Sequence[Mapping[int, int]]) -> Iterator[Batch]:
@@ -439,20 +438,15 @@ def _found(bag: Path, connections: Sequence[Connection], topic: str, type_name: 
 @lru_cache(maxsize=16)
 def _difference(definition: MessageDefinition, type_name: str) -> str:
     """First difference between a type's definition in a bag and in ROS 2; empty if there is none, or no definition."""
-    if definition.format is MessageDefinitionFormat.NONE:
-        return ""
-    is_idl = definition.format is MessageDefinitionFormat.IDL
-    try:
-        types = get_types_from_idl(definition.data) if is_idl else get_types_from_msg(definition.data, type_name)
-    except Exception:  # whatever a text that is no definition provokes
-        return ""
-    known = typestore().fielddefs
-    for name in types.keys() & known.keys():
-        fields, ours = types[name][1], known[name][1]
-        for theirs, own in zip_longest(fields, ours):
-            if theirs != own:
-                there, expected = (field[0] if field else "nothing" for field in (theirs, own))
-                return f"{name} has {there} where {expected} should be"
+    text, form, known = definition.data, definition.format, typestore().fielddefs
+    with suppress(Exception):  # whatever a text that is no definition provokes
+        is_idl = form is MessageDefinitionFormat.IDL
+        types = get_types_from_idl(text) if is_idl else get_types_from_msg(text, type_name)
+        for name in types.keys() & known.keys() if form is not MessageDefinitionFormat.NONE else ():
+            for theirs, own in zip_longest(types[name][1], known[name][1]):
+                if theirs != own:
+                    there, expected = (field[0] if field else "nothing" for field in (theirs, own))
+                    return f"{name} has {there} where {expected} should be"
     return ""
 
 
@@ -468,13 +462,12 @@ def _advice(connections: Sequence[Connection], topic: str) -> str:
         return f"it has the joint states of ros2_control, {dynamic[0]}: say -p knee.source:={DYNAMIC_JOINT_STATES}"
     same_type = sorted(name for name, type_name in types.items() if type_name == MESSAGE_TYPES.get(own))
     if own in (*INPUTS, *LOAD_INPUTS) and topic not in same_type:
-        other_topics = tuple(f"/{known}" for known in MESSAGE_TYPES if known != own)
-        candidates = [name for name in same_type if not name.endswith(other_topics)]
-        if candidates:
+        others = [name for name in same_type if name.endswith(tuple(f"/{known}" for known in MESSAGE_TYPES))]
+        if candidates := [name for name in same_type if name not in others or name.endswith(topic)]:
             return f"of this type it has {listed(candidates)}: say --remap {own}:={candidates[0]}"
         other, advice = OTHER_FORCE.get(own, ("", ""))
-        if others := [name for name in same_type if name.endswith(f"/{other}")]:
-            return f"{advice} {others[0]}"
+        if theirs := [name for name in others if name.endswith(f"/{other}")]:
+            return f"{advice} {theirs[0]}"
     return f"its topics: {listed(sorted(types)) or 'none'}"
 
 
@@ -485,13 +478,8 @@ def namespaces(types: Mapping[str, str], inputs: Sequence[str]) -> list[str]:
         types: Type of each topic of a bag, by its absolute name.
         inputs: Relative names of the inputs.
     """
-    first = f"/{inputs[0]}"
-    candidates = sorted(name.removesuffix(first).strip("/") for name in types if name.endswith(first))
-    return [
-        space
-        for space in candidates
-        if space and all(types.get(absolute(topic, space)) == MESSAGE_TYPES[topic] for topic in inputs)
-    ]
+    spaces = sorted(name.removesuffix(inputs[0]).strip("/") for name in types if name.endswith(f"/{inputs[0]}"))
+    return [s for s in spaces if s and all(types.get(f"/{s}/{topic}") == MESSAGE_TYPES[topic] for topic in inputs)]
 
 
 def _unpacked(data: bytes) -> bytes:
@@ -512,12 +500,8 @@ def read_metadata(folder: Path) -> tuple[list[str], str, list[str], int]:
     try:
         content = read_yaml(folder / METADATA, LARGEST_METADATA)["rosbag2_bagfile_information"]
         mode = str(content.get("compression_mode") or "").lower().replace("none", "")
-        return (
-            list(dict.fromkeys(Path(name).name for name in content["relative_file_paths"])),
-            mode,
-            [],
-            int(content.get("message_count") or 0),
-        )
+        names = list(dict.fromkeys(Path(name).name for name in content["relative_file_paths"]))
+        return names, mode, [], int(content.get("message_count") or 0)
     except FileNotFoundError:
         return [], "", [f"{METADATA} is missing"], 0
     except (OSError, BadYamlError, LookupError, TypeError, ValueError, AttributeError, OverflowError):
@@ -582,13 +566,10 @@ def kind_of(path: Path) -> str:
     """
     with open_regular(path) as file:
         begin = file.read(max(map(len, FOREIGN)))
-    for foreign, words in FOREIGN.items():
-        if begin.startswith(foreign):
-            raise UsageError(f"cannot read bag {path}: it {words}")
-    for kind, magic in MAGICS.items():
-        if begin.startswith(magic):
-            return kind
+    if words := next((words for foreign, words in FOREIGN.items() if begin.startswith(foreign)), ""):
+        raise UsageError(f"cannot read bag {path}: it {words}")
     kinds = [suffix for suffix in path.suffixes if suffix in MAGICS]
+    kinds += [kind for kind, magic in MAGICS.items() if begin.startswith(magic)]
     if not kinds:
         raise UsageError(f"cannot read bag {path}: it is neither an MCAP nor a sqlite3 file")
     return kinds[-1]
@@ -606,15 +587,13 @@ def _decompressed(bag: Path, names: Sequence[str], folder: Path) -> list[str]:
         try:
             with open_regular(bag / name) as file, (folder / name.removesuffix(".zstd")).open("wb") as unpacked:
                 reader = zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True)
-                while left >= 0 and (data := reader.read(BLOCK)):
+                while data := reader.read(BLOCK):
                     left -= len(data)
+                    if left < 0:
+                        raise OSError(f"it holds more than {MOST_GROWTH} times its size")
                     unpacked.write(data)
         except (OSError, zstandard.ZstdError) as error:
             raise UsageError(f"cannot read bag file {bag / name}: {error}") from None
-        if left < 0:
-            raise UsageError(
-                f"{bag / name} holds more than {MOST_GROWTH} times its size: no recording is compressed so well"
-            )
     return [name.removesuffix(".zstd") if name in there else name for name in names]
 
 

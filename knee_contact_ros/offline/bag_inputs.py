@@ -24,7 +24,7 @@ from knee_contact_ros.system.errors import UsageError, listed
 from knee_contact_ros.system.terminal import warn
 
 READ_AHEAD = 256
-"""Number of messages that are read at once where they are wanted one by one"""
+"""Number of messages that are read at once to look for a joint"""
 
 
 def as_recorded(parameters: Any) -> Any:
@@ -86,12 +86,6 @@ class BagInputs:
                 batch = twice if only is None else twice.part(np.flatnonzero(twice.numbers == only))
             yield batch.converted(convert) if any(convert) else batch
 
-    def messages(self, only: int | None = None) -> Iterator[tuple[int, bytes]]:
-        """Yield messages one by one as numbers and bytes; see `blocks`."""
-        for batch in self.blocks(READ_AHEAD, only):
-            for number, _, data in batch:
-                yield number, data
-
     @property
     def forces(self) -> int:
         """Number of forces."""
@@ -119,12 +113,9 @@ def check_joints(bag: BagInputs, wanted: Mapping[str, str]) -> None:
         UsageError: no sample has one of the joints; the message lists those of the bag.
     """
     joints: dict[str, None] = {}  # a set that keeps the order
-    for _, data in bag.messages(only=0):
-        try:
-            names = JOINT_STATE.read(data, JOINT_STATES)[0].name
-        except RefusedSampleError:
-            continue
-        joints |= dict.fromkeys(names)
+    for data in (data for block in bag.blocks(READ_AHEAD, only=0) for _, _, data in block):
+        with suppress(RefusedSampleError):
+            joints |= dict.fromkeys(JOINT_STATE.read(data, JOINT_STATES)[0].name)
         if joints.keys() >= set(wanted.values()):
             return
     for parameter, joint in wanted.items():

@@ -11,11 +11,14 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from knee_contact_ros.bags.reader import BagReader
+from knee_contact_ros.bags.provenance import read_provenance
+from knee_contact_ros.bags.reader import BagReader, metadata_records
 from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
+from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATE
+from knee_contact_ros.streams.frames import FORCE_TURNED, TF_MESSAGE, TF_STATIC
 from knee_contact_ros.streams.topics import MESSAGE_TYPES
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.bags import Mcap
@@ -28,7 +31,11 @@ KILONEWTONS = [0.9 + 0.4 * math.sin(0.4 * i) for i in range(60)]
 STATE = (
     "std_msgs/Header header\nuint16 mode\nexo_msgs/Joint[] joints\nfloat64[3] force\ntime_or_not stamp_of_sensor\n"
 ).replace("time_or_not", "builtin_interfaces/Time")
-OWN = {"exo_msgs/msg/State": STATE, "exo_msgs/msg/Joint": "string name\nfloat32 angle_deg\nfloat64 angle\n"}
+VALUE = "control_msgs/msg/InterfaceValue"
+OWN = {VALUE: "string[] interface_names\nfloat64[] values\n",
+       DYNAMIC_JOINT_STATE: "std_msgs/Header header\nstring[] joint_names\nInterfaceValue[] interface_values\n",
+       "exo_msgs/msg/State": STATE,
+       "exo_msgs/msg/Joint": "string name\nfloat32 angle_deg\nfloat64 angle\n"}  # fmt: skip
 """Definitions that no package here has"""
 STORE = get_typestore(Stores.ROS2_JAZZY)
 for name, text in OWN.items():
@@ -66,6 +73,24 @@ def state(stamp: int, angle: float, load: float) -> Any:
     joints = [message("exo_msgs/msg/Joint", f"j{n}", 0.0, value) for n, value in enumerate((9.0, -angle))]
     force = np.array([0.0, -load, 0.0])
     return message("exo_msgs/msg/State", head(stamp), 3, joints, force, head(stamp).stamp)
+
+
+def dynamic(stamp: int, angle: float, _load: float) -> Any:
+    """As a joint state broadcaster writes it: a joint without a position before, and efforts beside positions."""
+    values = [message(VALUE, ["effort"], np.array([3.0]))]
+    values += [message(VALUE, ["velocity", "position"], np.array([np.nan, at])) for at in (9.9, angle)]
+    return message(DYNAMIC_JOINT_STATE, head(stamp), ["motor", "hip", "knee"], values)
+
+
+def in_frame(frame: str, along: Callable[[float], Any]) -> Make:
+    """Forces in a frame, in which `along` gives the vector of a load that presses."""
+
+    def make(stamp: int, _angle: float, load: float) -> Any:
+        made = wrench(stamp, *along(-load))
+        made.header.frame_id = frame
+        return made
+
+    return make
 
 
 def bag_of(path: Path, topics: Mapping[str, tuple[str, Make]], order: slice = slice(None)) -> Path:
@@ -124,6 +149,10 @@ CASES: dict[str, tuple[str, str, dict[str, tuple[str, Make]]]] = {
         "/harmony/joint_states on arrival", "/joint_reaction_force",
         dict([("/harmony/joint_states", (ANGLE[1][0], lambda t, *rest: ANGLE[1][1](0, *rest))), FORCE]),
     ),
+    "joint states of ros2_control": (
+        "dynamic_joint_states", "joint_reaction_force",
+        dict([("/dynamic_joint_states", (DYNAMIC_JOINT_STATE, dynamic)), FORCE]),
+    ),
     "a body with an id": (
         "/humans/bodies/*/joint_states", "joint_reaction_force",
         dict([("/humans/bodies/ab12/joint_states",
@@ -142,6 +171,35 @@ def test_answers_are_those_of_the_usual_messages(case: str, plain: list[bytes], 
     assert answers(out) == plain
     solve(out, how, tmp_path / "again.mcap", lambda *_: None)  # a recording holds what was made of the sources
     assert answers(tmp_path / "again.mcap") == plain
+
+
+def test_forces_in_a_sensors_frame_give_the_same_answers_and_those_in_another_frame_none(tmp_path: Path) -> None:
+    """The sensor's y lies along the tibia's x, its z along y, its x along z: exact in floating point."""
+    stamped = STORE.types["geometry_msgs/msg/TransformStamped"]
+    pose = message(
+        "geometry_msgs/msg/Transform", vector(0.0, 0.0, 0.0), message("geometry_msgs/msg/Quaternion", *[0.5] * 4)
+    )
+    lies: Make = lambda t, *_: message(TF_MESSAGE, [stamped(head(t, "tibia"), "sensor", pose)])  # noqa: E731
+    changed = in_frame("tibia", lambda down: (0.0, down, 0.0)), in_frame("x", lambda down: (0.0, down, 0.0))
+    made = {}
+    for name, force, values in (
+        ("tibia", changed[0], {}),
+        ("sensor", in_frame("sensor", lambda down: (down, 0.0, 0.0)), {"frame.tibia": "tibia"}),
+        ("changes", lambda t, *rest: changed[t >= STAMPS[40]](t, *rest), {}),
+    ):
+        topics = dict([ANGLE, (FORCE[0], (FORCE[1][0], force)), (TF_STATIC, (TF_MESSAGE, lies))])
+        made[name] = tmp_path / f"{name}.mcap"
+        bag = bag_of(tmp_path / f"{name}_in.mcap", topics)
+        summary = solve(bag, load_parameters(values), made[name], lambda *_: None)
+        assert summary.refused == ({"frame_changed": 20} if name == "changes" else {})
+    assert answers(made["sensor"]) == answers(made["tibia"])
+    assert answers(made["changes"]) == answers(made["tibia"])[:40]
+    note = next(record.metadata for record in metadata_records(made["sensor"]) if record.name == FORCE_TURNED)
+    assert (note["from"], note["to"]) == ("sensor", "tibia")
+    recorded = read_provenance(made["sensor"])
+    assert recorded is not None
+    solve(recorded.recording, recorded, tmp_path / "again.mcap", lambda *_: None)  # it needs no transform any more
+    assert answers(tmp_path / "again.mcap") == answers(made["tibia"])
 
 
 @pytest.mark.parametrize(

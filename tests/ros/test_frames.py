@@ -15,11 +15,21 @@ from rclpy.qos import DurabilityPolicy, QoSProfile
 from rclpy.serialization import deserialize_message
 
 from knee_contact_ros.bags.provenance import read_provenance
+from knee_contact_ros.bags.reader import INPUT_TYPES
+from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.streams.frames import Transform, decode_transforms, encode_transforms, isb_transform
+from knee_contact_ros.streams.frames import (
+    TF_MESSAGE,
+    TF_STATIC,
+    Transform,
+    decode_transforms,
+    encode_transforms,
+    isb_transform,
+)
 from tests.helpers.messages import RosMessages, header
-from tests.offline.test_bag_inputs import PLAIN, answers, bag_of, dynamic, forces, plain_angles
+from tests.helpers.walking import FORCE, walk
+from tests.offline.test_sources import DYNAMIC_JOINT_STATE, STORE, answers, dynamic
 from tests.ros.conftest import NodeProcess, Peer
 
 Start = Callable[..., NodeProcess]
@@ -101,7 +111,7 @@ def test_angles_may_come_from_ros2_control(peer: Peer, start_node: Start, tmp_pa
     peer.wait_until(peer.force.get_subscription_count)
     publisher.publish(b"\0\1\0\0\xff")
     for i in range(20):
-        publisher.publish(dynamic(i * STEP, hip=9.9, knee=0.01 * i))
+        publisher.publish(bytes(STORE.serialize_cdr(dynamic(i * STEP, 0.01 * i, 0.0), DYNAMIC_JOINT_STATE)))
         send_force(peer, i * STEP, "tibia_r", (0.0, -700.0, 0.0))
     peer.wait_until(lambda: len(peer.contacts) == 20)
     assert [contact.flexion_angle for contact in peer.contacts] == [0.01 * i for i in range(20)]
@@ -125,7 +135,13 @@ def test_what_is_not_installed_is_named(start_node: Start) -> None:
 def test_a_replay_says_where_the_bags_frames_are(peer: Peer, tmp_path: Path) -> None:
     messages = pytest.importorskip("tf2_msgs.msg", reason="the package tf2_msgs is not installed")
     mounted = Transform("tibia", "sensor", (0.0, 0.0, 0.1), (0.5, 0.5, 0.5, 0.5))
-    bag = bag_of(tmp_path / "bag.mcap", plain_angles(), forces("sensor"), PLAIN, encode_transforms([mounted], 0))
+    bag, topics = tmp_path / "bag.mcap", INPUT_TYPES | {TF_STATIC: TF_MESSAGE}
+    with BagWriter(bag) as writer:
+        for topic, kind in topics.items():
+            writer.add_topic(topic, kind)
+        for one in walk(20):
+            writer.write(one.topic if one.topic != FORCE else "/joint_reaction_force", one.log_time, one.data)
+        writer.write(TF_STATIC, 0, encode_transforms([mounted], 0))
     told: list[Transform] = []
     peer.node.create_subscription(
         messages.TFMessage, "/tf_static", lambda data: told.extend(decode_transforms(data)), LATCHED, raw=True
