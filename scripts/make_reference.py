@@ -44,7 +44,7 @@ PYTHON = {
         "model.types.Status", "model.readouts.ContactPatch",
     ],
     "Studies": [
-        "lab.uncertainty.Uncertainty", "lab.uncertainty.Propagated", "lab.uncertainty.Sampled", "lab.sweep.Cohort",
+        "lab.uncertainty.Uncertainty", "lab.uncertainty.Propagated", "lab.sweep.Cohort",
         "lab.sensitivity.Sensitivity: outcomes remarks cohort to_pandas", "lab.calibrate.Calibration",
         "lab.calibrate.fit.Interval", "streams.strides.Stride",
         "streams.strides.Span: duration stance percent",

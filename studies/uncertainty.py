@@ -6,14 +6,15 @@ python -m studies.uncertainty [--samples N] [--output FILE]
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import click
 import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.report import Section, machine, save
-from knee_contact_ros import uncertainty
+from knee_contact_ros import UsageError, uncertainty
+from knee_contact_ros.lab.uncertainty import Uncertainty
 from knee_contact_ros.system.files import share_folder
 
 KNEES: dict[str, list[str]] = {
@@ -33,10 +34,45 @@ within the linear 95 % interval, on average over the ticks. Factors are log-norm
 constant through the gait."""
 
 
-def ratios(sampled: NDArray[np.float64], linear: NDArray[np.float64]) -> str:
+class Sampled(NamedTuple):
+    """Standard deviation of a quantity over samples of the inputs, and share within the linear 95 % interval, (n,)."""
+
+    deviation: NDArray[np.float64]
+    inside: NDArray[np.float64]
+
+
+def sampled(found: Uncertainty, samples: int, seed: int = 0) -> list[tuple[Sampled, Sampled]]:
+    """Draw all inputs at once (JCGM 101:2008), and give depth and force of each compartment.
+
+    A sample with a parameter out of its range is drawn again.
+    """
+    several, random = [found.medial, *([found.lateral] if found.lateral else [])], np.random.default_rng(seed)
+    before = [np.stack([one.rows["penetration_depth"], one.rows["contact_force"]]) for one in several]
+    bounds = [np.stack([one.depth_interval(), one.force_interval()], axis=1) for one in several]
+    sums, done = [np.zeros((3, *one.shape)) for one in before], 0
+    while done < samples:
+        off = dict(zip(found.medial.parts, random.standard_normal(len(found.medial.parts)).tolist(), strict=True))
+        try:
+            answers = found.given.answers(off, samples)
+        except UsageError:
+            continue
+        for place, rows in enumerate(answers):
+            now, (low, high) = np.stack([rows["penetration_depth"], rows["contact_force"]]), bounds[place]
+            away = now - before[place]
+            sums[place] += np.stack([away, away * away, (low <= now) & (now <= high)])
+        done += 1
+    results = []
+    for first, second, inside in sums:
+        spread = np.sqrt(np.maximum(second - first**2 / samples, 0.0) / (samples - 1))
+        depth, force = (Sampled(each, part) for each, part in zip(spread, inside / samples, strict=True))
+        results.append((depth, force))
+    return results
+
+
+def ratios(drawn: NDArray[np.float64], linear: NDArray[np.float64]) -> str:
     """Median and range of a ratio over the ticks, for the table."""
     known = linear > 0.0
-    low, middle, high = np.percentile(sampled[known] / linear[known], (5.0, 50.0, 95.0))
+    low, middle, high = np.percentile(drawn[known] / linear[known], (5.0, 50.0, 95.0))
     return f"{middle:.2f} ({low:.2f} … {high:.2f})"
 
 
@@ -51,12 +87,12 @@ def main(samples: int, output: Path) -> None:
         for size, deviations in SIZES.items():
             found = uncertainty(bag, files, deviations, compiled=True)
             linear = [found.medial, *([found.lateral] if found.lateral else [])]
-            for which, one, check in zip(("medial", "lateral"), linear, found.sampled(samples), strict=False):
+            for which, one, (depth, force) in zip(("medial", "lateral"), linear, sampled(found, samples), strict=False):
                 at = int(one.rows["load"].argmax())
                 cells: list[Any] = [f"{name}, {which}" if len(linear) > 1 else name, size]
                 cells += [f"{1e6 * one.depth[at]:.0f}", f"{one.force[at]:.0f}"]
-                cells += [ratios(check.depth, one.depth), ratios(check.force, one.force)]
-                cells += [f"{100.0 * inside.mean():.1f} %" for inside in (check.depth_inside, check.force_inside)]
+                cells += [ratios(depth.deviation, one.depth), ratios(force.deviation, one.force)]
+                cells += [f"{100.0 * inside.mean():.1f} %" for inside in (depth.inside, force.inside)]
                 rows.append(cells)
     header = ("knee", "deviations", "depth at the largest load [µm]", "force there [N]", "depth, sampled over linear",
               "force, sampled over linear", "depths inside", "forces inside")  # fmt: skip

@@ -10,10 +10,10 @@ own acceleration, at most a few m/s^2 in walking, is left out.
 from __future__ import annotations
 
 import math
-from collections import deque
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 Vector = tuple[float, float, float]
 """A vector with x forward, y up and z to the right"""
@@ -149,80 +149,58 @@ class MotionFilter:
     """Fits a parabola to the last angles by least squares, and gives its slope at their middle and its curvature.
 
     So both are half a window late. A window of twice the length has a sixth of the noise in the curvature. The bits
-    depend only on stamps and angles in the window: cells and epochs are those of the clock, and the sums over the rows
-    are computed anew at every stamp.
+    depend only on stamps and angles in the window, which is divided into cells of the clock.
     """
 
     def __init__(self, window: float) -> None:
         """Take the duration [s] of the samples that the parabola is fitted to; 0: the joints count as still."""
         self._window = round(window / NANOSECOND)
         self._cell = -(-self._window // (MOST - 1))
-        self._held: deque[int] = deque()  # stamps in the window
-        self._motion = STILL
-        # A row for each: powers of its time, from the epoch's beginning and in windows, and its angles. New rows go
-        # behind the others; an epoch is as long as a window, and as it begins, what is held moves to the front.
-        self._rows = np.empty((2 * MOST, 6))
-        self._end = self._epoch = 0
+        self._stamps, self._angles = np.empty(2 * MOST, np.int64), np.empty((2 * MOST, 3))
+        self.forget()
 
     def forget(self) -> None:
         """Forget all angles."""
-        self._held.clear()
-        self._motion = STILL
+        self._begin, self._end, self._last, self._motion = 0, 0, -1, STILL
 
     def now(self, stamp: int) -> Motion:
         """Give the motion at a stamp [ns] not before that of the last angles; still if these are too old by then."""
-        return self._motion if self._held and stamp - self._held[-1] <= self._window else STILL
+        return self._motion if stamp - self._last <= self._window else STILL
 
     def see(self, stamp: int, joints: Joints) -> Motion:
         """Take the angles measured at a stamp [ns], and give the motion; still until there are enough samples.
 
         A stamp that is not later than the last one makes the filter forget all angles before.
         """
-        self._motion = self._seen(stamp, joints)
+        if self._window == 0:
+            return STILL
+        if stamp <= self._last:
+            self.forget()
+        elif self._begin < self._end and stamp // self._cell == self._last // self._cell:
+            self._end -= 1
+        elif self._end == len(self._stamps):  # what is kept moves to the front
+            kept = slice(self._begin, self._end)
+            self._begin, self._end = 0, self._end - self._begin
+            self._stamps[: self._end], self._angles[: self._end] = self._stamps[kept], self._angles[kept]
+        self._stamps[self._end], self._angles[self._end], self._last = stamp, joints[:3], stamp
+        self._end += 1
+        while stamp - self._stamps[self._begin] > self._window:
+            self._begin += 1
+        since = self._stamps[self._begin : self._end] - self._stamps[self._begin]
+        known = len(since) >= FEWEST and 2 * since[-1] >= self._window
+        self._motion = self._parabola(since / self._window) if known else STILL
         return self._motion
 
-    def _seen(self, stamp: int, joints: Joints) -> Motion:
-        window, cell, held = self._window, self._cell, self._held
-        if window == 0:
-            return STILL
-        if held and stamp <= held[-1]:
-            held.clear()
-        while held and stamp - held[0] > window:
-            held.popleft()
-        if held and stamp // cell == held[-1] // cell:
-            held.pop()
-            self._end -= 1
-        if not held or stamp - self._epoch >= window:
-            self._begin_epoch(stamp - stamp % window)
-        time = (stamp - self._epoch) / window
-        self._rows[self._end] = 1.0, time, time * time, joints.flexion, joints.hip, joints.ankle
-        self._end += 1
-        held.append(stamp)
-        if len(held) < FEWEST or 2 * (stamp - held[0]) < window:
-            return STILL
-        return self._parabola()
-
-    def _begin_epoch(self, epoch: int) -> None:
-        many = len(self._held)
-        angles = self._rows[self._end - many : self._end, 3:]
-        times = (np.array(self._held, dtype=np.int64) - epoch) / self._window
-        self._rows[:many] = np.column_stack([np.ones(many), times, times * times, angles])
-        self._end, self._epoch = many, epoch
-
-    def _parabola(self) -> Motion:
-        """Fit by polynomials that are orthogonal on the stamps: 1, t - mean, t^2 - tilt t - level."""
-        rows, window = self._rows[self._end - len(self._held) : self._end], self._window * NANOSECOND
-        ones, firsts, seconds = (rows[:, :3].T @ rows).tolist()
-        number, first, second = ones[:3]
-        mean = first / number
-        spread = second - mean * first
-        tilt = (seconds[1] - mean * second) / spread
-        level = (second - tilt * first) / number
-        bend = seconds[2] - tilt * seconds[1] - level * second
-        motion = []
-        for one, by_time, by_square in zip(ones[3:], firsts[3:], seconds[3:], strict=True):
-            curvature = (by_square - tilt * by_time - level * one) / bend
-            slope = (by_time - mean * one) / spread + (2.0 * mean - tilt) * curvature
+    def _parabola(self, time: NDArray[np.float64]) -> Motion:
+        """Fit by polynomials that are orthogonal on the times, in windows: 1, t, and t^2 - tilt t - level."""
+        time = time - time.sum() / len(time)
+        spread = time @ time
+        tilt = (time * time) @ time / spread
+        square = time * time - tilt * time - spread / len(time)
+        angles = self._angles[self._begin : self._end]
+        slopes, curvatures = time @ angles / spread, square @ angles / (square @ square)
+        window, motion = self._window * NANOSECOND, []
+        for slope, curvature in zip((slopes - tilt * curvatures).tolist(), curvatures.tolist(), strict=True):
             known = math.isfinite(slope)
             motion.append(Turning(slope / window, 2.0 * curvature / (window * window)) if known else STANDING)
         return Motion(*motion)

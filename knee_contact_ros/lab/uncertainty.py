@@ -2,7 +2,7 @@
 
 Linear propagation follows JCGM 100:2008, Sec. 5.1.2, for independent inputs: u² = Σ (∂f/∂x u(x))². The
 slopes are differences between one deviation less and one more, each a whole run of the model, so that a curvature
-between them counts on average. `sampled` draws all inputs at once (JCGM 101:2008) and assumes no linearity.
+between them counts on average.
 """
 
 from __future__ import annotations
@@ -11,7 +11,6 @@ import difflib
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from numbers import Real
 from operator import attrgetter
@@ -49,8 +48,6 @@ LARGEST = 1.0
 DEPTH_AND_FORCE = ("penetration_depth", "contact_force")
 LEVEL = 0.95
 """Default probability of an interval"""
-TRIES = 100
-"""Number of draws of which at least one in this many must lie in the parameters' ranges"""
 
 
 class Deviation(NamedTuple):
@@ -99,27 +96,25 @@ def deviations_of(given: Mapping[str, Any] | Name, parameters: Parameters) -> tu
         raise UsageError("uncertainty: no standard deviation is given; for example contact.stiffness: 10 %")
     left_out = ("axial_load", "medial_share") if parameters.drive == "displacement" else ("femoral_height",)
     sections = SECTIONS if has_both(parameters) else SECTIONS[:-1]
-    values = all_values(parameters).items()
-    known = [name for name, value in values if name.startswith(sections) and isinstance(value, float)]
+    known = [name for name, value in all_values(parameters).items()
+             if name.startswith(sections) and isinstance(value, float)]  # fmt: skip
     streams, found = [name for name in STREAMS if name not in left_out], []
     for name, size in dotted(given).items():
         if name not in (*streams, *known):
             near = difflib.get_close_matches(name, [*streams, *known], n=1, cutoff=0.75)
             where = f"with drive {parameters.drive} and load.compartment {parameters.load.compartment}"
-            allowed = f"{', '.join(streams)}, or a real number of {', '.join(sections)}"
-            hint = f"did you mean {near[0]}?" if near else f"{where} {allowed}"
+            allowed = f"{where} {', '.join(streams)}, or a real number of {', '.join(sections)}"
+            hint = f"did you mean {near[0]}?" if near else allowed
             raise UsageError(f"uncertainty: {name or repr(name)} is not allowed; {hint}")
-        relative, number = isinstance(size, str), math.nan
-        with suppress(ValueError, OverflowError):
-            if relative and size.strip().endswith("%"):
-                number = float(size.strip()[:-1]) / 100.0
-            elif isinstance(size, Real) and not isinstance(size, bool):
-                number = float(size)
+        relative = isinstance(size, str)
         part = name == "axial_load" or name not in STREAMS
-        if not 0.0 < number < math.inf or (relative and (number > LARGEST or not part)):
-            percent = ", or up to '100 %'" if part else ""
-            raise UsageError(f"uncertainty: {name}: {size!r} is not allowed; a number > 0 in SI units{percent}")
-        found.append(Deviation(name, number, relative))
+        percent = re.fullmatch(r"\s*(\d+\.?\d*(?:[eE][+-]?\d+)?)\s*%\s*", size) if relative and part else None
+        number: Any = size if isinstance(size, Real) and not isinstance(size, bool | np.bool_) else math.nan
+        number = 0.01 * float(percent[1]) if percent else number
+        if not 0.0 < number < (LARGEST + 1e-9 if relative else 1e30):
+            more = ", or up to '100 %'" if part else ""
+            raise UsageError(f"uncertainty: {name}: {size!r} is not allowed; a number > 0 in SI units{more}")
+        found.append(Deviation(name, float(number), relative))
     return tuple(found)
 
 
@@ -211,29 +206,6 @@ class Propagated(NamedTuple):
         return np.asarray(np.sqrt(np.sum([part[which] ** 2 for part in self.parts.values()], axis=0)))
 
 
-class Sampled(NamedTuple):
-    """Mean and standard deviation of a compartment's depth and force over samples of the inputs, shape (n,)."""
-
-    number: int
-    """Number of samples"""
-    depth_mean: Floats
-    """Mean depth [m]"""
-    depth: Floats
-    """Standard deviation of the depth [m]"""
-    force_mean: Floats
-    """Mean contact force [N]"""
-    force: Floats
-    """Standard deviation of the contact force [N]"""
-    depth_inside: Floats
-    """Share of the samples whose depth is within the linear interval of `LEVEL`"""
-    force_inside: Floats
-    """Share of the samples whose force is within the linear interval of `LEVEL`"""
-
-    def __repr__(self) -> str:
-        inside = f"{np.mean(self.depth_inside):.3f} of the depths and {np.mean(self.force_inside):.3f} of the forces"
-        return f"<Sampled: {self.number} samples of {len(self.depth)} ticks; {inside} are in the linear intervals>"
-
-
 def factor(level: float) -> float:
     """Return the half-width, in standard deviations, of the interval of a normal value with probability `level`.
 
@@ -305,44 +277,6 @@ class Uncertainty:
 
     def __getattr__(self, name: str) -> Any:
         raise no_such(self, name)
-
-    def sampled(self, samples: int = 200, seed: int = 0) -> list[Sampled]:
-        """Compare the linear propagation with random samples of all inputs at once, for each compartment.
-
-        A sample with a parameter out of its range is drawn again.
-
-        Raises:
-            UsageError: fewer than 2 samples, or the first `TRIES` are all out of the parameters' ranges.
-        """
-        if samples < 2:
-            raise UsageError(f"samples: {samples} is not allowed; 2 or more")
-        linear, random = [self.medial, *([self.lateral] if self.lateral else [])], np.random.default_rng(seed)
-        before = [np.stack([one.rows[name] for name in DEPTH_AND_FORCE]) for one in linear]
-        bounds = [np.stack([one.depth_interval(), one.force_interval()], axis=1) for one in linear]
-        sums, done, left_out = [np.zeros((3, *one.shape)) for one in before], 0, 0
-        with progress("Sampling") as advance:
-            while done < samples:
-                drawn = random.standard_normal(len(self.medial.parts)).tolist()
-                try:
-                    several = self.given.answers(dict(zip(self.medial.parts, drawn, strict=True)), samples)
-                except UsageError as error:
-                    left_out += 1
-                    if left_out >= TRIES * (done + 1):
-                        raise UsageError(f"uncertainty: of {TRIES} samples none lies in the ranges: {error}") from None
-                    continue
-                for place, rows in enumerate(several):
-                    now = np.stack([rows[name] for name in DEPTH_AND_FORCE])
-                    off, (low, high) = now - before[place], bounds[place]
-                    sums[place] += np.stack([off, off * off, (low <= now) & (now <= high)])
-                done += 1
-                advance(done, samples)
-        results = []
-        for base, (first, second, inside) in zip(before, sums, strict=True):
-            mean = first / samples
-            spread = np.sqrt(np.maximum(second - samples * mean**2, 0.0) / (samples - 1))
-            depth, force = zip(base + mean, spread, strict=True)
-            results.append(Sampled(samples, *depth, *force, *inside / samples))
-        return results
 
 
 def uncertainty(
