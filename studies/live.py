@@ -27,8 +27,7 @@ from knee_contact_ros.model.types import Status, byte
 from knee_contact_ros.parameters.files import known_parameters, load_parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
-from tests.ros.conftest import NodeProcess, Peer, call
-from tests.ros.test_streams import set_parameters
+from tests.ros.conftest import NodeProcess, Peer, call, set_parameters
 from tests.streams.test_changes import different_fields, walk
 
 PATIENCE = 20.0

@@ -29,11 +29,10 @@ from knee_contact_ros.model.types import ROW, reader
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.node.diagnostics import ContactHealth
 from knee_contact_ros.node.inputs import HandedInputs
-from knee_contact_ros.node.parameters import NodeKind, Topics
-from knee_contact_ros.node.session import DIAGNOSTICS, OUTPUT_DEPTH, Session
+from knee_contact_ros.node.parameters import NodeKind
+from knee_contact_ros.node.session import OUTPUT_DEPTH, Session
 from knee_contact_ros.parameters.files import curve_texts
 from knee_contact_ros.parameters.schema import LATERAL, Parameters, has_both
-from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATES
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.messages import JointState as StrideNumbers
 from knee_contact_ros.streams.messages import encode_joint_state
@@ -41,9 +40,7 @@ from knee_contact_ros.streams.output import Knee
 from knee_contact_ros.streams.pairing import LoadSample, PairedSample
 from knee_contact_ros.streams.strides import CERTAIN, Stride, Strides
 from knee_contact_ros.streams.topics import (
-    INPUTS,
     KNEE_CONTACT,
-    KNEE_CONTACT_LATERAL,
     KNEE_CONTACT_MARKERS,
     KNEE_CONTACT_STRIDE,
     KNEE_CONTACT_WRENCH,
@@ -266,15 +263,4 @@ class ContactSession(Session):
         self.health.answers.append((levels[-1], status, end - begin, late, time.monotonic()))
 
 
-CONTACT_TOPICS = Topics(
-    (*INPUTS, DYNAMIC_JOINT_STATES),
-    (
-        KNEE_CONTACT,
-        KNEE_CONTACT_LATERAL,
-        KNEE_CONTACT_WRENCH,
-        KNEE_CONTACT_STRIDE,
-        KNEE_CONTACT_MARKERS,
-        DIAGNOSTICS,
-    ),
-)
-CONTACT_NODE = NodeKind(Parameters, LIVE, CONTACT_TOPICS, ContactSession)
+CONTACT_NODE = NodeKind(Parameters, LIVE, ContactSession)

@@ -6,6 +6,7 @@ import math
 import time
 from collections.abc import Callable, Collection
 from fnmatch import fnmatchcase
+from functools import partial
 from importlib import import_module
 from typing import Any, NamedTuple
 
@@ -19,7 +20,7 @@ from rosbags.typesys.store import Typestore
 
 from knee_contact_ros.node.diagnostics import HANDED_OVER, LOG_PERIOD, InputMeter, at_most_every
 from knee_contact_ros.parameters.sources import Source
-from knee_contact_ros.streams.conversion import Convert
+from knee_contact_ros.streams.conversion import ANY, Convert
 from knee_contact_ros.streams.frames import TF_STATIC, ForceFrame, decode_transforms, encode_transforms, isb_transform
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import installed_share
@@ -80,149 +81,98 @@ class HandedStream:
 
 
 class InputStream:
-    """Subscription to the bytes of a topic.
+    """Subscriptions to the bytes of a topic, or of all topics of a type whose names match a pattern.
 
-    A reliable subscription gets nothing from a best-effort publisher, and a best-effort one may miss samples. So it
+    A reliable subscription gets nothing from a best-effort publisher, and a best-effort one may miss samples. So each
     begins as reliable, and becomes best effort when it meets a best-effort publisher, unless the user has decided.
+    Topics that match and come later are found within a second, those whose publishers are gone are left.
     """
 
     def __init__(
-        self,
-        node: LifecycleNode,
-        message_type: type,
-        topic: str,
-        on_data: Callable[[bytes], int | None],
-        qos_given: Collection[str],
-        meter: InputMeter,
-        convert: Convert | None = None,
-    ) -> None:
+        self, node: LifecycleNode, message_type: type, topic: str, on_data: Callable[[bytes], int | None],
+        qos_given: Collection[str], meter: InputMeter, convert: Convert | None = None,
+    ) -> None:  # fmt: skip
         """Prepare a subscription: `on_data` gets the bytes of a message and returns its stamp, `meter` counts it.
 
         `qos_given` has the names of the QoS overrides that the user has given; `convert` turns messages of other types
         into those that `on_data` takes.
         """
-        self.topic = topic
-        self._convert = convert
-        self.meter = meter
-        self.best_effort = False
-        self.has_overrides = True
-        """Whether a user may override QoS policies"""
-        self._node = node
-        self._type = message_type
-        self._on_data = on_data
-        self._unheard = False  # there is a publisher whose samples cannot come
-        name = f"qos_overrides.{node.resolve_topic_name(topic)}.subscription.reliability"
-        self._decided_by_user = name in qos_given
-        self._subscription: Any = None
+        self.topic, self.meter = topic, meter
+        self._node, self._type, self._on_data, self._convert = node, message_type, on_data, convert
+        self._subscriptions: dict[str, Any] = {}  # by topic
+        self._best_effort, self._unheard = set[str](), set[str]()  # topics; the latter with a publisher we do not hear
+        self._matches = ANY in topic
+        self._due = math.inf  # when to look for topics that match
+        given = "" if self._matches else f"qos_overrides.{node.resolve_topic_name(topic)}.subscription.reliability"
+        self._decided_by_user = given in qos_given
 
     def open(self) -> None:
-        """Subscribe."""
-        reliability = ReliabilityPolicy.BEST_EFFORT if self.best_effort else ReliabilityPolicy.RELIABLE
-        self._unheard = False
-        self._subscription = self._node.create_subscription(
+        """Subscribe, or begin to look for topics."""
+        if self._matches:
+            self._due = 0.0
+        else:
+            self._subscribe(self.topic)
+
+    def _subscribe(self, topic: str) -> None:
+        best_effort = topic in self._best_effort
+        left = [QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH]  # to the user; nobody knows names that match before
+        if not best_effort or self._decided_by_user:  # once declared, the reliability would stay as it was at first
+            left.append(QoSPolicyKind.RELIABILITY)
+        self._subscriptions[topic] = self._node.create_subscription(
             self._type,
-            self.topic,
+            topic,
             self._on_other_message if self._convert else self._on_message,
-            QoSProfile(depth=DEPTH, reliability=reliability),
+            QoSProfile(
+                depth=DEPTH, reliability=ReliabilityPolicy.BEST_EFFORT if best_effort else ReliabilityPolicy.RELIABLE
+            ),
             raw=True,
-            event_callbacks=SubscriptionEventCallbacks(incompatible_qos=self._on_incompatible_qos),
-            qos_overriding_options=QoSOverridingOptions(self._left_to_user()),
+            event_callbacks=SubscriptionEventCallbacks(incompatible_qos=partial(self._on_incompatible_qos, topic)),
+            qos_overriding_options=QoSOverridingOptions([] if self._matches else left),
         )
 
-    def _left_to_user(self) -> list[QoSPolicyKind]:
-        """QoS policies that a user may override; once declared, the reliability would stay as it was at first."""
-        if not self.has_overrides:
-            return []
-        ours = self.best_effort and not self._decided_by_user
-        reliability = [] if ours else [QoSPolicyKind.RELIABILITY]
-        return [QoSPolicyKind.HISTORY, QoSPolicyKind.DEPTH, *reliability]
-
-    def close(self) -> None:
-        """End the subscription."""
-        if self._subscription is not None:
-            self._node.destroy_subscription(self._subscription)
-        self._subscription = None
-
-    @property
-    def reliability(self) -> str:
-        """Reliability of the subscription; empty if there is none."""
-        return self._subscription.qos_profile.reliability.name.lower() if self._subscription is not None else ""
-
-    @property
-    def publishers(self) -> int:
-        """Number of publishers that the subscription is matched with."""
-        return self._subscription.get_publisher_count() if self._subscription is not None else 0
-
-    def adapt(self) -> None:
-        """Subscribe as best effort if a publisher could not be received.
-
-        Not to be called from the subscription's own callbacks.
-        """
-        if not self._unheard or self.best_effort:
-            return
-        self._unheard = False
-        name = self._node.resolve_topic_name(self.topic)
-        if self._decided_by_user:
-            self._node.get_logger().warning(f"a publisher of {name} cannot be heard: its QoS does not fit the override")
-            return
-        self.best_effort = True
-        self.close()
-        self.open()
-        self._node.get_logger().info(f"a publisher of {name} is best effort; the node listens in the same way")
-
-    def _on_message(self, data: bytes) -> None:
-        stamp = self._on_data(data)
-        self.meter.arrivals.append((time.monotonic(), time.time(), stamp))
-
-    def _on_other_message(self, data: bytes) -> None:
-        assert self._convert is not None  # noqa: S101  (by `open`)
-        self._on_message(self._convert(data, time.time_ns()))  # the events executor gives no times
-
-    def _on_incompatible_qos(self, event: Any) -> None:
-        self._unheard = event.last_policy_kind == QoSPolicyKind.RELIABILITY or self._decided_by_user
-
-
-class MatchingStreams:
-    """Subscriptions to all topics of a type whose names match a pattern; used like an `InputStream`.
-
-    Topics that come later are found within a second, those whose publishers are gone are left.
-    """
-
-    def __init__(self, node: LifecycleNode, message_type: type, topic: str, *how: Any) -> None:
-        """Prepare the subscriptions; see `InputStream`."""
-        self.topic, self._node, self._type, self._how = topic, node, message_type, how
-        self.meter: InputMeter = how[2]
-        self._streams: dict[str, InputStream] = {}
-        self._due = math.inf
-
-    def open(self) -> None:
-        """Begin to look for topics."""
-        self._due = 0.0
+    def _leave(self, topic: str) -> None:
+        self._node.destroy_subscription(self._subscriptions.pop(topic))
 
     def close(self) -> None:
         """End all subscriptions."""
         self._due = math.inf
-        for stream in self._streams.values():
-            stream.close()
-        self._streams = {}
+        self._unheard.clear()
+        for topic in list(self._subscriptions):
+            self._leave(topic)
 
     @property
     def reliability(self) -> str:
-        """Reliabilities of the subscriptions."""
-        return ", ".join(sorted({stream.reliability for stream in self._streams.values()}))
+        """Reliabilities of the subscriptions; empty if there are none."""
+        found = {each.qos_profile.reliability.name.lower() for each in self._subscriptions.values()}
+        return ", ".join(sorted(found))
 
     @property
     def publishers(self) -> int:
         """Number of publishers that the subscriptions are matched with."""
-        return sum(stream.publishers for stream in self._streams.values())
+        return sum(each.get_publisher_count() for each in self._subscriptions.values())
 
     def adapt(self) -> None:
-        """Look for topics once a second; see also `InputStream.adapt`."""
-        for stream in self._streams.values():
-            stream.adapt()
-        if time.monotonic() < self._due:
-            return
-        self._due = time.monotonic() + LOOK_PERIOD
+        """Subscribe as best effort if a publisher could not be received; look for topics once a second.
+
+        Not to be called from the subscription's own callbacks.
+        """
+        for topic in self._unheard - self._best_effort:
+            name = self._node.resolve_topic_name(topic)
+            if self._decided_by_user:
+                text = f"a publisher of {name} cannot be heard: its QoS does not fit the override"
+                self._node.get_logger().warning(text)
+                continue
+            self._best_effort.add(topic)
+            self._leave(topic)
+            self._subscribe(topic)
+            self._node.get_logger().info(f"a publisher of {name} is best effort; the node listens in the same way")
+        self._unheard.clear()
+        if time.monotonic() >= self._due:
+            self._due = time.monotonic() + LOOK_PERIOD
+            self._look()
+
+    def _look(self) -> None:
+        """Subscribe to new topics that match, and leave those that are gone."""
         pattern = resolved(self._node, self.topic)
         kind = f"{self._type.__module__.split('.')[0]}/msg/{self._type.__name__}"
         topics = {
@@ -230,13 +180,23 @@ class MatchingStreams:
             for name, types in self._node.get_topic_names_and_types()
             if kind in types and fnmatchcase(name, pattern) and self._node.count_publishers(name)
         }
-        for name in self._streams.keys() - topics:
-            self._streams.pop(name).close()
-        for name in sorted(topics - self._streams.keys()):
+        for name in self._subscriptions.keys() - topics:
+            self._leave(name)
+        for name in sorted(topics - self._subscriptions.keys()):
             self._node.get_logger().info(f"listening to {name}")
-            self._streams[name] = InputStream(self._node, self._type, name, *self._how)
-            self._streams[name].has_overrides = False  # nobody knows the names before
-            self._streams[name].open()
+            self._subscribe(name)
+
+    def _on_message(self, data: bytes) -> None:
+        stamp = self._on_data(data)
+        self.meter.arrivals.append((time.monotonic(), time.time(), stamp))
+
+    def _on_other_message(self, data: bytes) -> None:
+        assert self._convert is not None  # noqa: S101  (by `_subscribe`)
+        self._on_message(self._convert(data, time.time_ns()))  # the events executor gives no times
+
+    def _on_incompatible_qos(self, topic: str, event: Any) -> None:
+        if event.last_policy_kind == QoSPolicyKind.RELIABILITY or self._decided_by_user:
+            self._unheard.add(topic)
 
 
 def message_class(source: Source, by: str) -> type:
@@ -284,7 +244,7 @@ def installed_types(source: Source, by: str) -> Typestore:
     return store
 
 
-Input = InputStream | MatchingStreams | HandedStream
+Input = InputStream | HandedStream
 Inputs = tuple[Input, Input]
 """Streams of angles and of forces"""
 

@@ -21,8 +21,8 @@ from knee_contact_ros.joint_reaction.estimator import Level
 from knee_contact_ros.msg import LoadEstimate
 from knee_contact_ros.node.diagnostics import Health
 from knee_contact_ros.node.inputs import HandedInputs, HandOver
-from knee_contact_ros.node.parameters import NodeKind, Topics
-from knee_contact_ros.node.session import DIAGNOSTICS, OUTPUT_DEPTH, Session
+from knee_contact_ros.node.parameters import NodeKind
+from knee_contact_ros.node.session import OUTPUT_DEPTH, Session
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.load_stream import LoadStream
 from knee_contact_ros.streams.output import LOAD_PROVENANCE, Knee
@@ -30,7 +30,6 @@ from knee_contact_ros.streams.pairing import PairedSample
 from knee_contact_ros.streams.topics import (
     JOINT_REACTION_FORCE,
     LOAD_ESTIMATE,
-    LOAD_INPUTS,
     LOAD_RECORDED,
 )
 
@@ -117,8 +116,7 @@ class LoadSession(Session):
         self.health.answers.append(counted)
 
 
-LOAD_TOPICS = Topics(LOAD_INPUTS, (JOINT_REACTION_FORCE, LOAD_ESTIMATE, DIAGNOSTICS))
-LOAD_NODE = NodeKind(LoadParameters, LIVE, LOAD_TOPICS, LoadSession)
+LOAD_NODE = NodeKind(LoadParameters, LIVE, LoadSession)
 
 
 def load_and_contact() -> tuple[NodeKind, NodeKind]:

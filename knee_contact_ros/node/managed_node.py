@@ -6,10 +6,7 @@ The transition configure reads the parameters and opens the outputs, activate op
 
 from __future__ import annotations
 
-import os
 import signal
-import sys
-import threading
 import traceback
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -27,6 +24,7 @@ from knee_contact_ros.node.parameters import NodeKind, NodeParameters, given_by_
 from knee_contact_ros.node.session import Session
 from knee_contact_ros.parameters.files import check_file
 from knee_contact_ros.streams.pairing import unanswered_sentence
+from knee_contact_ros.streams.topics import INPUTS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import parameter_file
 from knee_contact_ros.system.ros import executor_of, joining, resolved
@@ -222,7 +220,7 @@ def check_names(nodes: Sequence[ManagedNode]) -> None:
         if names[0] == names[1]:
             own = giver.kind.schema.node
             raise UsageError(f"two nodes would have the name {names[0]}; rename one of them, as -r {own}:__node:=NAME")
-        for topic in sorted({*giver.kind.topics.inputs, *giver.kind.topics.outputs} & {*taker.kind.topics.inputs}):
+        for topic in INPUTS:
             given, taken = giver.resolve_topic_name(topic), taker.resolve_topic_name(topic)
             if given != taken:
                 raise UsageError(
@@ -257,8 +255,6 @@ def start(nodes: Sequence[ManagedNode]) -> None:
 
 MEANINGLESS = (signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM, signal.SIGVTALRM, signal.SIGPROF, signal.SIGPIPE)
 """Signals without a meaning for a node, which would end a process that does not handle them"""
-LOST_PERIOD = 0.01
-"""Time [s] after which a lost interruption is repeated"""
 
 
 class Stop:
@@ -278,27 +274,14 @@ class Stop:
 
     @contextmanager
     def interrupting(self) -> Iterator[None]:
-        """Let the first signal raise KeyboardInterrupt within the `with` block, at once if it has come before.
-
-        An exception in a finalizer or in a callback from C, of which the compiler has many, is lost: it is raised again
-        a little later.
-        """
-        self._interrupts, previous_hook = True, sys.unraisablehook
-
-        def on_lost(lost: Any) -> None:
-            if not issubclass(lost.exc_type, KeyboardInterrupt):
-                previous_hook(lost)
-                return
-            self._interrupts = True
-            threading.Timer(LOST_PERIOD, os.kill, (os.getpid(), signal.SIGINT)).start()
-
-        sys.unraisablehook = on_lost
+        """Let the first signal raise KeyboardInterrupt within the `with` block, at once if it has come before."""
+        self._interrupts = True
         try:
             if self.requested:
                 raise KeyboardInterrupt
             yield
         finally:
-            self._interrupts, sys.unraisablehook = False, previous_hook
+            self._interrupts = False
 
     def _on_signal(self, _number: int, _frame: object) -> None:
         self.requested = True

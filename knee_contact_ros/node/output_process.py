@@ -45,9 +45,14 @@ def work(connection: Connection, module: str, arguments: tuple[Any, ...]) -> boo
         while not isinstance(sent, Ending | None):
             due = min(looked + LOOK_PERIOD, flushed + output.period if unflushed else math.inf)
             if readable.poll(1e3 * max(due - time.monotonic(), 0.0)):
-                sent = received(connection)
-                unflushed = True
-                written += take(output, sent)
+                unflushed, sent = True, None
+                with suppress(EOFError, OSError):  # the node may be gone
+                    sent = connection.recv()
+                if isinstance(sent, Note):
+                    output.note(*sent)
+                elif isinstance(sent, list):
+                    output.write(sent)
+                    written += len(sent)
             now = time.monotonic()
             if unflushed and now >= flushed + NEARLY * output.period:
                 output.flush()
@@ -63,24 +68,6 @@ def work(connection: Connection, module: str, arguments: tuple[Any, ...]) -> boo
         report(FAILED, (isinstance(error, OSError) and error.strerror) or f"{type(error).__name__}: {error}")
         return False
     return True
-
-
-def take(output: Any, sent: Any) -> int:
-    """Hand what was received to the output; return the number of answers."""
-    if isinstance(sent, Note):
-        output.note(*sent)
-    if not isinstance(sent, list):
-        return 0
-    output.write(sent)
-    return len(sent)
-
-
-def received(connection: Connection) -> Any:
-    """Receive an item; None if the node is gone."""
-    try:
-        return connection.recv()
-    except (EOFError, OSError):
-        return None
 
 
 def step_back(niceness: int) -> None:

@@ -100,14 +100,9 @@ class SinkProcess:
 
     def report(self) -> tuple[dict[str, str], str, bool]:
         """Values for `/diagnostics`, what is wrong (empty if nothing is), and whether answers are lost by that."""
-        full = f"{100.0 * self._fill():.0f}"
-        values = {
-            "backlog": str(len(self._waiting)),
-            "full [%]": full,
-            "dropped": str(self.dropped),
-            "written": str(self._last.written),
-            "process": str(self.process.pid) if self.process else "none",
-        }
+        full, process = f"{100.0 * self._fill():.0f}", str(self.process.pid) if self.process else "none"
+        values = {"backlog": str(len(self._waiting)), "full [%]": full, "dropped": str(self.dropped)}
+        values |= {"written": str(self._last.written), "process": process}
         if self.failure or self.dropped:
             return values, self.failure or f"{self.label}: {self._too_many()}", True
         late = f"{self.label} is behind: {full} % of its queue is full"
@@ -143,8 +138,10 @@ class SinkProcess:
         if self.is_over():
             return True
         unsent, process = self._unsent(), f"its process ({self.process.pid if self.process else 'none yet'})"
-        said = f"is not waited for: {process} goes on; {unsent} answers have not been handed to it"
-        self._fail(f"{self.label} is not complete yet, and {said}")
+        self._fail(
+            f"{self.label} is not complete yet, and is not waited for: {process} goes on; {unsent} answers have not "
+            "been handed to it"
+        )
         return not unsent
 
     def _unsent(self) -> int:
@@ -214,11 +211,12 @@ class SinkProcess:
     def _send_batch(self, connection: Connection) -> int:
         """Send the oldest answers, or the oldest item if it is none; return how many."""
         waiting, items = self._waiting, [self._waiting.popleft()]
-        if isinstance(items[0], Answer):
+        sent = items[0]
+        if isinstance(sent, Answer):
             while waiting and len(items) < BATCH and isinstance(waiting[0], Answer):
                 items.append(waiting.popleft())
+            sent = [getattr(item, self._sink.part) for item in items]
         self._sent_size += sum(map(size_of, items))
-        sent = [getattr(item, self._sink.part) for item in items] if isinstance(items[0], Answer) else items[0]
         connection.send_bytes(pickle.dumps(sent, pickle.HIGHEST_PROTOCOL))  # takes half the time of `send`
         return len(items)
 

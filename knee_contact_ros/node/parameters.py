@@ -1,18 +1,14 @@
-"""Kinds of nodes, and their ROS 2 parameters: overrides, declarations with descriptions, changes at run time, QoS.
-
-rclpy ignores QoS overrides that do not fit; here they are refused.
-"""
+"""Kinds of nodes, and their ROS 2 parameters: overrides, declarations with descriptions, changes at run time."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from rcl_interfaces.msg import FloatingPointRange, IntegerRange, ParameterDescriptor, SetParametersResult
 from rclpy.lifecycle import LifecycleNode
 from rclpy.node import Node
 from rclpy.parameter import Parameter
-from rclpy.qos import HistoryPolicy, ReliabilityPolicy
 
 from knee_contact_ros.parameters.files import all_values, known_parameters, load_parameters
 from knee_contact_ros.parameters.schema import Declaration, NodeSection
@@ -22,13 +18,6 @@ if TYPE_CHECKING:
     from knee_contact_ros.node.session import Session
 
 
-class Topics(NamedTuple):
-    """Topics whose QoS a user may override."""
-
-    inputs: tuple[str, ...]
-    outputs: tuple[str, ...]
-
-
 class NodeKind(NamedTuple):
     """Kind of node; what all kinds have in common is in `managed_node.py` and `session.py`."""
 
@@ -36,7 +25,6 @@ class NodeKind(NamedTuple):
     """Name of the node, and its parameters"""
     live: frozenset[str]
     """Names of the parameters that may change while the node is configured: they take effect between two ticks"""
-    topics: Topics
     session: Callable[[LifecycleNode, Any, Collection[str]], Session]
     """Makes the session of a node from its parameters and the names of the QoS overrides that the user has given"""
 
@@ -44,15 +32,6 @@ class NodeKind(NamedTuple):
 LARGEST_INTEGER = 2**63 - 1
 """Largest integer that a parameter can hold"""
 PREFIX = "qos_overrides."
-STANDARD_TOPICS = ("/clock.", "/parameter_events.", "/rosout.")
-"""Topics of every ROS 2 node, whose overrides are not checked here"""
-LARGEST_DEPTH = 2**31 - 1
-"""Largest depth that the middleware can hold"""
-POLICIES = {
-    policy: tuple(member.name.lower() for member in members if member.name != "UNKNOWN")
-    for policy, members in (("history", HistoryPolicy), ("reliability", ReliabilityPolicy))
-}
-"""Allowed values of the QoS policies that may be overridden beside `depth`"""
 
 
 def described(name: str, declaration: Declaration) -> ParameterDescriptor:
@@ -86,13 +65,7 @@ class NodeParameters:
         """Session that is told of changes while the node is configured"""
         self._before: dict[str, Any] = {}  # values before the change that is checked
         overrides = self._values()
-        parameters = load_parameters(overrides, kind.schema)
-        values, sources = all_values(parameters), [source.topic for source in parameters.inputs()]
-        self._topics = kind.topics._replace(
-            inputs=(*kind.topics.inputs, *(name for name in sources if "*" not in name))
-        )
-        """Topics whose QoS a user may override, with those that the parameters name"""
-        check_qos_overrides(node, self._topics, overrides.items())
+        values = all_values(load_parameters(overrides, kind.schema))
         for name, declaration in self._known.items():
             if name in overrides:
                 node.set_descriptor(name, described(name, declaration))
@@ -118,7 +91,6 @@ class NodeParameters:
                         f"parameter {change.name} cannot change while the node is configured, only after a cleanup"
                     )
             parameters = load_parameters(self._before | {each.name: each.value for each in changes}, self._kind.schema)
-            check_qos_overrides(self._node, self._topics, ((change.name, change.value) for change in new))
             if self.user and new:
                 self.user.check(parameters)
         except Exception as error:  # whatever a part of the model has against it
@@ -153,34 +125,3 @@ def given_by_user(node: Node) -> frozenset[str]:
     """Names of the QoS overrides that the user has given; rclpy declares the others itself, as read-only."""
     names = [PREFIX + name for name in node.get_parameters_by_prefix(PREFIX.rstrip("."))]
     return frozenset(name for name in names if not node.describe_parameter(name).read_only)
-
-
-def check_qos_overrides(node: Node, topics: Topics, given: Iterable[tuple[str, object]]) -> None:
-    """Check the QoS overrides among parameters, given as names and values, for the topics of a node.
-
-    Raises:
-        UsageError: an override names none of the node's topics or an unknown policy, or its value is not allowed.
-    """
-    ours = [
-        f"{PREFIX}{node.resolve_topic_name(topic)}.{side}."
-        for side, of_side in (("subscription", topics.inputs), ("publisher", topics.outputs))
-        for topic in of_side
-    ]
-    for name, value in given:
-        if not name.startswith(PREFIX) or name.removeprefix(PREFIX).startswith(STANDARD_TOPICS):
-            continue
-        beginning, _, policy = name.rpartition(".")
-        if f"{beginning}." not in ours or policy not in (*POLICIES, "depth"):
-            known = ", ".join(f"{topic}*" for topic in ours)
-            raise UsageError(f"unknown parameter {name}; allowed: {known} with depth, {', '.join(POLICIES)}")
-        _check_value(name, policy, value)
-
-
-def _check_value(name: str, policy: str, value: object) -> None:
-    if policy == "depth":
-        allowed, words = type(value) is int and 0 <= value <= LARGEST_DEPTH, f"an integer from 0 to {LARGEST_DEPTH}"
-    else:
-        allowed = isinstance(value, str) and value.lower() in POLICIES[policy]
-        words = ", ".join(POLICIES[policy])
-    if not allowed:
-        raise UsageError(f"parameter {name}: {value!r} is not allowed; allowed: {words}")

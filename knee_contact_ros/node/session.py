@@ -24,14 +24,13 @@ from knee_contact_ros.node.inputs import (
     Input,
     Inputs,
     InputStream,
-    MatchingStreams,
     StaticTransformTopic,
     installed_types,
     message_class,
 )
 from knee_contact_ros.node.outputs import Outputs
-from knee_contact_ros.parameters.sources import WRENCH_STAMPED, Source, source_of
-from knee_contact_ros.streams.conversion import ANY, converters
+from knee_contact_ros.parameters.sources import WRENCH_STAMPED, source_of
+from knee_contact_ros.streams.conversion import converters
 from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.output import Knee, Note
 from knee_contact_ros.streams.pairing import PairedSample, PairedStreams
@@ -79,30 +78,25 @@ class Session(ABC):
         Raises:
             UsageError: a type that the parameters name is not installed, or lacks a field.
         """
-        limits, max_gap = self.parameters.diagnostics, self.parameters.pairing.max_gap
+        node, limits, max_gap = self.node, self.parameters.diagnostics, self.parameters.pairing.max_gap
         angles, forces = self.parameters.inputs()
         on_angle, on_force = converters(self.parameters, installed_types)
         angle_meter = InputMeter(limits.angle_warn_rate, limits.angle_error_rate, max_gap, limits.timeout)
         force_meter = InputMeter(limits.force_warn_rate, limits.force_error_rate, max_gap, limits.timeout)
-
+        by = self.parameters.force_source
         first: Input
         if handed and (angles.topic == JOINT_STATES or angles == handed.angles.source):
             first = HandedStream(angles.topic, self._on_joint_state, angle_meter, handed.angles)
         else:
-            first = self._input(angles, "knee.source", self._on_joint_state, qos_given, angle_meter, on_angle)
-        if handed:
-            if forces != source_of(self.parameters.usual_forces, WRENCH_STAMPED):
-                fault = f"parameter {self.parameters.force_source}: {forces.topic!r} is not allowed with --with-contact"
-                raise UsageError(
-                    f"{fault}: the force comes from the load node; leave it out, or run `knee-contact node`"
-                )
-            return first, HandedStream(self.pipeline.force_topic, self._on_force, force_meter, handed.forces)
-        by = self.parameters.force_source
-        return first, self._input(forces, by, self._on_force, qos_given, force_meter, on_force)
-
-    def _input(self, source: Source, by: str, *how: Any) -> Input:
-        stream = MatchingStreams if ANY in source.topic else InputStream
-        return stream(self.node, message_class(source, by), source.topic, *how)
+            kind, how = message_class(angles, "knee.source"), (qos_given, angle_meter, on_angle)
+            first = InputStream(node, kind, angles.topic, self._on_joint_state, *how)
+        if not handed:
+            kind, how = message_class(forces, by), (qos_given, force_meter, on_force)
+            return first, InputStream(node, kind, forces.topic, self._on_force, *how)
+        if forces != source_of(self.parameters.usual_forces, WRENCH_STAMPED):
+            fault = f"parameter {by}: {forces.topic!r} is not allowed with --with-contact: the force comes from the"
+            raise UsageError(f"{fault} load node; leave it out, or run `knee-contact node`")
+        return first, HandedStream(self.pipeline.force_topic, self._on_force, force_meter, handed.forces)
 
     def _offer(self, topics: Mapping[str, tuple[Any, int]]) -> None:
         """Advertise topics, each with its type and depth, and the diagnostics.

@@ -4,23 +4,26 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import lru_cache
 from operator import add
 from typing import Any
+from xml.sax.saxutils import escape
 
 import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.joint_reaction.compartments import LoadRule
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_LOAD, KneeModel, degrees_hint
-from knee_contact_ros.model.types import FLAT, ROW, WRENCH, Rows, Status
+from knee_contact_ros.model.types import FLAT, ROW, WRENCH, Rows, Status, reader
 from knee_contact_ros.parameters.build import build_model, load_rule, retuned
 from knee_contact_ros.parameters.files import curve_texts, lateral_texts
 from knee_contact_ros.parameters.schema import Knee, Parameters, has_both, lateral_knee
 from knee_contact_ros.streams.frames import ForceFrame
-from knee_contact_ros.streams.leg import Leg
 from knee_contact_ros.streams.messages import (
+    HEADER,
+    Bytes,
     JointState,
     RefusedSampleError,
     Stamps,
@@ -37,12 +40,18 @@ from knee_contact_ros.streams.topics import (
     KNEE_CONTACT,
     KNEE_CONTACT_LATERAL,
     KNEE_CONTACT_WRENCH,
+    LEG_URDF,
+    NANOSECONDS,
+    ROBOT_DESCRIPTION,
+    SHANK,
+    TF,
     Answer,
     Record,
     is_lateral,
 )
 from knee_contact_ros.streams.watch import Doubts, Split, doubts_about
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.files import share_folder
 
 Floats = NDArray[np.float64]
 DOUBTFUL_LOAD = int(Status.DOUBTFUL_LOAD)  # a plain number: combining flags of an enumeration takes long
@@ -368,3 +377,77 @@ def answering(topic: str, parameters: Parameters, texts: Mapping[str, str]) -> t
     if is_lateral(topic):
         return lateral_knee(parameters), lateral_texts(texts)
     return parameters, texts
+
+
+MOVED, DESCRIBED = NANOSECONDS // 50, 10 * NANOSECONDS
+"""Periods [ns]: at the first tick of one the thigh is placed, and the leg described again, for snapshots and splits"""
+QUOTE = {'"': "&quot;"}
+SHOWN = reader("flexion_angle", "femoral_height", "femoral_x")
+"""Reader of the fields of an answer's row that the pose of the thigh follows from"""
+
+
+class Leg:
+    """Makes the messages about the leg, tick by tick or for many; they depend on stamps and answers alone.
+
+    They are its description (URDF), and where the thigh is (tf2). The shank stands in the frame of the forces, the
+    tibia frame, and the thigh where the answers have the femur. So Rerun, RViz and Foxglove draw and move the leg of a
+    recording without anything else.
+    """
+
+    def __init__(self) -> None:
+        """Begin without ticks; the leg's file is read here, and at no tick."""
+        self._last = -1
+        _urdf()
+
+    def records(self, stamp: int, frame_id: str, row: bytes) -> list[Record]:
+        """Messages of a tick at a stamp [ns], of whose answer the bytes of the `row` are given."""
+        before, self._last = self._last, stamp
+        records: list[Record] = []
+        if stamp // DESCRIBED != before // DESCRIBED:
+            records.append((ROBOT_DESCRIPTION, stamp, description(frame_id)))
+        if stamp // MOVED != before // MOVED:
+            records.append((TF, stamp, pose(stamp, frame_id, row)))
+        return records
+
+    def messages(self, stamps: Stamps, frame_id: str, rows: Rows) -> Iterator[tuple[str, NDArray[np.intp], Bytes]]:
+        """Yield the topics of many ticks, shape (n,), with the numbers of the ticks and the messages of `records`."""
+        before = np.append(self._last, stamps[:-1])
+        self._last = int(stamps[-1])
+        described, moved = (np.flatnonzero(stamps // each != before // each) for each in (DESCRIBED, MOVED))
+        texts = [description(frame_id)] * len(described)
+        poses = [pose(int(stamps[i]), frame_id, rows[i : i + 1].tobytes()) for i in moved]
+        for topic, ticks, data in ((ROBOT_DESCRIPTION, described, texts), (TF, moved, poses)):
+            yield topic, ticks, np.array([np.frombuffer(one, np.uint8) for one in data])
+
+
+@lru_cache(maxsize=1)
+def _urdf() -> str:
+    return (share_folder() / LEG_URDF).read_text(encoding="utf-8")
+
+
+@lru_cache(maxsize=4)
+def description(frame_id: str) -> bytes:
+    """Bytes of a std_msgs/String with the URDF of a leg whose shank is `frame_id`, or `shank` if that is empty."""
+    text = _urdf().replace(f'"{SHANK}', f'"{escape(frame_id or SHANK, QUOTE)}').encode() + b"\0"
+    return HEADER + len(text).to_bytes(4, "little") + text
+
+
+def pose(stamp: int, frame_id: str, row: bytes) -> bytes:
+    """Bytes of a tf2_msgs/TFMessage with the pose of the thigh in `frame_id` at a stamp [ns]."""
+    angle, height, x = SHOWN.unpack(row[: ROW.itemsize])
+    pack, parent, child = _pose_packer(frame_id)
+    seconds, nanoseconds = divmod(stamp, NANOSECONDS)
+    turn = math.sin(0.5 * angle), math.cos(0.5 * angle)
+    return pack(
+        HEADER, 1, seconds, nanoseconds, len(parent), parent, len(child), child, x, height, 0.0, 0.0, 0.0, *turn
+    )
+
+
+@lru_cache(maxsize=4)
+def _pose_packer(frame_id: str) -> tuple[Callable[..., bytes], bytes, bytes]:
+    """Packer of a message with one transform, and the names of its frames."""
+    frame_id = frame_id or SHANK
+    parent, child = f"{frame_id}\0".encode(), f"{frame_id}/thigh\0".encode()
+    first = -len(parent) % 4
+    second = -(16 + len(parent) + first + 4 + len(child)) % 8
+    return struct.Struct(f"<4sIiII{len(parent)}s{first}xI{len(child)}s{second}x7d").pack, parent, child

@@ -2,15 +2,21 @@
 
 An output is one module, which a section of the parameters names. It has a function `sink_for`, which describes it to
 the node, and a function `open_output`, which opens it in its process. The node's side is `node/outputs.py`, that of the
-process `node/output_process.py`.
+process `node/output_process.py`. An open output has
+
+- `name`: name of the file, empty if there is none, and `period`: time [s] between two flushes;
+- `write(parts)`: takes the parts of answers that came together, at least one, in their order;
+- `note(name, values)`: takes a `Note`;
+- `flush()`: writes out everything that was taken;
+- `news()`: returns messages for the user that are new since the last call, once a second, or raises UsageError if the
+  output had to be completed early, and is;
+- `finish(ending)`: completes the output; `ending` is None if the node is gone or the output has to end early.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
-
-from knee_contact_ros.streams.topics import Ending
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 if TYPE_CHECKING:
     from knee_contact_ros.model.knee import KneeModel
@@ -49,7 +55,7 @@ class Sink(NamedTuple):
     name: str
     """Name of the file, unless it turns out to be taken; empty if there is none"""
     module: str
-    """Name of the module with the function `open_output`, which returns an `Output` in the process of the sink"""
+    """Name of the module with the function `open_output`, which returns an open output in the process of the sink"""
     arguments: tuple[Any, ...]
     """Arguments of that function"""
     part: str
@@ -65,34 +71,6 @@ class Sink(NamedTuple):
     """Section of its parameters, which the node sets"""
     limits: Any = None
     """That section: its `queue` is the largest number of answers that wait, its `queue_size` their memory [MB]"""
-
-
-class Output(Protocol):
-    """An open output in its process: a file or a viewer."""
-
-    name: str
-    """Name of the file; empty if there is none"""
-    period: float
-    """Time [s] between two flushes"""
-
-    def write(self, parts: Sequence[Any]) -> None:
-        """Take the parts of answers that came together, at least one, in their order."""
-
-    def note(self, name: str, values: dict[str, str]) -> None:
-        """Take a note."""
-
-    def flush(self) -> None:
-        """Write out everything that was taken."""
-
-    def news(self) -> tuple[str, ...]:
-        """Messages for the user that are new since the last call. Called once a second.
-
-        Raises:
-            UsageError: the output had to be completed early, and is.
-        """
-
-    def finish(self, ending: Ending | None) -> None:
-        """Complete the output; `ending` is None if the node is gone or the output has to end early."""
 
 
 class Note(NamedTuple):

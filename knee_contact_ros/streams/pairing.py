@@ -25,8 +25,8 @@ from knee_contact_ros.model.types import Status
 from knee_contact_ros.parameters.schema import LoadParameters, Pairing, Parameters
 from knee_contact_ros.streams.frames import ForceFrame
 from knee_contact_ros.streams.messages import JOINT_STATE, WRENCH, JointState, RefusedSampleError, WrenchStamped
-from knee_contact_ros.streams.publishers import DIFFERENT_ANGLES, DIFFERENT_FORCES, Publishers
 from knee_contact_ros.streams.topics import JOINT_STATES, NANOSECONDS, Answer, Ending
+from knee_contact_ros.streams.watch import DIFFERENT_ANGLES, DIFFERENT_FORCES, Publishers
 
 STEPS = 8
 """Number of past steps that show how far the next one may go; the second longest counts, as one may be a pause"""

@@ -115,7 +115,7 @@ def open_output(path: Path | None, serving: Serving, own: Sequence[KneeOutlines]
 
 
 class Viewer:
-    """An output (`streams.output.Output`) that shows answers in batches."""
+    """An output (see `streams/output.py`) that shows answers in batches."""
 
     def __init__(
         self, recording: Any, scenes: Sequence[Scene], file: RerunFile | None, remarks: Sequence[str],

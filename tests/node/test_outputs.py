@@ -15,7 +15,6 @@ from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.output import Knee
 from knee_contact_ros.streams.topics import KNEE_CONTACT
-from knee_contact_ros.system.errors import UsageError
 from tests.helpers.needs import needs_viewer
 
 
@@ -25,34 +24,31 @@ def described(**parameters: Any) -> Knee:
     return Knee(read, {KNEE_CONTACT: ContactStream(read, compiled=False).model}, ABSOLUTE_NAMES, {"version": "1"})
 
 
-def settings(path: Path, **record: float) -> Settings:
-    """How it would be recorded."""
-    sink = sink_of(
-        "record", described(record__path=str(path), **{f"record__{key}": value for key, value in record.items()})
-    )
-    assert sink
-    assert sink.name == str(path)
-    _, provenance, names, found, _ = sink.arguments
-    assert (provenance, names) == ({"version": "1"}, ABSOLUTE_NAMES)
-    assert isinstance(found, Settings)
-    return found
-
-
 def test_every_output_is_described_by_the_module_that_its_section_names() -> None:
     assert sections_of_outputs(Parameters) == ["record", "rerun"]
     assert [sink_of(section, described()) for section in sections_of_outputs(Parameters)] == [None, None]
 
 
-def test_megabytes_and_seconds_become_bytes_and_nanoseconds(tmp_path: Path) -> None:
-    asked = {"flush_period": 0.5, "sync_period": 2.0, "max_size": 1.5, "max_duration": 3.0, "min_free": 7.0}
-    found = settings(tmp_path / "out.mcap", **asked)
-    assert found == Settings(0.5, Limits(1_500_000, 3_000_000_000), 7_000_000, 2.0)
+OFF = dict.fromkeys(("sync_period", "max_size", "max_duration", "min_free"), 0.0)
 
 
-def test_what_is_off_has_no_limit(tmp_path: Path) -> None:
-    asked = {"sync_period": 0.0, "max_size": 0.0, "max_duration": 0.0, "min_free": 0.0}
-    found = settings(tmp_path / "out.mcap", **asked)
-    assert found == Settings(found.flush_period, Limits(math.inf, math.inf), 0.0, 0.0)
+@pytest.mark.parametrize(
+    ("asked", "expected"),
+    [
+        ({"flush_period": 0.5, "sync_period": 2.0, "max_size": 1.5, "max_duration": 3.0, "min_free": 7.0},
+         Settings(0.5, Limits(1_500_000, 3_000_000_000), 7_000_000, 2.0)),
+        ({"flush_period": 0.5} | OFF, Settings(0.5, Limits(math.inf, math.inf), 0.0, 0.0)),
+    ],
+)  # fmt: skip
+def test_megabytes_and_seconds_become_bytes_and_nanoseconds(
+    tmp_path: Path, asked: dict[str, float], expected: Settings
+) -> None:
+    """What is 0 is off: without a limit."""
+    path = str(tmp_path / "out.mcap")
+    sink = sink_of("record", described(record__path=path, **{f"record__{key}": value for key, value in asked.items()}))
+    assert sink
+    assert sink.name == path
+    assert sink.arguments[1:4] == ({"version": "1"}, ABSOLUTE_NAMES, expected)
 
 
 @needs_viewer
@@ -64,9 +60,3 @@ def test_a_scene_is_a_file_or_served(tmp_path: Path) -> None:
     assert (to_file.kind, to_file.name) == ("Rerun recording", str(tmp_path / "knee.rrd"))
     assert (served.kind, served.name) == ("Rerun scene on port 9999", "")
     assert to_file.niceness > 0
-
-
-@needs_viewer
-def test_what_parameters_do_not_allow_is_told_before_anything_is_begun() -> None:
-    with pytest.raises(UsageError, match=r"rerun.knees"):
-        sink_of("rerun", described(rerun__mode="serve", rerun__knees="left,right"))

@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,9 +20,12 @@ from geometry_msgs.msg import WrenchStamped
 from knee_contact_ros.msg import KneeContact
 from lifecycle_msgs.msg import Transition
 from lifecycle_msgs.srv import ChangeState, GetState
+from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.node import Node
+from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from sensor_msgs.msg import JointState
+from std_srvs.srv import Trigger
 
 from knee_contact_ros.system.processes import ENDS_WITH_US
 from knee_contact_ros.system.ros import executor_of, private_graph
@@ -195,6 +198,20 @@ def call(peer: Peer, service_type: type, name: str, request: object) -> Any:
 
     peer.wait_until(is_answered)
     return next(future.result() for future in futures if future.done())
+
+
+def trigger(peer: Peer, name: str, node: str = "/knee_contact") -> tuple[bool, str]:
+    """Call a service of a node that only has an answer."""
+    answer = call(peer, Trigger, f"{node}/{name}", Trigger.Request())
+    return answer.success, answer.message
+
+
+def set_parameters(peer: Peer, values: Mapping[str, object], node: str = "/knee_contact") -> tuple[bool, str]:
+    """Set parameters of a node all at once."""
+    changes = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
+    request = SetParametersAtomically.Request(parameters=changes)
+    result = call(peer, SetParametersAtomically, f"{node}/set_parameters_atomically", request).result
+    return result.successful, result.reason
 
 
 def change_state(peer: Peer, transition: int, node: str = "knee_contact") -> bool:

@@ -15,8 +15,7 @@ from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.streams.topics import MESSAGE_TYPES, recorded_topics
 from tests.helpers.needs import HAS_VIEWER
-from tests.ros.conftest import NodeProcess, Peer
-from tests.ros.test_streams import set_parameters
+from tests.ros.conftest import NodeProcess, Peer, set_parameters, trigger
 
 Start = Callable[..., NodeProcess]
 MILLISECOND = 1_000_000
@@ -30,7 +29,7 @@ def messages(path: Path) -> list[RawMessage]:
 
 
 def test_medial_and_lateral_answers_and_the_wrench_of_both(peer: Peer, start_node: Start, tmp_path: Path) -> None:
-    """With a change amid them that is the medial compartment's alone; computed again from the recording: same bytes."""
+    """With a change amid them, of the medial one alone, and a reset; computed again from the recording: same bytes."""
     lateral: list[KneeContact] = []
     peer.node.create_subscription(KneeContact, "knee_contact/lateral", lateral.append, QoSProfile(depth=1000))
     recording, redone, scene = (tmp_path / name for name in ("live.mcap", "redone.mcap", "knee.rrd"))
@@ -46,6 +45,9 @@ def test_medial_and_lateral_answers_and_the_wrench_of_both(peer: Peer, start_nod
         if i == TICKS // 2:
             peer.wait_until(lambda: len(peer.contacts) == TICKS // 2)
             assert set_parameters(peer, {"contact.stiffness": 5e7, "load.compartment_spacing": 0.05}) == (True, "")
+        if i == 3 * TICKS // 4:
+            peer.wait_until(lambda: len(peer.contacts) == 3 * TICKS // 4)
+            assert trigger(peer, "reset")[0]
         peer.send(i * 5 * MILLISECOND, 0.2, force)
     peer.wait_until(lambda: len(peer.contacts) == len(lateral) == len(peer.wrenches) == TICKS)
     node.stop()

@@ -121,12 +121,9 @@ def test_from_sensors_both_nodes_give_what_both_commands_give(tmp_path: Path, es
     assert "ticks 387 over 1.93 s dropped 0 sensors to contact" in words
     assert "load's level ground_force calibrated no: for looking, not for gating anything" in words
     assert "estimated load 1583.0 N (2.22 BW), standard deviation 422 N" in words
-    assert "recorded load 3227.5 N (4.53 BW), by OpenSim from muscles" in words
-    assert max(len(line.rstrip()) for line in done.stdout.split("\n\n")[0].splitlines()) <= 80
-    contact = tmp_path / "contact.mcap"
-    assert main(["solve", str(estimated), "--output", str(contact)]) == 0
+    assert main(["solve", str(estimated), "--output", str(tmp_path / "contact.mcap")]) == 0
     assert recorded(tmp_path / "out" / LOADS, LOAD_RECORDED) == recorded(estimated, LOAD_RECORDED)
-    assert recorded(tmp_path / "out" / "recording") == recorded(contact)
+    assert recorded(tmp_path / "out" / "recording") == recorded(tmp_path / "contact.mcap")
 
 
 def test_the_companions_torque_assists_the_knee_that_it_listens_to(tmp_path: Path, estimated: Path) -> None:
@@ -152,17 +149,10 @@ def test_the_companions_torque_assists_the_knee_that_it_listens_to(tmp_path: Pat
     assert max(changes) > 10.0 and min(changes) < -10.0  # where extensors are needed, and where they are not  # noqa: PT018
 
 
-@pytest.mark.parametrize(("more", "nodes"), [([], 1), (["--from-sensors"], 2)])
-def test_an_interrupted_demo_opened_no_port_beyond_loopback_and_leaves_nothing(
-    tmp_path: Path, more: list[str], nodes: int
-) -> None:
-    output = tmp_path / "out"
-    demo = subprocess.Popen(
-        [*COMMAND, "demo", "--companion", "--rate", "0.1", "--output", output, *more],
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
+def test_an_interrupted_demo_opened_no_port_beyond_loopback_and_leaves_nothing(tmp_path: Path) -> None:
+    output, nodes = tmp_path / "out", 2
+    command = [*COMMAND, "demo", "--from-sensors", "--companion", "--rate", "0.1", "--output", output]
+    demo = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     deadline, processes = time.monotonic() + TIMEOUT, [psutil.Process(demo.pid)]
     all_of_them = 2 + 2 * nodes + HAS_VIEWER  # with companion, nodes and their recorders, and viewer
     while len(list(output.glob(".incomplete-*/*recording/*.partial"))) < nodes or len(processes) < all_of_them:
@@ -226,12 +216,6 @@ def test_the_demo_tells_what_the_node_refused(tmp_path: Path) -> None:
     assert "samples refused 2 (2 x not_finite)" in words
     # Two ticks, or one, if both refusals come before the next answer: nothing orders the samples of two topics.
     assert re.search(r"ticks flagged ([12]) \(\1 x INPUT_REJECTED\)", words)
-
-
-def test_help_and_version_are_quick_to_say() -> None:
-    assert "not a medical device" in " ".join(run("--help").stdout.split())
-    assert run("--version").stdout.startswith("knee-contact 1.")
-    assert "--ros-args" in run("node", "--help").stdout
 
 
 @needs_viewer

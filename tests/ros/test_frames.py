@@ -121,17 +121,6 @@ def test_angles_may_come_from_ros2_control(peer: Peer, start_node: Start, tmp_pa
     assert len(answers(tmp_path / "live.mcap")) == 20
 
 
-def test_what_is_not_installed_is_named(start_node: Start) -> None:
-    try:
-        import control_msgs.msg  # noqa: F401
-    except ImportError:
-        code, output = start_node("-p", "knee.source:=dynamic_joint_states").wait()
-        assert code == 2
-        assert "parameter knee.source: 'dynamic_joint_states' needs the ROS 2 package control_msgs" in output
-    else:
-        pytest.skip("control_msgs is installed")
-
-
 def test_a_replay_says_where_the_bags_frames_are(peer: Peer, tmp_path: Path) -> None:
     messages = pytest.importorskip("tf2_msgs.msg", reason="the package tf2_msgs is not installed")
     mounted = Transform("tibia", "sensor", (0.0, 0.0, 0.1), (0.5, 0.5, 0.5, 0.5))

@@ -11,16 +11,13 @@ import psutil
 import pytest
 from knee_contact_ros.msg import KneeContact
 from lifecycle_msgs.msg import State, Transition
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
 from rclpy.serialization import deserialize_message
-from std_srvs.srv import Trigger
 
 import knee_contact_ros
 from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.streams.topics import MESSAGE_TYPES
-from tests.ros.conftest import NodeProcess, Peer, call, change_state, state_of
+from tests.ros.conftest import NodeProcess, Peer, change_state, set_parameters, state_of, trigger
 from tests.ros.series import ANGLES, AXIAL, STAMPS, send_all
 
 Start = Callable[..., NodeProcess]
@@ -42,10 +39,7 @@ def test_the_life_cycle_is_ros_2s(peer: Peer, start_node: Start, tmp_path: Path)
     node = start_node("-p", "autostart:=false", "-p", f"record.path:={tmp_path / 'first.mcap'}")
 
     def set_parameter(name: str, value: object) -> tuple[bool, str]:
-        parameter = Parameter(name, value=value).to_parameter_msg()
-        request = SetParameters.Request(parameters=[parameter])
-        result = call(peer, SetParameters, "/knee_contact/set_parameters", request).results[0]
-        return result.successful, result.reason
+        return set_parameters(peer, {name: value})
 
     assert state_of(peer) == State.PRIMARY_STATE_UNCONFIGURED
     accepted, reason = set_parameter("contact.damping", -5.0)  # in rclpy's words, by the range that we declare
@@ -89,40 +83,29 @@ def test_the_life_cycle_is_ros_2s(peer: Peer, start_node: Start, tmp_path: Path)
     node.stop()
 
 
-def answer_and_rest(peer: Peer) -> None:
-    """Have the node answer ten forces, deactivate it, and activate it again."""
-    peer.wait_for_node()
-    for i in range(10):
-        peer.send(10**10 + i * 5 * MILLISECOND, 0.2, 900.0)
-    peer.wait_until(lambda: len(peer.contacts) == 10)
-    for transition in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVATE):
-        assert change_state(peer, transition)
-    peer.wait_for_node()
-    peer.contacts.clear()
-
-
 def test_time_may_have_gone_anywhere_while_the_node_was_inactive(peer: Peer, start_node: Start) -> None:
-    """Forces before the last tick are answered from rest, and said so."""
-    start_node()
-    answer_and_rest(peer)
-    for i in range(10):
-        peer.send(i * 5 * MILLISECOND, 0.3, 900.0)
-    peer.wait_until(lambda: len(peer.contacts) == 10)
-    assert [contact.status for contact in peer.contacts] == [Status.TIME_RESET, *[0] * 9]
-
-
-def test_no_angle_of_before_answers_a_force_after_an_activation(peer: Peer, start_node: Start) -> None:
-    """The forces come first, at an earlier time; their angle comes in time."""
+    """Forces before the last tick are answered from rest, and said so; by no angle of before, if forces come first."""
     start_node("-p", "pairing.wait:=5.0")
-    answer_and_rest(peer)
-    for i in range(10):
-        peer.send_force(i * 5 * MILLISECOND, 900.0)
-    peer.spin(0.3)
-    for i in range(10):
-        peer.send_angle(i * 5 * MILLISECOND, 0.7)
-    peer.wait_until(lambda: len(peer.contacts) == 10)
-    assert [contact.status for contact in peer.contacts] == [Status.TIME_RESET, *[0] * 9]
-    assert {contact.flexion_angle for contact in peer.contacts} == {0.7}
+    peer.wait_for_node()
+    begins = (10**10, 5 * 10**9, 0)
+    for number, begin in enumerate(begins):
+        stamps = [begin + i * 5 * MILLISECOND for i in range(10)]
+        if number:
+            for transition in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVATE):
+                assert change_state(peer, transition)
+            peer.wait_for_node()
+            peer.contacts.clear()
+        if number == 2:
+            for stamp in stamps:
+                peer.send_force(stamp, 900.0)
+            peer.spin(0.3)
+        for stamp in stamps:
+            peer.send_angle(stamp, 0.1 * number)
+            if number < 2:
+                peer.send_force(stamp, 900.0)
+        peer.wait_until(lambda: len(peer.contacts) == 10)
+        assert [contact.status for contact in peer.contacts] == [Status.TIME_RESET if number else 0, *[0] * 9]
+        assert {contact.flexion_angle for contact in peer.contacts} == {0.1 * number}
 
 
 def test_a_transition_that_fails_leaves_the_node_unconfigured(
@@ -158,7 +141,7 @@ def test_forces_that_wait_are_answered_before_the_streams_are_left(
         peer.wait_until(lambda: has_received(peer, "joint_reaction_force", answered + 2))
 
     leave_one_waiting(0)
-    assert call(peer, Trigger, "/knee_contact/reset", Trigger.Request()).success
+    assert trigger(peer, "reset")[0]
     peer.wait_until(lambda: len(peer.contacts) == 2)
     leave_one_waiting(200 * MILLISECOND)
     assert change_state(peer, Transition.TRANSITION_DEACTIVATE)

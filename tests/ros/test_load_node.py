@@ -12,15 +12,12 @@ import pytest
 from geometry_msgs.msg import WrenchStamped
 from knee_contact_ros.msg import KneeContact, LoadEstimate
 from lifecycle_msgs.msg import State, Transition
-from rcl_interfaces.srv import SetParametersAtomically
-from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED
 from knee_contact_ros.bags.reader import BagReader, RawMessage, metadata_records
 from knee_contact_ros.bags.recorder import REFUSED_SAMPLES
-from knee_contact_ros.commands.main import main
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.offline.solve import solve
@@ -30,7 +27,7 @@ from knee_contact_ros.streams.messages import encode_wrench_stamped
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
 from knee_contact_ros.streams.topics import KNEE_CONTACT, LOAD_RECORDED, MESSAGE_TYPES
 from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, ground, walk, walking_bag
-from tests.ros.conftest import NodeProcess, Peer, call, change_state, state_of
+from tests.ros.conftest import NodeProcess, Peer, change_state, set_parameters, state_of
 
 Start = Callable[..., NodeProcess]
 NODE = "knee_load"
@@ -73,13 +70,6 @@ class LegPeer(Peer):
         for message in messages:
             (self.angle if message.topic == ANGLES else self.ground).publish(message.data)
         self.wait_until(lambda: len(self.heard[ESTIMATE]) == len(self.heard[REACTION]) == forces)
-
-    def set_parameters(self, values: dict[str, object]) -> tuple[bool, str]:
-        """All at once."""
-        changes = [Parameter(name, value=value).to_parameter_msg() for name, value in values.items()]
-        request = SetParametersAtomically.Request(parameters=changes)
-        result = call(self, SetParametersAtomically, f"/{NODE}/set_parameters_atomically", request).result
-        return result.successful, result.reason
 
 
 @pytest.fixture
@@ -171,17 +161,17 @@ def test_the_life_cycle_and_what_changes_meanwhile(leg: LegPeer, start_node: Sta
     live = WHOLE_LEG | PATIENT | at_once | {"autostart": False, "record.path": recording}
     node = start_node(*arguments(live), kind="load")
     assert state_of(leg, NODE) == State.PRIMARY_STATE_UNCONFIGURED
-    accepted, reason = leg.set_parameters({"level": "ankle_momen"})
+    accepted, reason = set_parameters(leg, {"level": "ankle_momen"}, f"/{NODE}")
     assert not accepted
     assert "parameter level: 'ankle_momen' is not allowed" in reason
-    assert leg.set_parameters({"person.mass": 80.0, "level": "knee_moment"}) == (True, "")
+    assert set_parameters(leg, {"person.mass": 80.0, "level": "knee_moment"}, f"/{NODE}") == (True, "")
     assert change_state(leg, Transition.TRANSITION_CONFIGURE, NODE)
     assert change_state(leg, Transition.TRANSITION_ACTIVATE, NODE)
     leg.wait_for_load_node()
     leg.send_sensed(WALK[:80])
     fixed = "parameter level cannot change while the node is configured, only after a cleanup"
-    assert leg.set_parameters({"person.tone": 0.3, "level": "auto"}) == (False, fixed)
-    assert leg.set_parameters({"person.tone": 0.6}) == (True, "")
+    assert set_parameters(leg, {"person.tone": 0.3, "level": "auto"}, f"/{NODE}") == (False, fixed)
+    assert set_parameters(leg, {"person.tone": 0.6}, f"/{NODE}") == (True, "")
     leg.send_sensed(WALK[80:])
     assert change_state(leg, Transition.TRANSITION_DEACTIVATE, NODE)
     assert change_state(leg, Transition.TRANSITION_CLEANUP, NODE)
@@ -196,24 +186,9 @@ def test_the_life_cycle_and_what_changes_meanwhile(leg: LegPeer, start_node: Sta
     said = {record.name: record.metadata for record in metadata_records(recording)}
     assert said[PARAMETERS_CHANGED] == {"tick": "40", "person.tone": "0.6"}
     assert (said[LOAD_PROVENANCE]["level"], said[REFUSED_SAMPLES]) == ("knee_moment", {"total": "0"})
-    assert leg.set_parameters({"level": "auto"}) == (True, "")
+    assert set_parameters(leg, {"level": "auto"}, f"/{NODE}") == (True, "")
     assert change_state(leg, Transition.TRANSITION_UNCONFIGURED_SHUTDOWN, NODE)
     assert node.stop()[0] == 0
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["-p", "person.mas:=70.0"], "unknown parameter person.mas; did you mean person.mass?"),
-        (["-p", "level:=ankle_moment"], "parameter level: 'ankle_moment' is not allowed; it needs ground.components"),
-        (["-p", "qos_overrides./knee_contact.publisher.depth:=7"], "unknown parameter qos_overrides./knee_contact.pub"),
-    ],
-)
-def test_bad_parameters_end_the_node_at_once(start_node: Start, words: list[str], said: str) -> None:
-    code, output = start_node(*words, kind="load").wait()
-    assert code == 2
-    assert len(output.splitlines()) == 1, output
-    assert said in output
 
 
 def test_both_nodes_in_one_process_are_the_same_and_each_has_its_own_life(
@@ -244,37 +219,3 @@ def test_both_nodes_in_one_process_are_the_same_and_each_has_its_own_life(
     assert leg.contacts[:20] == [deserialize_message(message.data, KneeContact) for message in answers[:20]]
     assert [contact.status for contact in leg.contacts[20:]] == [Status.TIME_RESET, *[0] * 39]
     assert node.stop()[0] == 0
-
-
-@pytest.mark.parametrize("kind", ["load", "node"])
-def test_arguments_that_ros_would_pass_over_are_refused(kind: str, capsys: pytest.CaptureFixture[str]) -> None:
-    assert main([kind, "-p", "person.mass:=70"]) == 2
-    assert capsys.readouterr().err == "knee-contact: -p: the node takes ROS arguments only, after --ros-args\n"
-
-
-@pytest.mark.parametrize(
-    ("words", "said"),
-    [
-        (["-p", "person.mass:=70.0"], "knee_contact: unknown parameter person.mass; did you mean femur.mass?"),
-        (["-r", "__node:=leg"], "two nodes would have the name /leg; rename one of them, as -r knee_load:__node:=NAME"),
-        (
-            ["-r", "knee_contact:joint_reaction_force:=/measured"],
-            "/knee_contact takes /joint_reaction_force from /knee_load, and cannot listen to /measured: give both",
-        ),
-        (
-            ["-r", "knee_load:__ns:=/left"],
-            "/knee_contact takes /left/joint_reaction_force from /left/knee_load, and cannot listen to /joint_reac",
-        ),
-        (
-            ["-p", "knee_contact:load.source:=/measured"],
-            "parameter load.source: '/measured' is not allowed with --with-contact: the force comes from the load node",
-        ),
-    ],
-)
-def test_two_nodes_in_one_process_that_do_not_fit_each_other_end_at_once(
-    start_node: Start, words: list[str], said: str
-) -> None:
-    code, output = start_node(*words, kind="load --with-contact").wait()
-    assert code == 2
-    assert said in output
-    assert "Traceback" not in output

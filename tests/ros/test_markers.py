@@ -14,9 +14,8 @@ from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.topics import KNEE_CONTACT_MARKERS
 from knee_contact_ros.view.anatomy import drawing_of
-from knee_contact_ros.view.colours import APART, BONE, CARTILAGE, SURFACE
-from knee_contact_ros.view.markers import LENGTH, KneeMarkers
-from tests.helpers.markers import drawn, place_of, sagitta
+from knee_contact_ros.view.markers import KneeMarkers
+from tests.helpers.markers import place_of
 from tests.helpers.messages import raw_inputs
 from tests.ros.conftest import NodeProcess, Peer
 
@@ -52,37 +51,20 @@ def stamp_of(picture: Any) -> int:
     return int(stamp)
 
 
-def bytes_of(marker: Any) -> tuple[int, ...]:
-    return tuple(round(255.0 * part) for part in (marker.color.r, marker.color.g, marker.color.b))
-
-
-def test_what_is_shown_is_the_answer(peer: Peer, start_node: Start, config: Path) -> None:
-    start_node("--params-file", config / "osteoarthritis.yaml")
+def test_what_is_shown_is_the_answer(peer: Peer, start_node: Start) -> None:
+    """In its frame, at its place; how markers look is tested with the view."""
+    start_node()
     peer.wait_for_node()
     screen = Screen(peer)
-    seen = set()
-    for number in range(60):
-        stamp = number * STEP
-        peer.send(stamp, 0.02 * number, 450.0 * (number % 9) - 200.0)
+    for number in range(5):
+        peer.send(number * STEP, 0.02 * number, 450.0 * number)
         peer.wait_until(lambda number=number: len(peer.contacts) == number + 1)
-        contact, markers = peer.contacts[-1], screen.shown(stamp)
+        contact, markers = peer.contacts[-1], screen.shown(number * STEP)
         assert list(markers) == [f"knee/{name}" for name in NAMES]
         assert {marker.header.frame_id for marker in markers.values()} == {contact.header.frame_id} == {"tibia_r"}
-        tibia, femur, point, force = markers.values()
-        assert {bytes_of(tibia), bytes_of(femur)} == {SURFACE}
-        assert bytes_of(point) == (APART, CARTILAGE, BONE)[contact.contact_state]
+        _, _, point, force = markers.values()
         assert place_of(point).tolist() == [contact.contact_point.x, contact.contact_point.y, contact.contact_point.z]
-        lowest = drawn(femur)[:, 1].min()
-        assert drawn(tibia)[:, 1].tolist() == [0.0, 0.0]
-        assert 0.0 <= lowest + contact.penetration_depth - contact.gap <= 1.01 * sagitta(drawn(femur))
-        if contact.contact_force:
-            begin, end = drawn(force)
-            assert (force.action, begin.tolist()) == (Marker.ADD, place_of(point).tolist())
-            assert end - begin == pytest.approx([0.0, LENGTH * contact.contact_force, 0.0], rel=1e-12, abs=1e-15)
-        else:
-            assert force.action == Marker.DELETE
-        seen.add(contact.contact_state)
-    assert seen == {0, 1, 2}
+        assert force.action == (Marker.ADD if contact.contact_force else Marker.DELETE)
 
 
 def test_nothing_is_made_unless_somebody_looks_and_then_once(

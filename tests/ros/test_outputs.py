@@ -10,9 +10,6 @@ from pathlib import Path
 
 import psutil
 import pytest
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
-from std_srvs.srv import Trigger
 
 from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.node.outputs import MOST_ENDING
@@ -20,7 +17,7 @@ from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES
 from tests.helpers.needs import needs_viewer
 from tests.helpers.processes import has_ended
 from tests.helpers.sinks import wait_until
-from tests.ros.conftest import NodeProcess, Peer, call
+from tests.ros.conftest import NodeProcess, Peer, set_parameters, trigger
 
 Start = Callable[..., NodeProcess]
 STEP = 5_000_000
@@ -45,6 +42,12 @@ def stamps(path: Path) -> list[int]:
     return [message.log_time // STEP for message in read_bag(path, CONTACTS)]
 
 
+def begin_recording(peer: Peer, path: Path) -> tuple[bool, str]:
+    """Name the next recording and have it begun."""
+    assert set_parameters(peer, {"record.path": str(path)}) == (True, "")
+    return trigger(peer, "start_recording")
+
+
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 @pytest.mark.parametrize("output", ["recorder", pytest.param("viewer", marks=needs_viewer)])
 def test_an_output_that_dies_or_stalls_costs_no_answer(
@@ -63,9 +66,8 @@ def test_an_output_that_dies_or_stalls_costs_no_answer(
     if number == signal.SIGKILL:
         peer.wait_until(lambda: peer.problems.get(f"knee_contact: {output}", "ok") != "ok")
         walk(peer, 220, 20)
-        stopped = call(peer, Trigger, "/knee_contact/stop_recording", Trigger.Request())
-        assert not stopped.success
-        assert stopped.message
+        stopped, reason = trigger(peer, "stop_recording")
+        assert reason and not stopped  # noqa: PT018
     code, said = node.stop(signal.SIGTERM)
     unfinished = re.search(r"is not waited for: its process \(\d+\) goes on; (\d+) answers", said)
     assert bool(unfinished) == (number == signal.SIGSTOP)
@@ -80,100 +82,50 @@ def test_an_output_that_dies_or_stalls_costs_no_answer(
     assert [contact.status for contact in peer.contacts] == [0] * len(peer.contacts)
 
 
-def test_a_killed_node_leaves_a_complete_recording(peer: Peer, start_node: Start, tmp_path: Path) -> None:
-    """The recorder outlives it by as long as it takes to complete the file."""
-    node = start_node("-p", f"record.path:={tmp_path}/out.mcap")
-    peer.wait_for_node()
-    walk(peer, 0, 100)
-    (child,) = children(node)
-    peer.spin(0.1)
-    node.process.kill()
-    child.wait(30.0)
-    assert stamps(tmp_path / "out.mcap") == list(range(100))
-
-
-def ask(peer: Peer, what: str) -> tuple[bool, str]:
-    """Have a recording begun or ended."""
-    answer = call(peer, Trigger, f"/knee_contact/{what}_recording", Trigger.Request())
-    return answer.success, answer.message
-
-
-def set_path(peer: Peer, path: str) -> None:
-    """Name the next recording."""
-    request = SetParameters.Request(parameters=[Parameter("record.path", value=path).to_parameter_msg()])
-    assert call(peer, SetParameters, "/knee_contact/set_parameters", request).results[0].successful
-
-
-def test_a_recording_begins_and_ends_on_demand(peer: Peer, start_node: Start, tmp_path: Path) -> None:
-    node = start_node()
-    peer.wait_for_node()
-    walk(peer, 0, 10)
-    assert ask(peer, "start") == (False, "parameter record.path names no file")
-    assert ask(peer, "stop") == (False, "nothing is being recorded")
-    for begin, name in ((10, "a"), (60, "b")):
-        set_path(peer, f"{tmp_path}/{name}/out.mcap")
-        assert ask(peer, "start") == (True, f"recording to {tmp_path}/{name}/out.mcap")
-        assert ask(peer, "start")[0] is False
-        walk(peer, begin, 30)
-        peer.wait_until(lambda: peer.diagnostics.get("knee_contact: recorder", {}).get("written") == "30")
-        assert ask(peer, "stop") == (True, f"{tmp_path}/{name}/out.mcap will be complete in a moment")
-        walk(peer, begin + 30, 20)
-    wait_until((tmp_path / "b" / "out.mcap").exists)
-    following = (True, f"recording to {tmp_path}/b/out_1.mcap")  # the other one is there
-    peer.wait_until(lambda: ask(peer, "start") == following)  # the node may not have heard of that yet
-    assert node.stop()[0] == 0
-    assert stamps(tmp_path / "a" / "out.mcap") == list(range(10, 40))
-    assert stamps(tmp_path / "b" / "out.mcap") == list(range(60, 90))
-    assert len(peer.contacts) == 110
-
-
-def test_a_recording_that_cannot_begin_is_refused_with_the_reason_and_another_may(
+def test_recordings_begin_and_end_on_demand_or_are_refused_with_the_reason(
     peer: Peer, start_node: Start, tmp_path: Path
 ) -> None:
+    """And no more than four are completed at a time."""
     (tmp_path / "file").touch()
     node = start_node()
     peer.wait_for_node()
-    for name, reason in {
-        "file/out.mcap": "Not a directory",
-        "": "Is a directory",
-        f"{'n' * 300}.mcap": "File name too long",
-        f"{'n' * 250}.mcap": "File name too long",
-        f"{'deep/' * 1000}out.mcap": "File name too long",
-    }.items():
-        path = tmp_path / name
-        set_path(peer, str(path))
-        assert ask(peer, "start") == (False, f"cannot write {path}: {reason}")
     walk(peer, 0, 10)
-    set_path(peer, f"{tmp_path}/out.mcap")
-    assert ask(peer, "start")[0] is True
-    walk(peer, 10, 10)
-    wait_until((tmp_path / "out.mcap.partial").exists)
-    code, said = node.stop()
-    assert code == 0
-    assert "Traceback" not in said
-    assert stamps(tmp_path / "out.mcap") == list(range(10, 20))
-
-
-def test_no_more_recordings_than_four_are_being_completed(peer: Peer, start_node: Start, tmp_path: Path) -> None:
-    node = start_node()
-    peer.wait_for_node()
-    set_path(peer, f"{tmp_path}/out.mcap")
-    for number in range(MOST_ENDING):
-        assert ask(peer, "start")[0] is True
-        walk(peer, 10 * number, 10)
+    assert trigger(peer, "start_recording") == (False, "parameter record.path names no file")
+    assert trigger(peer, "stop_recording") == (False, "nothing is being recorded")
+    for name, reason in {
+        "file/out.mcap": "Not a directory", "": "Is a directory", f"{'n' * 250}.mcap": "File name too long",
+    }.items():  # fmt: skip
+        path = tmp_path / name
+        assert begin_recording(peer, path) == (False, f"cannot write {path}: {reason}")
+    for number, name in enumerate(("a", "b")):
+        path = tmp_path / name / "out.mcap"
+        assert begin_recording(peer, path) == (True, f"recording to {path}")
+        assert trigger(peer, "start_recording")[0] is False
+        walk(peer, 10 + 50 * number, 30)
+        peer.wait_until(lambda: peer.diagnostics.get("knee_contact: recorder", {}).get("written") == "30")
+        assert trigger(peer, "stop_recording") == (True, f"{path} will be complete in a moment")
+        walk(peer, 40 + 50 * number, 20)
+    wait_until((tmp_path / "b" / "out.mcap").exists)
+    peer.wait_until(lambda: not children(node))  # the node may not have heard of that yet
+    for number in range(MOST_ENDING):  # the names go on
+        peer.wait_until(lambda: trigger(peer, "start_recording")[0])
+        walk(peer, 200 + 10 * number, 10)
         peer.wait_until(lambda number=number: len(children(node)) == number + 1)  # it is started in the background
         (child,) = [process for process in children(node) if process.status() != psutil.STATUS_STOPPED]
         told = {"written": "10", "process": str(child.pid)}
         peer.wait_until(lambda told=told: told.items() <= peer.diagnostics.get("knee_contact: recorder", {}).items())
         child.suspend()
-        assert ask(peer, "stop")[0] is True
-    assert ask(peer, "start") == (
-        False,
-        f"{MOST_ENDING} recordings are still being completed; try again when one is complete",
-    )
+        assert trigger(peer, "stop_recording")[0] is True
+    many = f"{MOST_ENDING} recordings are still being completed; try again when one is complete"
+    assert trigger(peer, "start_recording") == (False, many)
     for child in children(node):
         child.resume()
-    peer.wait_until(lambda: ask(peer, "start")[0])
-    assert node.stop()[0] == 0
-    complete = sorted(tmp_path.glob("*.mcap"))[:MOST_ENDING]
-    assert [stamps(path) for path in complete] == [[*range(10 * i, 10 * i + 10)] for i in range(MOST_ENDING)]
+    peer.wait_until(lambda: trigger(peer, "start_recording")[0])
+    code, said = node.stop()
+    assert code == 0
+    assert "Traceback" not in said
+    assert stamps(tmp_path / "a" / "out.mcap") == list(range(10, 40))
+    assert stamps(tmp_path / "b" / "out.mcap") == list(range(60, 90))
+    for number in range(MOST_ENDING):
+        ticks = range(200 + 10 * number, 210 + 10 * number)
+        assert stamps(tmp_path / "b" / f"out_{number + 1}.mcap") == list(ticks)

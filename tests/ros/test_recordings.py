@@ -9,9 +9,6 @@ from functools import partial
 from pathlib import Path
 
 import numpy as np
-from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
-from std_srvs.srv import Trigger
 
 from knee_contact_ros.bags.provenance import Change, read_provenance
 from knee_contact_ros.bags.reader import read_answers
@@ -19,8 +16,8 @@ from knee_contact_ros.model.types import FLAT, TOLD, Status
 from knee_contact_ros.offline.solve import solve
 from tests.helpers.disks import remount
 from tests.helpers.sinks import readable, wait_until
-from tests.ros.conftest import NodeProcess, Peer, call
-from tests.ros.test_outputs import STEP, stamps, walk
+from tests.ros.conftest import NodeProcess, Peer, trigger
+from tests.ros.test_outputs import STEP, begin_recording, stamps, walk
 
 Start = Callable[..., NodeProcess]
 
@@ -30,30 +27,21 @@ def problem(peer: Peer) -> str:
     return peer.problems.get("knee_contact: recorder", "")
 
 
-def ask(peer: Peer, what: str, path: Path, node: str = "/knee_contact") -> tuple[bool, str]:
-    """Name the next recording and have it begun or ended."""
-    request = SetParameters.Request(parameters=[Parameter("record.path", value=str(path)).to_parameter_msg()])
-    assert call(peer, SetParameters, f"{node}/set_parameters", request).results[0].successful
-    answer = call(peer, Trigger, f"{node}/{what}_recording", Trigger.Request())
-    return answer.success, answer.message
-
-
 def test_each_recording_may_have_a_folder_of_its_own(peer: Peer, start_node: Start, tmp_path: Path) -> None:
     """So `metadata.yaml` of one life, or of one start of a recording, names all files of that one."""
     node = start_node("-p", f'record.path:="{tmp_path}/{{stamp}}/knee.mcap"', "-p", "pairing.wait:=0.2")
     peer.wait_for_node()
     walk(peer, 0, 20)
-    assert call(peer, Trigger, "/knee_contact/stop_recording", Trigger.Request()).success
+    assert trigger(peer, "stop_recording")[0]
     peer.spin(1.1)  # names go by the second
-    answer = call(peer, Trigger, "/knee_contact/start_recording", Trigger.Request())
-    assert answer.success
+    begun = trigger(peer, "start_recording")
     walk(peer, 20, 20)
     assert node.stop()[0] == 0
     first, second = sorted(tmp_path.iterdir())
     for folder, numbers in ((first, range(20)), (second, range(20, 40))):
         assert re.fullmatch(r"\d{4}(_\d\d){2}-\d\d(_\d\d){2}", folder.name)
         assert stamps(folder) == list(numbers)
-    assert answer.message == f"recording to {second / 'knee.mcap'}"
+    assert begun == (True, f"recording to {second / 'knee.mcap'}")
 
 
 def test_a_snapshot_is_a_complete_recording_of_the_last_seconds(peer: Peer, start_node: Start, tmp_path: Path) -> None:
@@ -61,25 +49,24 @@ def test_a_snapshot_is_a_complete_recording_of_the_last_seconds(peer: Peer, star
     given = ["-p", f"record.path:={tmp_path / 'knee.mcap'}", "-p", "record.snapshot:=0.5", "-p", "pairing.wait:=5.0"]
     node = start_node(*given)
     peer.wait_for_node()
-    assert call(peer, Trigger, "/knee_contact/stop_recording", Trigger.Request()).success
-    save = partial(call, peer, Trigger, "/knee_contact/save_snapshot", Trigger.Request())
-    none = save()
-    assert not none.success
-    assert "there is nothing to save" in none.message
+    assert trigger(peer, "stop_recording")[0]
+    save = partial(trigger, peer, "save_snapshot")
+    saved, reason = save()
+    assert not saved
+    assert "there is nothing to save" in reason
     walk(peer, 0, 300)
     peer.wait_until(lambda: len(peer.contacts) == 300)
-    first = save()
-    assert first.message == f"{tmp_path / 'knee_snapshot.mcap'} will be complete in a moment: 100 answers, 0.495 s"
+    assert save()[1] == f"{tmp_path / 'knee_snapshot.mcap'} will be complete in a moment: 100 answers, 0.495 s"
     wait_until((tmp_path / "knee_snapshot.mcap").exists)
-    assert call(peer, Trigger, "/knee_contact/reset", Trigger.Request()).success
+    assert trigger(peer, "reset")[0]
     walk(peer, 300, 40)
     peer.wait_until(lambda: len(peer.contacts) == 340)
-    assert save().message.startswith(f"{tmp_path / 'knee_snapshot_1.mcap'} ")
+    assert save()[1].startswith(f"{tmp_path / 'knee_snapshot_1.mcap'} ")
     walk(peer, 100, 40)  # the clock is set back
     peer.wait_until(lambda: len(peer.contacts) == 380)
     third = [save()]
-    wait_until(lambda: third[-1].success or third.append(save()))  # once the one before is open
-    assert third[-1].message.endswith("moment: 101 answers, 0.495 s")
+    wait_until(lambda: third[-1][0] or third.append(save()))  # once the one before is open
+    assert third[-1][1].endswith("moment: 101 answers, 0.495 s")
     assert "is there already" not in node.stop()[1]  # the answers have told the names
     assert stamps(tmp_path / "knee_snapshot_2.mcap") == [*range(279, 340), *range(100, 140)]
     assert stamps(tmp_path / "knee_snapshot.mcap") == list(range(200, 300))
@@ -115,10 +102,10 @@ def test_disks_in_trouble_end_recordings_and_not_the_node(
 
     remount(small_disk, "ro")
     refused = f"cannot write {small_disk}/knee.mcap: Read-only file system"
-    assert ask(peer, "start", small_disk / "knee.mcap") == (False, refused)
+    assert begin_recording(peer, small_disk / "knee.mcap") == (False, refused)
     walk(peer, sent, 20)
 
-    assert ask(peer, "start", folder / "knee.mcap")[0] is True
+    assert begin_recording(peer, folder / "knee.mcap")[0] is True
     wait_until((folder / "knee.mcap.partial").exists)
     walk(peer, sent + 20, 20)
     shutil.rmtree(folder)

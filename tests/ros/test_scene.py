@@ -85,12 +85,6 @@ def test_viewers_see_what_is_served_and_cost_no_answer(peer: Peer, start_node: S
     assert [contact.status for contact in peer.contacts] == [0] * 3600
 
 
-def test_a_strange_knee_ends_the_start(start_node: Start) -> None:
-    code, said = start_node("-p", "rerun.mode:=serve", "-p", "rerun.knees:=left,right").wait()
-    assert code == 2
-    assert "parameter rerun.knees: 'left,right' is not allowed; this knee, knee, must be one of them" in said
-
-
 def test_a_window_is_opened_and_may_be_ended(peer: Peer, start_node: Start, hidden_screen: None) -> None:
     port = free_port()
     node = start_node("-p", "rerun.mode:=spawn", "-p", f"rerun.port:={port}")

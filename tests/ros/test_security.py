@@ -16,7 +16,6 @@ import pytest
 
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters
 from knee_contact_ros.system.files import share_folder
-from tests.helpers.sockets import internet_sockets
 from tests.ros.conftest import PATIENCE, NodeProcess, Peer
 
 COMMAND = [sys.executable, "-m", "knee_contact_ros.commands.main"]
@@ -29,14 +28,11 @@ KEYSTORE_FILES = (
 )  # fmt: skip
 
 
-def policy() -> ET.Element:
-    return ET.parse(POLICY).getroot()  # noqa: S314 (our own file)
-
-
 def allowed_names(node: str) -> dict[str, set[str]]:
     """Full names that the policy allows a node, by rule."""
     names: dict[str, set[str]] = {rule: set() for rule in RULES}
-    (profile,) = (profile for profile in policy().iter("profile") if profile.get("node") == node)
+    policy = ET.parse(POLICY).getroot()  # noqa: S314 (our own file)
+    (profile,) = (profile for profile in policy.iter("profile") if profile.get("node") == node)
     assert profile.get("ns") == "/"
     for group in profile:
         for rule, qualifier in group.attrib.items():
@@ -58,25 +54,21 @@ def offered_names(peer: Peer, node: str) -> dict[str, set[str]]:
     return names
 
 
-def assert_policy_fits(peer: Peer, node: str, inputs: set[str]) -> None:
-    peer.wait_until(lambda: inputs <= offered_names(peer, node)["subscribe"])
+@pytest.mark.parametrize(
+    ("node", "kind", "force", "more"),
+    [
+        (Parameters.node, "node", "/joint_reaction_force", ("-p", "load.compartment:=both")),
+        (LoadParameters.node, "load", "/ground_reaction_force", ()),
+    ],
+)
+def test_the_policy_is_what_the_node_has(
+    peer: Peer, start_node: Callable[..., NodeProcess], node: str, kind: str, force: str, more: tuple[str, ...]
+) -> None:
+    start_node("-p", "use_sim_time:=true", *more, kind=kind)
+    peer.wait_until(lambda: node in peer.node.get_node_names())
+    peer.wait_until(lambda: {"/joint_states", force} <= offered_names(peer, node)["subscribe"])
     peer.spin(0.5)
-    offered, allowed = offered_names(peer, node), allowed_names(node)
-    for rule in RULES:
-        assert offered[rule] - allowed[rule] == set(), f"{rule}: the node would be refused these"
-        assert allowed[rule] - offered[rule] == set(), f"{rule}: the node has no use for these"
-
-
-def test_the_policy_is_what_the_node_has(peer: Peer, start_node: Callable[..., NodeProcess]) -> None:
-    start_node("-p", "use_sim_time:=true", "-p", "load.compartment:=both")
-    peer.wait_for_node()
-    assert_policy_fits(peer, Parameters.node, {"/joint_states", "/joint_reaction_force"})
-
-
-def test_the_policy_is_what_the_load_node_has(peer: Peer, start_node: Callable[..., NodeProcess]) -> None:
-    start_node("-p", "use_sim_time:=true", kind="load")
-    peer.wait_until(lambda: LoadParameters.node in peer.node.get_node_names())
-    assert_policy_fits(peer, LoadParameters.node, {"/joint_states", "/ground_reaction_force"})
+    assert offered_names(peer, node) == allowed_names(node)
 
 
 @pytest.fixture
@@ -140,7 +132,3 @@ def test_without_its_enclave_nothing_runs(command: str, keystore: Path, right_ba
     keystore.rename(keystore.with_name("other"))
     line = refusal(tmp_path, command, *([right_bag] if command == "replay" else []))
     assert "SECURITY ERROR" in line
-
-
-def addresses(process: psutil.Process) -> set[str]:
-    return {socket.laddr.ip for socket in internet_sockets(process)}

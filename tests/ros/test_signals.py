@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import signal
-import subprocess
-import sys
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -71,32 +69,6 @@ def test_a_node_that_compiles_ends_without_a_kernel(
     assert not [child for child in begun if not has_ended(child)]
     assert not kept_files()
     assert not list(tmp_path.glob("bag/*.partial"))
-
-
-LOST = """
-import os, signal, time
-from knee_contact_ros.node.managed_node import Stop
-
-class Owner:
-    def __del__(self):
-        os.kill(os.getpid(), signal.SIGTERM)
-        time.sleep(0)  # the signal is handled here
-
-stop = Stop()
-try:
-    with stop.interrupting():
-        owner = Owner()
-        del owner
-        time.sleep(60.0)
-except KeyboardInterrupt:
-    print("interrupted", stop.requested)
-"""
-
-
-def test_a_signal_during_a_finalizer_interrupts_a_little_later() -> None:
-    """Python drops what is raised in one; the compiler has many, and a node would compile on for half a minute."""
-    ended = subprocess.run([sys.executable, "-c", LOST], capture_output=True, text=True, timeout=50.0, check=False)
-    assert (ended.stdout, ended.stderr) == ("interrupted True\n", "")
 
 
 def test_a_node_outlives_its_terminal_where_it_was_asked_to(

@@ -108,18 +108,3 @@ def test_messages_without_a_stamp_get_that_of_their_arrival(peer: Peer, start_no
     assert now < min(stamps) < max(stamps) < time.time_ns()
     angles = {round(angle, 3) for angle in ANGLES}
     assert min(angles) - 1e-3 <= min(contact.flexion_angle for contact in peer.contacts)
-
-
-@pytest.mark.parametrize(
-    ("source", "words"),
-    [
-        ("/a geometry_msgs/Vector3Stamped vector.w", "geometry_msgs/msg/Vector3 has no field 'w'; it has x, y, z"),
-        ("/a exo_msgs/State angle", "parameter knee.source: exo_msgs/msg/State needs the ROS 2 package exo_msgs"),
-        ("/a std_msgs/Float65 data", "parameter knee.source: the definition of std_msgs/msg/Float65 cannot be read"),
-        ("/a std_msgs/Float64 data", "parameter knee.source: std_msgs/msg/Float64 has no header with a stamp"),
-    ],
-)
-def test_what_no_message_has_is_told_at_the_start(source: str, words: str, start_node: Start) -> None:
-    code, output = start_node("-p", f"knee.source:={source}").wait()
-    assert code == 2
-    assert words in output

@@ -7,9 +7,8 @@ import os
 import signal
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
-from types import FrameType
 from typing import Any
 
 import pytest
@@ -54,42 +53,12 @@ def test_a_file_is_being_written_as_long_as_its_writer_lives(tmp_path: Path) -> 
         refuse_existing(path)
 
 
-def test_a_claimed_file_is_emptied_by_its_writer_only(tmp_path: Path) -> None:
-    partial = tmp_path / "out.mcap.partial"
-    partial.write_text("earlier")
-    with open_claimed(claim(tmp_path / "out.mcap", overwrite=True)) as file:
-        assert partial.read_bytes() == b""
-        file.write(b"new")
-        file.flush()
-        with pytest.raises(UsageError, match="is being written"):
-            open_claimed(claim(tmp_path / "out.mcap", overwrite=True))
-    assert partial.read_bytes() == b"new"
+PLANTED: dict[str, Callable[[Path], None]] = {
+    "a link": lambda place: place.symlink_to(place.parent / "victim"), "a pipe": os.mkfifo,
+}  # fmt: skip
+"""What may lie where a file is to be, and must not be opened: a link leads elsewhere, a pipe is waited for"""
 
 
-@pytest.fixture
-def never_waiting() -> Iterator[None]:
-    """A test that waits for ever fails."""
-
-    def on_alarm(_number: int, _frame: FrameType | None) -> None:
-        raise TimeoutError
-
-    before = signal.signal(signal.SIGALRM, on_alarm)
-    signal.alarm(60)
-    yield
-    signal.alarm(0)
-    signal.signal(signal.SIGALRM, before)
-
-
-def link_to_victim(place: Path) -> None:
-    """A link that leads to another's file."""
-    place.symlink_to(place.parent / "victim")
-
-
-PLANTED: dict[str, Callable[[Path], None]] = {"link": link_to_victim, "pipe": os.mkfifo}
-"""What may lie where a file is to be, and must not be opened"""
-
-
-@pytest.mark.usefixtures("never_waiting")
 @pytest.mark.parametrize("what", PLANTED)
 @pytest.mark.parametrize("place", ["out.mcap", "out.mcap.partial"])
 def test_what_is_no_plain_file_is_never_opened(tmp_path: Path, what: str, place: str) -> None:
@@ -102,6 +71,8 @@ def test_what_is_no_plain_file_is_never_opened(tmp_path: Path, what: str, place:
     assert claim_first(all_names(path))[0].name == "out_1.mcap"
     with open_claimed(claim(path, overwrite=True)) as file:
         file.write(b"ours")
+        with pytest.raises(UsageError, match="is being written"):
+            open_claimed(claim(path, overwrite=True))
     take_name(tmp_path / "out.mcap.partial", path, overwrite=True)
     assert path.read_bytes() == b"ours"
     assert not path.is_symlink()
@@ -127,13 +98,10 @@ def test_a_name_that_is_taken_meanwhile_is_left_alone(tmp_path: Path, monkeypatc
 
 
 IMPOSSIBLE = {
-    "": "it names no file",
     "..": "it names no file",
     "folder": "Is a directory",
     "file/out.mcap": "Not a directory",
-    "file/deep/out.mcap": "Not a directory",
     f"{'n' * 237}.mcap": "File name too long",
-    f"new/{'n' * 300}/out.mcap": "File name too long",
     "new/" + "x/" * 4000 + "out.mcap": "File name too long",
     "with\0zero.mcap": "it names no file",
     "half\ud800.mcap": "'utf-8' codec can't encode character '\\ud800' in position",
@@ -148,15 +116,10 @@ def test_paths_that_cannot_be_are_refused_with_the_reason(tmp_path: Path, name: 
     (tmp_path / "loop").symlink_to(tmp_path / "loop")
     before = sorted(tmp_path.rglob("*"))
     with pytest.raises(UsageError) as caught:
-        refuse_impossible(tmp_path / name if name else Path("/"))
+        refuse_impossible(tmp_path / name)
     assert IMPOSSIBLE[name] in str(caught.value)
+    refuse_impossible(tmp_path / "new" / "deep" / f"{'n' * 236}.mcap")
     assert sorted(tmp_path.rglob("*")) == before
-
-
-@pytest.mark.parametrize("name", ["out.mcap", "new/deep/out.mcap", f"{'n' * 236}.mcap", "taken.mcap"])
-def test_paths_that_can_be_are_not_refused(tmp_path: Path, name: str) -> None:
-    (tmp_path / "taken.mcap").touch()
-    refuse_impossible(tmp_path / name)
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may do all")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import subprocess
 import sys
 from pathlib import Path
 
@@ -50,14 +51,16 @@ PROGRAM = """
 from knee_contact_ros.system.terminal import progress
 
 with progress("\x1b]0;mine\x07[/red]") as advance:
-    advance(1, 2)
+    for done in range(1, 300_001):
+        advance(done, 300_000)
     advance.describe("\x1b]0;mine\x07[/green]")
-    advance(2, 2)
 """
 
 
-def test_a_bar_has_none() -> None:
+def test_a_bar_has_none_and_comes_to_its_end_and_in_a_pipe_there_is_no_bar() -> None:
     with Terminal(sys.executable, "-c", PROGRAM) as terminal:
         terminal.wait_for(r"\\x1b\]0;mine\\x07\[/red\]")
-        terminal.wait_for(r"\\x1b\]0;mine\\x07\[/green\]")
+        terminal.wait_for(r"\\x1b\]0;mine\\x07\[/green\].*100%")
         terminal.wait_for(r"\[ended with 0, usual\]")
+    done = subprocess.run([sys.executable, "-c", PROGRAM], capture_output=True, text=True, check=True, timeout=60)
+    assert (done.stdout, done.stderr) == ("", "")

@@ -61,9 +61,7 @@ def test_a_signal_while_it_starts_ends_it(number: int, tmp_path: Path, monkeypat
     ("output", "told"),
     [
         ("", "it said nothing"),
-        ("one\ntwo\n", "two"),
         ("[ERROR] [1.5] [knee_contact]: why\n[INFO] [1.6] [knee_contact]: 601 ticks", r"\[ERROR\] .* why"),
-        ("[INFO] [1.5] [knee_contact]: begun\n[INFO] [1.6] [knee_contact]: 601 ticks", ".* 601 ticks"),
     ],
 )
 def test_why_it_has_ended_is_told(tmp_path: Path, output: str, told: str) -> None:
