@@ -117,6 +117,8 @@ def solve(
         source = f"those in {bag.name}, made with {basis.package}" if isinstance(basis, Provenance) else files
         rows = {"parameters": ", ".join([source, *parameter_values])}
         parameters = parameters_in(basis)
+        if parameters.load.rule == "fixed_share":
+            rows["load"] = f"{parameters.load.share:.4g} of the axial force (load.share)"
         if weight_of(bag) == parameters.body_weight:
             rows["body weight"] = f"{parameters.body_weight:.7g} N, as {bag.name} was imported with"
         show_summary(summary, rows, {"Recording": str(output)})

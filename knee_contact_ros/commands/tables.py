@@ -112,7 +112,7 @@ def peak_table(summary: Summary) -> Table:
     load, force, depth = (summary.peaks[name] for name in ("load", "contact_force", "penetration_depth"))
     largest = forces(load.load, force.contact_force, depth.penetration_depth)
     stamps, one_run = (load.stamp, force.stamp, depth.stamp), load.run == force.run == depth.run
-    when = moment(depth) if one_run and max(stamps) - min(stamps) <= ONE_MOMENT else ("various",)
+    when = moment(depth) if one_run and max(stamps) - min(stamps) <= ONE_MOMENT else ("",)
     doubtful = bool((load.status | force.status | depth.status) & Status.IMPLAUSIBLE)
     table.add_row("largest" + DOUBTFUL * doubtful, *largest, *when)
     if summary.flagged["IMPLAUSIBLE"]:

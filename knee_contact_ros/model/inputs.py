@@ -236,5 +236,6 @@ class Axes:
             return f"{carried} N in joint_reaction_force: is {name} up? Is frame.tibia {self.frame!r} right?"
         return (
             f"{carried} N in joint_reaction_force: is {name} up? Set frame.tibia (for z up as in REP 103: the name of "
-            "the forces' frame followed by _isb), or send force.y along the tibia, < 0 in compression"
+            f"the forces' frame followed by _isb), name the axis in load.source (as -wrench.force.{name}), or send "
+            "force.y along the tibia, < 0 in compression"
         )

@@ -203,9 +203,8 @@ class ContactSession(Session):
         made, which crashes at the end of the process. A signal that comes while that process is started waits until
         the process is known: it would go on compiling otherwise.
         """
-        words = f"preparing the model; compiling it, once on a machine, takes about {COMPILING:.0f} s"
-        self.node.get_logger().info(words)
         if find_spec("numba") and not kept_files():
+            self.node.get_logger().info(f"compiling the model, once on a machine, which takes about {COMPILING:.0f} s")
             process = start(output=None, **OWN_GROUP, **python_module("knee_contact_ros.commands.main", "warm"))
             try:
                 with interrupting():

@@ -18,9 +18,7 @@ DYNAMIC_JOINT_STATES, DYNAMIC_JOINT_STATE = "dynamic_joint_states", "control_msg
 """Joint states of ros2_control: name of the topic, and its type"""
 ON_ARRIVAL = "on arrival"
 """Words behind a source whose messages have no stamp, or a wrong one: they get the time of their arrival"""
-FORM = (
-    f"TOPIC, or TOPIC TYPE FIELD [UNIT], ..., as /encoder exo_msgs/Joint knee.angle deg, or {ON_ARRIVAL} behind these"
-)
+FORM = f"TOPIC, or TOPIC TYPE FIELD [UNIT], such as /encoder exo_msgs/Joint knee.angle deg; then perhaps {ON_ARRIVAL}"
 """Form of the text of a source"""
 SOURCE = re.compile(rf"([~/\w*]+)(?:[:,]?\s+(\w+(?:/msg)?/\w+)[:,]?\s+(\S.*?))??(\s+{ON_ARRIVAL})?")
 FIELD = re.compile(r"([+-]?)((?:\w+(?:\[\d+\])*)(?:\.\w+(?:\[\d+\])*)*)(?:\s+(\S+))?")
