@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -15,12 +16,16 @@ from studies.ellipse import Ellipse, SmoothFemur
 from studies.honesty.scenes import Scene
 
 
+@lru_cache(maxsize=8)
+def pair(half_axes: tuple[float, float], slope: float) -> ContactPair:
+    """An ellipse, its half axes in [m], on a plane: its table is made once for all models of a scene."""
+    return ContactPair(SmoothFemur(closed_form=Ellipse(*map(float, half_axes)).support), Plane(slope), hinge())
+
+
 def knee(scene: Scene, level: str, tolerance: float, budget: int = 0, force_tolerance: float = 0.0) -> KneeModel:
     """Compiled model of a scene at a level of `LEVELS`; tolerances are in [m] and, unless it is 0, in [N]."""
     return KneeModel(
-        pair=ContactPair(
-            SmoothFemur(closed_form=Ellipse(*map(float, scene.half_axes)).support), Plane(scene.slope), hinge()
-        ),
+        pair=pair(scene.half_axes, scene.slope),
         law=CONTACT_LAWS[scene.law](**scene.arguments),
         mass=scene.mass,
         tolerance=tolerance,
