@@ -5,8 +5,6 @@ The planes are dark in every theme of the viewer; curves must be visible in a da
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
 
 from knee_contact_ros.model.types import ContactState
@@ -41,15 +39,7 @@ OF_STATE = np.array([APART, CARTILAGE, BONE], dtype=np.uint8)
 NAME_OF_STATE = {ContactState.SEPARATED: "apart", ContactState.CARTILAGE: "cartilage", ContactState.BONE: "bone"}
 
 
-class KneeColour(NamedTuple):
-    """Colour of a knee's curves in a plot of several knees."""
-
-    name: str
-    colour: Colour
-
-
-KNEE_COLOURS = (
-    KneeColour("blue", (75, 150, 235)), KneeColour("orange", (235, 115, 55)), KneeColour("green", (60, 165, 110)),
-    KneeColour("violet", (165, 120, 225)),
-)  # fmt: skip
-"""Colours of the knees of a scene, used in turn"""
+KNEE_COLOURS: dict[str, Colour] = {
+    "blue": (75, 150, 235), "orange": (235, 115, 55), "green": (60, 165, 110), "violet": (165, 120, 225),
+}  # fmt: skip
+"""Colours of the curves of the knees in a plot of several knees, used in turn"""

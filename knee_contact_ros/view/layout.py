@@ -289,7 +289,7 @@ def title_of(drawings: Sequence[KneeOutlines], plot: Plot) -> str:
     if not several:
         return title
     names = [
-        f"{drawing.knee} {colours.KNEE_COLOURS[number % len(colours.KNEE_COLOURS)].name}"
+        f"{drawing.knee} {[*colours.KNEE_COLOURS][number % len(colours.KNEE_COLOURS)]}"
         for number, drawing in enumerate(drawings)
         if plot.path in {one.path for one in plots_of(drawing, latency=True)}
     ]

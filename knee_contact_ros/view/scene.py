@@ -214,7 +214,7 @@ class Scene:
         for plot in self._plots:
             names, tints, widths = zip(*(series[:3] for series in plot.series), strict=True)
             if self._number is not None:
-                tints = (KNEE_COLOURS[self._number % len(KNEE_COLOURS)].colour,) * len(names)
+                tints = ([*KNEE_COLOURS.values()][self._number % len(KNEE_COLOURS)],) * len(names)
             yield plot.path, names, tints, widths
         if self._drawing.has_bone:
             yield layout.LAYER, [layout.LAYER_NAME], [layout.LAYER_COLOUR], [1.5]

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 
 pytest.importorskip("rerun", reason="needs the extra viewer")
-import rerun.blueprint as rrb
-from rerun.blueprint.api import Container
 
 from knee_contact_ros.model.types import Rows
 from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.view import layout
 from knee_contact_ros.view.anatomy import KneeOutlines, drawing_of, drawings_of, placed
 from knee_contact_ros.view.colours import KNEE_COLOURS
-from knee_contact_ros.view.layout import DETAILS, KNEE, SOLVER, blueprint, title_of
+from knee_contact_ros.view.layout import DETAILS, KNEE, SOLVER, title_of
 from tests.view.scenes import SHIPPED, WEIGHT
 
 pytestmark = pytest.mark.xdist_group("the scene")  # what is drawn once is read by several
@@ -66,30 +63,13 @@ def test_both_compartments_are_drawn_as_one_knee(config: Path) -> None:
     assert medial == pytest.approx(lateral, rel=1e-9)
 
 
-@pytest.mark.parametrize("number", [1, 2, 3, 4])
-def test_two_planes_at_most_stand_side_by_side_and_narrow_views_have_short_names(knee: Knee, number: int) -> None:
-    def views(container: Any) -> list[Any]:
-        within = isinstance(container, Container)
-        return [view for part in container.contents for view in views(part)] if within else [container]
-
-    names = [f"knee_{one}" for one in range(number)]
-    drawn = blueprint([knee[0]._replace(knee=name) for name in names])
-    planes = drawn.root_container.contents[0].contents[0].contents[0]
-    assert (len(planes.contents), planes.grid_columns) == (number, min(number, 2))
-    states = [view.name for view in views(drawn.root_container) if isinstance(view, rrb.StateTimelineView)]
-    assert states == ["Stance, shaded, and swing"] + [
-        f"{name}{': contact and level' if number <= 2 else ''}" for name in names
-    ]
-    assert sum(isinstance(view, rrb.TextLogView) for view in views(drawn.root_container)) == number
-
-
 def test_several_knees_are_told_apart_by_their_colours(knee: Knee) -> None:
     drawing, _ = knee
     both = [drawing._replace(knee="left"), drawing._replace(knee="right", body_weight=800.0)]
     assert title_of(both, KNEE[1]).endswith("[BW of 737 or 800 N]: left blue, right orange")
     still = drawing._replace(knee="circle", contact_range=(0.0, 0.0))
     assert title_of([still, drawing], DETAILS[0]).endswith("[mm]: knee orange")
-    assert len({one.colour for one in KNEE_COLOURS}) == len(KNEE_COLOURS)
+    assert len({*KNEE_COLOURS.values()}) == len(KNEE_COLOURS)
     four = [drawing._replace(knee=f"{side}_{of}") for side in ("left", "right") for of in ("medial", "lateral")]
     assert title_of(four, KNEE[0]) == (
         "Flexion angle [deg]: left_medial blue, left_lateral orange, right_medial green, right_lateral violet"
@@ -110,7 +90,7 @@ def test_curves_can_be_seen_in_a_dark_and_in_a_light_viewer() -> None:
         return float(np.dot([0.2126, 0.7152, 0.0722], linear))
 
     series = {series.colour for plot in (*KNEE, *DETAILS, *SOLVER) for series in plot.series}
-    for colour in {layout.LAYER_COLOUR, *(one.colour for one in KNEE_COLOURS), *series}:
+    for colour in {layout.LAYER_COLOUR, *KNEE_COLOURS.values(), *series}:
         light = luminance(colour)
         assert 1.05 / (light + 0.05) > 2.5, colour
         assert (light + 0.05) / (luminance((16, 17, 20)) + 0.05) > 2.5, colour

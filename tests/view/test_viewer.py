@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import errno
 import os
-import re
 import resource
 import subprocess
 import sys
@@ -16,10 +15,9 @@ import pytest
 
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.model.types import Rows
-from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.view.anatomy import KneeOutlines
 from knee_contact_ros.view.output import RerunFile
-from knee_contact_ros.view.viewer import NOT_INSTALLED, executable, viewer
+from knee_contact_ros.view.viewer import NOT_INSTALLED, executable
 from tests.helpers.needs import needs_viewer
 from tests.helpers.processes import NO_BYTECODE
 
@@ -34,14 +32,6 @@ def test_the_viewer_is_found_among_the_packages_of_a_user(tmp_path: Path, monkey
     monkeypatch.syspath_prepend(tmp_path)
     invalidate_caches()
     assert executable() == tmp_path / "rerun_cli" / "rerun"
-
-
-def test_a_viewer_that_is_not_there_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delitem(sys.modules, "rerun_cli", raising=False)
-    monkeypatch.setattr(sys, "path", [str(tmp_path)])
-    assert viewer() is None
-    with pytest.raises(UsageError, match=f"^{re.escape(NOT_INSTALLED)}$"):
-        executable()
 
 
 @pytest.mark.parametrize("arguments", [["nowhere.mcap"], ["{bag}", "--save", "out.rrd"], ["rerun+http://127.0.0.1/"]])
