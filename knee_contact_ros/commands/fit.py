@@ -10,11 +10,15 @@ import click
 from knee_contact_ros.commands.options import (
     DEFAULT_PARAMETERS,
     FILE,
-    Output,
+    choice_option,
     find_parameters,
     names_in_bag_options,
+    number_option,
+    output_option,
+    overwrite_option,
     parameter_files_option,
     parameter_values,
+    path_option,
 )
 
 
@@ -27,28 +31,10 @@ from knee_contact_ros.commands.options import (
     help="Position of the slice along z, the medio-lateral axis [mm]. auto: through the contact centre of the "
     "compartment.",
 )
-@click.option(
-    "--output",
-    type=Output(".csv"),
-    required=True,
-    metavar="OUT.csv",
-    help="Profile to write. A picture OUT.png and a parameter file OUT.yaml are written too.",
-)
-@click.option("--bone", type=FILE, metavar="MESH", help="Mesh of the bone, to measure the thickness of the cartilage.")
-@click.option(
-    "--side",
-    type=click.Choice(["femur", "tibia"]),
-    default="femur",
-    show_default=True,
-    help="Bone that the cartilage covers.",
-)
-@click.option(
-    "--compartment",
-    type=click.Choice(["medial", "lateral"]),
-    default="medial",
-    show_default=True,
-    help="For --slice auto: medial is z < 0, lateral z > 0.",
-)
+@output_option("OUT.csv", "Profile to write. A picture OUT.png and a parameter file OUT.yaml are written too.", ".csv")
+@path_option("--bone", "MESH", "Mesh of the bone, to measure the thickness of the cartilage.")
+@choice_option("--side", ["femur", "tibia"], "Bone that the cartilage covers.", "femur")
+@choice_option("--compartment", ["medial", "lateral"], "For --slice auto: medial is z < 0, lateral z > 0.", "medial")
 @click.option(
     "--unit",
     type=click.Choice(["m", "mm", "cm"]),
@@ -66,23 +52,15 @@ from knee_contact_ros.commands.options import (
     help="Origin of the profile [mm in the mesh, after --axes]. mesh: that of the mesh; surface: on the tibia at x = "
     "0. [default: mesh; tibia: surface]",
 )
-@click.option(
-    "--tolerance",
-    type=click.FloatRange(0.001, 2.0),
-    default=0.05,
-    show_default=True,
-    help="Largest RMS distance [mm] that smoothing may add to the roughness of the mesh.",
+@number_option(
+    "--tolerance", 0.001, 2.0, 0.05, "Largest RMS distance [mm] that smoothing may add to the roughness of the mesh."
 )
-@click.option(
-    "--slab",
-    type=click.FloatRange(0.0, 10.0),
-    default=2.0,
-    show_default=True,
-    help="Half width [mm] of the slab around the slice whose points are used, to average noise.",
+@number_option(
+    "--slab", 0.0, 10.0, 2.0, "Half width [mm] of the slab around the slice whose points are used, to average noise."
 )
 @click.option("--label", type=int, metavar="N", help="Label of the cartilage in a label map.")
 @click.option("--bone-label", type=int, metavar="N", help="Label of the bone in a label map given as --bone.")
-@click.option("--overwrite", is_flag=True, help="Replace OUT.csv, OUT.png and OUT.yaml if they exist.")
+@overwrite_option("Replace OUT.csv, OUT.png and OUT.yaml if they exist.")
 def fit_profile(mesh: Path, side: str, compartment: str, tolerance: float, slab: float, **others: Any) -> None:
     """Make a profile from a mesh of cartilage.
 
@@ -115,9 +93,7 @@ def fit_profile(mesh: Path, side: str, compartment: str, tolerance: float, slab:
 @click.option("--axial", required=True, metavar="SUM", help="Axial compression [N], for example 'pm + am + pl + al'.")
 @click.option("--medial", required=True, metavar="SUM", help="Its medial part [N], for example '0.98 am + 0.97 pm'.")
 @click.option("--flexion", required=True, metavar="SUM", help="Flexion angle, for example --flexion=-knee_angle.")
-@click.option(
-    "--angle-unit", type=click.Choice(["deg", "rad"]), default="rad", show_default=True, help="Unit of --flexion."
-)
+@choice_option("--angle-unit", ["deg", "rad"], "Unit of --flexion.", "rad")
 @click.option(
     "--body-weight",
     type=click.FloatRange(10.0, 5000.0),
@@ -129,16 +105,15 @@ def fit_profile(mesh: Path, side: str, compartment: str, tolerance: float, slab:
 @click.option(
     "--moment", default="", metavar="SUM", help="Frontal moment torque.x [N m]. Fits the spacing of the compartments."
 )
-@click.option(
+@choice_option(
     "--form",
-    type=click.Choice(["auto", "curve", "table"]),
-    default="auto",
-    show_default=True,
-    help="curve: over the load; table: over flexion and load; auto: the better one on trials that are left out.",
+    ["auto", "curve", "table"],
+    "curve: over the load; table: over flexion and load; auto: the better one on trials that are left out.",
+    "auto",
 )
 @click.option("--source", default="", help="Source of the data, which is written into the file.")
-@click.option("--output", type=Output(".csv"), required=True, metavar="OUT.csv", help="Table to write.")
-@click.option("--overwrite", is_flag=True, help="Replace OUT.csv if it exists.")
+@output_option("OUT.csv", "Table to write.", ".csv")
+@overwrite_option("Replace OUT.csv if it exists.")
 def fit_share(
     trials: tuple[str, ...], time: str, axial: str, medial: str, flexion: str, moment: str, angle_unit: str, **rest: Any
 ) -> None:
@@ -173,12 +148,8 @@ def fit_share(
     metavar="COLUMN=SD",
     help="Standard deviation of the noise of a column, in its unit. [default: that of the residuals] Once per column.",
 )
-@click.option(
-    "--loss",
-    type=click.Choice(["linear", "soft_l1", "huber"]),
-    default="linear",
-    show_default=True,
-    help="linear: least squares; with the others outliers count less.",
+@choice_option(
+    "--loss", ["linear", "soft_l1", "huber"], "linear: least squares; with the others outliers count less.", "linear"
 )
 @click.option(
     "--level",
@@ -195,8 +166,8 @@ def fit_share(
     show_default=True,
     help="Number of starting points of the search, to find other minima.",
 )
-@click.option("--output", type=Output(".yaml"), required=True, metavar="OUT.yaml", help="Parameter file to write.")
-@click.option("--overwrite", is_flag=True, help="Replace OUT.yaml if it exists.")
+@output_option("OUT.yaml", "Parameter file to write.", ".yaml")
+@overwrite_option("Replace OUT.yaml if it exists.")
 @names_in_bag_options()
 def calibrate(
     data: tuple[Path, ...],

@@ -2,34 +2,41 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Any
 
 import click
 
-from knee_contact_ros.commands.options import FILE, Output
+from knee_contact_ros.commands.options import (
+    FILE,
+    Output,
+    choice_option,
+    number_option,
+    output_option,
+    overwrite_option,
+    path_option,
+)
 
-sensor_map_option = click.option(
+anyway_option = click.option(
+    "--anyway", is_flag=True, help="Write the bag although a value is probably a mistake. You get a warning instead."
+)
+files_argument = click.argument("files", type=FILE, metavar="FILE...", nargs=-1, required=True)
+sensor_map_option = path_option(
     "--map",
+    "MAP.yaml",
+    "Says which column is what, and its unit and sign. Can be given several times; later names win. The package "
+    "has locohub.",
     "maps",
-    type=FILE,
     required=True,
     multiple=True,
-    metavar="MAP.yaml",
-    help="Says which column is what, and its unit and sign. Can be given several times; later names win. The package "
-    "has locohub.",
 )
 
 
 @click.command("import-opensim")
-@click.option("--kinematics", type=FILE, metavar="Q.sto", help="Angles from IK, RRA or CMC, or a file of states.")
-@click.option("--reactions", type=FILE, metavar="JR.sto", help="Reactions of a JointReaction analysis.")
-@click.option("--speeds", type=FILE, metavar="U.sto", help="Rates of the angles. [default: derived from the angles]")
-@click.option(
-    "--model",
-    type=FILE,
-    metavar="M.osim",
-    help="Model, for the body weight, and for the sign of flexion if the angles do not show it.",
+@path_option("--kinematics", "Q.sto", "Angles from IK, RRA or CMC, or a file of states.")
+@path_option("--reactions", "JR.sto", "Reactions of a JointReaction analysis.")
+@path_option("--speeds", "U.sto", "Rates of the angles. [default: derived from the angles]")
+@path_option(
+    "--model", "M.osim", "Model, for the body weight, and for the sign of flexion if the angles do not show it."
 )
 @click.option(
     "--ground",
@@ -47,38 +54,21 @@ sensor_map_option = click.option(
     metavar="NAME",
     help="Column or coordinate of the angle. [default: the one with knee and side in its name]",
 )
-@click.option(
-    "--angle-unit",
-    type=click.Choice(["auto", "deg", "rad"]),
-    default="auto",
-    show_default=True,
-    help="Unit of the angle. auto: from the header and the values.",
+@choice_option(
+    "--angle-unit", ["auto", "deg", "rad"], "Unit of the angle. auto: from the header and the values.", "auto"
 )
-@click.option(
-    "--angle-sign",
-    type=click.Choice(["auto", "1", "-1"]),
-    default="auto",
-    show_default=True,
-    help="Sign of the angle. -1: flexion is negative in the file.",
-)
+@choice_option("--angle-sign", ["auto", "1", "-1"], "Sign of the angle. -1: flexion is negative in the file.", "auto")
 @click.option("--start", type=float, metavar="S", help="Leave out earlier samples [s].")
 @click.option("--end", type=float, metavar="S", help="Leave out later samples [s].")
-@click.option(
-    "--rate",
-    type=click.FloatRange(0.0, 10_000.0),
-    default=200.0,
-    show_default=True,
-    metavar="HZ",
-    help="Interpolate angles and reactions to this rate. 0: each row keeps its stamp.",
+@number_option(
+    "--rate", 0.0, 10_000.0, 200.0, "Interpolate angles and reactions to this rate. 0: each row keeps its stamp.", "HZ"
 )
-@click.option(
+@path_option(
     "--setup",
-    "setups",
-    multiple=True,
-    type=FILE,
-    metavar="FOLDER|FILE",
-    help="Run OpenSim first (extra opensim). Give the folder with the set-up files, or each file. They are copied and "
+    "FOLDER|FILE",
+    "Run OpenSim first (extra opensim). Give the folder with the set-up files, or each file. They are copied and "
     "not changed.",
+    multiple=True,
 )
 @click.option(
     "--steps",
@@ -90,24 +80,11 @@ sensor_map_option = click.option(
 @click.option(
     "--work", type=Output(folder=True), metavar="DIR", help="New folder in which --setup keeps logs and all results."
 )
-@click.option(
-    "--side",
-    type=click.Choice(["right", "left", "both"]),
-    required=True,
-    help="Side of the knee. both: one bag for each.",
-)
-@click.option(
-    "--output",
-    type=Output(),
-    required=True,
-    metavar="BAG",
-    help="rosbag2 folder to write. With --side both: BAG_right and BAG_left.",
-)
-@click.option("--overwrite", is_flag=True, help="Replace a bag of that name.")
-@click.option(
-    "--anyway", is_flag=True, help="Write the bag although a value is probably a mistake. You get a warning instead."
-)
-def import_opensim(side: str, output: Path, overwrite: bool, **options: Any) -> None:
+@choice_option("--side", ["right", "left", "both"], "Side of the knee. both: one bag for each.", None)
+@output_option("BAG", "rosbag2 folder to write. With --side both: BAG_right and BAG_left.")
+@overwrite_option("Replace a bag of that name.")
+@anyway_option
+def import_opensim(**options: Any) -> None:
     """Make a gait bag from results of OpenSim, or run OpenSim first.
 
     The command finds columns by their names, and units and signs from the header and the values. If something is not
@@ -116,18 +93,16 @@ def import_opensim(side: str, output: Path, overwrite: bool, **options: Any) -> 
     """
     from knee_contact_ros.lab.opensim.command import import_opensim as import_all
 
-    import_all(side, output, overwrite, **options)
+    import_all(**options)
 
 
 @click.command("import-csv")
-@click.argument("files", type=FILE, metavar="FILE...", nargs=-1, required=True)
+@files_argument
 @sensor_map_option
-@click.option("--output", type=Output(), required=True, metavar="BAG", help="rosbag2 folder to write.")
-@click.option("--overwrite", is_flag=True, help="Replace a bag of that name.")
-@click.option(
-    "--anyway", is_flag=True, help="Write the bag although a value is probably a mistake. You get a warning instead."
-)
-def import_csv(files: tuple[Path, ...], maps: tuple[Path, ...], output: Path, overwrite: bool, anyway: bool) -> None:
+@output_option("BAG", "rosbag2 folder to write.")
+@overwrite_option("Replace a bag of that name.")
+@anyway_option
+def import_csv(**options: Any) -> None:
     """Make a gait bag from the files of a laboratory.
 
     FILE is a text table (CSV) or an OpenSim file (.sto, .mot). If there are several, each channel is read from the file
@@ -136,23 +111,23 @@ def import_csv(files: tuple[Path, ...], maps: tuple[Path, ...], output: Path, ov
     """
     from knee_contact_ros.lab.sensors import import_csv as import_files
 
-    import_files(files, maps, output, overwrite=overwrite, anyway=anyway)
+    import_files(**options)
 
 
 @click.command()
-@click.argument("files", type=FILE, metavar="FILE...", nargs=-1, required=True)
+@files_argument
 @sensor_map_option
-@click.option("--output", type=Output(".yaml"), required=True, metavar="OUT.yaml", help="Parameter file to write.")
-@click.option("--overwrite", is_flag=True, help="Replace OUT.yaml if it exists.")
-@click.option(
+@output_option("OUT.yaml", "Parameter file to write.", ".yaml")
+@overwrite_option("Replace OUT.yaml if it exists.")
+@number_option(
     "--longest-lag",
-    type=click.FloatRange(0.01, 1.0),
-    default=0.25,
-    show_default=True,
-    metavar="S",
-    help="Longest lag that is tried in both directions [s]. Use less than half a stride.",
+    0.01,
+    1.0,
+    0.25,
+    "Longest lag that is tried in both directions [s]. Use less than half a stride.",
+    "S",
 )
-def align(files: tuple[Path, ...], maps: tuple[Path, ...], output: Path, overwrite: bool, longest_lag: float) -> None:
+def align(**options: Any) -> None:
     """Find the offset and the lag of an angle sensor.
 
     It compares the angle of the map with its reference, in the files that import-csv reads. It writes
@@ -160,4 +135,4 @@ def align(files: tuple[Path, ...], maps: tuple[Path, ...], output: Path, overwri
     """
     from knee_contact_ros.lab.align import align as align_files
 
-    align_files(files, maps, output, longest_lag, overwrite=overwrite)
+    align_files(**options)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import stat
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import reduce
 from pathlib import Path
 from typing import Any, TypeVar
@@ -76,6 +76,35 @@ class Output(click.Path):
         """
         label = param.opts[0] if isinstance(param, click.Option) else "output"
         return checked_output(Path(str(super().convert(value, param, ctx))), label, *self._suffixes)
+
+
+def path_option(name: str, metavar: str, text: str, *own: str, **more: Any) -> Callable[[Function], Function]:
+    """Make an option that names an input file or folder; `text` is its help, `own` and `more` are Click's."""
+    return click.option(name, *own, type=FILE, metavar=metavar, help=text, **more)
+
+
+def output_option(metavar: str, text: str, *suffixes: str) -> Callable[[Function], Function]:
+    """Make the option `--output`, whose name must end with one of `suffixes`, if there are any."""
+    return click.option("--output", type=Output(*suffixes), required=True, metavar=metavar, help=text)
+
+
+def overwrite_option(text: str) -> Callable[[Function], Function]:
+    """Make the option `--overwrite`."""
+    return click.option("--overwrite", is_flag=True, help=text)
+
+
+def choice_option(name: str, values: Sequence[str], text: str, default: str | None) -> Callable[[Function], Function]:
+    """Make an option with a choice of values; it must be given if there is no default."""
+    own: dict[str, Any] = {"default": default, "show_default": True} if default else {"required": True}
+    return click.option(name, type=click.Choice(values), help=text, **own)
+
+
+def number_option(
+    name: str, low: float, high: float, default: float, text: str, metavar: str | None = None
+) -> Callable[[Function], Function]:
+    """Make an option with a number from `low` to `high`."""
+    kind = click.FloatRange(low, high)
+    return click.option(name, type=kind, default=default, show_default=True, metavar=metavar, help=text)
 
 
 def parameter_files_option(own: str, default: str) -> Callable[[Function], Function]:

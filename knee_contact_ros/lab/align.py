@@ -78,10 +78,10 @@ class Alignment(NamedTuple):
     """Correlation and RMS difference [rad] with offset and lag removed"""
 
 
-def align(files: Sequence[Path], maps: Sequence[Path], output: Path, longest: float, *, overwrite: bool) -> None:
+def align(files: Sequence[Path], maps: Sequence[Path], output: Path, longest_lag: float, overwrite: bool) -> None:
     """Align the map's angle with its reference, write the parameter file `output`, and print the estimates.
 
-    Lags from -`longest` to `longest` [s] are tried.
+    Lags from -`longest_lag` to `longest_lag` [s] are tried.
 
     Raises:
         UsageError: a file, the map or the output cannot be used, or the angles are not those of the same knee. Nothing
@@ -95,7 +95,7 @@ def align(files: Sequence[Path], maps: Sequence[Path], output: Path, longest: fl
     sensor, reference = read_channels(files, sensors, ("angle", "reference")).values()
     if fault := checks.impossible(sensor) or checks.impossible(reference):
         raise UsageError(fault)
-    alignment = aligned(sensor, reference, longest, sensors.max_gap)
+    alignment = aligned(sensor, reference, longest_lag, sensors.max_gap)
     output.write_text(overlay(alignment, sensor.columns, reference.columns, sensors.angle.sign), encoding="utf-8")
     values_set_in(output)
     show(alignment, output)

@@ -120,7 +120,7 @@ class SensorMap(Section):
         return self
 
 
-def import_csv(files: Sequence[Path], maps: Sequence[Path], output: Path, *, overwrite: bool, anyway: bool) -> None:
+def import_csv(files: Sequence[Path], maps: Sequence[Path], output: Path, overwrite: bool, anyway: bool) -> None:
     """Import files by maps, of which the later ones win, into the bag `output`, and print a summary.
 
     Raises:
@@ -293,7 +293,6 @@ def _series(name: str, channel: Channel, table: Table, to_si: float, leave_out: 
         raise UsageError(f"{table.path} has {rows - lost} row with numbers for {name}; a signal over time needs two")
     notes = [*table.notes, *["times count from the first row"] * (table.day is not None)]
     notes += [f"{name}: {lost} of {rows} rows left out, as a number is missing"] * bool(lost)
-    notes += [f"{name}: {table.duplicates} rows gave way to the next with the same time"] * bool(table.duplicates)
     weights = np.array(list(channel.weights.values()))
     values = (table.values[there][:, places] @ weights) * (to_si * channel.scale * channel.turned)
     words = " + ".join(str(column) if w == 1.0 else f"{w:g} {column}" for column, w in channel.weights.items())

@@ -467,7 +467,7 @@ def read_columns(header: Header, wanted: Sequence[Column], time: TimeColumn, tab
             f"{path}: in {table.duplicates} of {len(numbers)} rows column {time.column} has the value of the next row; "
             f"is it the time, in {time.unit}, with enough digits?"
         )
-    return table._replace(day=day, units=units, notes=header.notes, degrees=header.degrees)
+    return table._replace(day=day, units=units, notes=(*header.notes, *table.notes), degrees=header.degrees)
 
 
 def check_unit(path: Path, column: Column, said: str, unit: str, kind: str, what: str) -> None:
@@ -504,7 +504,9 @@ def _over_time(path: Path, names: Sequence[str], stamps: Stamps, values: Floats)
         cure = "; of several recordings choose one (table.rows in the map)" if path.suffix.lower() in PARQUETS else ""
         raise UsageError(f"{path}: time goes back from {before:.7g} to {after:.7g} s (rows {row + 1}, {row + 2}){cure}")
     last = np.append(steps > 0, True)
-    return Table(path, tuple(names), stamps[last], values[last], None, int(np.count_nonzero(~last)))
+    twice = int(np.count_nonzero(~last))
+    notes = (f"{path.name}: {twice} rows gave way to the next with the same time",) * bool(twice)
+    return Table(path, tuple(names), stamps[last], values[last], None, twice, notes=notes)
 
 
 def read_numbers(

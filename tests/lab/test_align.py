@@ -38,7 +38,7 @@ def found(
     return aligned(series(time, sensor), series(known, flexion(known)), 0.25, 0.1)
 
 
-@pytest.mark.parametrize(("lag", "gain"), [(0.0, 1.0), (0.0137, 1.0), (-0.043, 1.0), (0.2, 1.0), (0.0137, 0.85)])
+@pytest.mark.parametrize(("lag", "gain"), [(-0.043, 1.0), (0.2, 1.0), (0.0137, 0.85)])
 def test_what_was_put_in_is_found_to_a_fraction_of_a_sample(lag: float, gain: float) -> None:
     """A spline through 100 Hz follows a gait to 1e-4 of a degree; a wrong gain pulls at no lag."""
     got = found(lag, gain=gain)

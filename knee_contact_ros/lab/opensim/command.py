@@ -42,7 +42,7 @@ class Files(NamedTuple):
 
 
 def import_opensim(
-    side: str, output: Path, overwrite: bool, setups: Sequence[Path], steps: str, work: Path | None, ground: str | None,
+    side: str, output: Path, overwrite: bool, setup: Sequence[Path], steps: str, work: Path | None, ground: str | None,
     rate: float, angle_sign: str, anyway: bool, **rest: Any,
 ) -> None:  # fmt: skip
     """Import results of OpenSim, or run OpenSim first; arguments are the options of the command, by name.
@@ -58,10 +58,10 @@ def import_opensim(
         **rest, angle_sign=None if angle_sign == "auto" else int(angle_sign), rate=rate or None, anyway=anyway
     )
     chosen, given = tuple(filter(None, steps.split(","))), [f"--{name}" for name, path in files.items() if path]
-    if setups:
+    if setup:
         if given:
             raise UsageError(f"{given[0]} and --setup exclude each other: OpenSim's run gives its own")
-        import_run(setups, chosen, work, settings, outputs(side, output, settings, overwrite), ground)
+        import_run(setup, chosen, work, settings, outputs(side, output, settings, overwrite), ground)
         return
     if ground is not None:
         if not ground:
@@ -81,14 +81,14 @@ def import_opensim(
 
 
 def import_run(
-    setups: Sequence[Path], steps: Sequence[str], keep: Path | None, settings: Settings, bags: dict[str, Path],
+    setup: Sequence[Path], steps: Sequence[str], keep: Path | None, settings: Settings, bags: dict[str, Path],
     ground: str | None,
 ) -> None:  # fmt: skip
     """Run OpenSim's tools, keep their logs and results in the folder `keep`, if any, and import them.
 
     With `ground` the leg's sensors are simulated too, from this file of ground reactions or, if empty, the set-up's.
     """
-    folder, planned = setup_files.plan(setups, steps)
+    folder, planned = setup_files.plan(setup, steps)
     if keep and keep.exists():
         raise UsageError(f"--work {keep} exists already; give a new folder")
     if ground:
@@ -126,11 +126,10 @@ def outputs(side: str, output: Path, settings: Settings, overwrite: bool) -> dic
     Raises:
         UsageError: a bag exists already, or --joint or --coordinate is given for both sides.
     """
-    bags = {side: output}
-    if side == "both":
-        if settings.joint or settings.coordinate:
-            raise UsageError("--joint and --coordinate name one knee's; give --side right or left with them")
-        bags = {name: output.with_name(f"{output.name}_{name}") for name in (RIGHT, LEFT)}
+    both = side == "both"
+    if both and (settings.joint or settings.coordinate):
+        raise UsageError("--joint and --coordinate name one knee's; give --side right or left with them")
+    bags = {name: output.with_name(f"{output.name}_{name}") for name in (RIGHT, LEFT)} if both else {side: output}
     for bag in bags.values():
         gait_bag.check_output(bag, overwrite)
     return bags
@@ -157,8 +156,8 @@ def read_knee(side: str, files: Files, settings: Settings, work: Path) -> Gait:
     kinematics, reactions = read_storage(files.kinematics), read_storage(files.reactions)
     column = results.angle_column(kinematics, side, settings.coordinate)
     kinematics = kinematics.needed([column], settings.start, settings.end)
-    facts = results.read_model(files.model, coordinate_of(column)) if files.model else None
-    angle, notes = results.read_angles(kinematics, column, files.speeds, settings, facts.bounds if facts else None)
+    weight, bounds = results.read_model(files.model, coordinate_of(column)) if files.model else (None, None)
+    angle, notes = results.read_angles(kinematics, column, files.speeds, settings, bounds)
     degrees = checks.unit_of(kinematics, column, settings.angle_unit) == "deg"
     chosen = results.find_reactions(reactions, side, settings.joint)
     needed = [each.column(axis) for each in chosen for axis in results.AXES]
@@ -181,7 +180,7 @@ def read_knee(side: str, files: Files, settings: Settings, work: Path) -> Gait:
         columns |= {"hip": "by OpenSim", "ankle": "by OpenSim"}
         columns["ground_force"] = f"{ground.columns} of {files.ground_data.name}"
         notes += of_leg
-    weight, start, end = facts and facts.weight, settings.start, settings.end
+    start, end = settings.start, settings.end
     window = gait_bag.common_window(angle.stamps, *(each.stamps for each in wrenches.values()), start=start, end=end)
     flexion, force = (
         each.inside(window) if len(each.inside(window).stamps) > 1 else each for each in (angle, reaction)
@@ -213,12 +212,12 @@ def _poses(
         UsageError: it needs a model that is not given, or does not fit.
     """
     first = chosen[0]
-    if all(each.on_tibia or each.on_femur for each in chosen):
+    if all(each.rank < 2 for each in chosen):
         return [None] * len(chosen), reactions, []
-    if model and (find_spec("opensim") or not first.in_femur):
+    if model and (find_spec("opensim") or first.rank != 2):
         found = [legs.tibia_in(each, kinematics, degrees, model, reactions.stamps, work) for each in chosen]
         return [pose for pose, _ in found], reactions.rows(np.isin(reactions.stamps, found[0][1])), []
-    if not first.in_femur:
+    if first.rank != 2:
         raise results.needs_model(reactions, first)
     inside = reactions.stamps[(reactions.stamps >= angle.stamps[0]) & (reactions.stamps <= angle.stamps[-1])]
     doubt = (

@@ -62,15 +62,6 @@ class Settings(NamedTuple):
     """Whether to import what is likely a mistake"""
 
 
-class ModelFacts(NamedTuple):
-    """Weight and range of a coordinate of a model."""
-
-    weight: float
-    """Weight of all bodies [N]"""
-    bounds: tuple[float, float] | None
-    """Range of the coordinate [rad]; None: it has none"""
-
-
 class Reaction(NamedTuple):
     """Reaction of a joint in a file, with columns `<joint>_on_<body>_in_<frame>_fx` and so on."""
 
@@ -89,19 +80,14 @@ class Reaction(NamedTuple):
         return f"{self.joint}_on_{self.body}_in_{self.frame}_{axis}"
 
     @property
-    def on_tibia(self) -> bool:
-        """Whether it acts on a tibia and is expressed in its frame."""
-        return is_part(self.body, TIBIA) and self.frame == self.body
-
-    @property
-    def on_femur(self) -> bool:
-        """Whether it acts on a femur and is expressed in a tibia's frame."""
-        return is_part(self.body, FEMUR) and is_part(self.frame, TIBIA) and "offset" not in self.frame
-
-    @property
-    def in_femur(self) -> bool:
-        """Whether it is expressed in a femur's frame."""
-        return is_part(self.frame, FEMUR) and "offset" not in self.frame
+    def rank(self) -> int:
+        """0: on a tibia, in its frame; 1: on a femur, in a tibia's; 2: in a femur's frame; 3: in another."""
+        if is_part(self.body, TIBIA) and self.frame == self.body:
+            return 0
+        whole = "offset" not in self.frame
+        if is_part(self.body, FEMUR) and is_part(self.frame, TIBIA) and whole:
+            return 1
+        return 2 if is_part(self.frame, FEMUR) and whole else 3
 
 
 class Pose(NamedTuple):
@@ -115,8 +101,8 @@ class Pose(NamedTuple):
     """Where the reaction acts there [m], if the file does not say it; shape (n, 3)"""
 
 
-def read_model(path: Path, coordinate: str | None) -> ModelFacts:
-    """Read the mass of a model (.osim, of any version), and the range of a coordinate.
+def read_model(path: Path, coordinate: str | None) -> tuple[float, tuple[float, float] | None]:
+    """Read the weight [N] of a model (.osim, of any version), and the range [rad] of a coordinate; None: it has none.
 
     Raises:
         UsageError: the file is no model, or has no such coordinate.
@@ -127,7 +113,7 @@ def read_model(path: Path, coordinate: str | None) -> ModelFacts:
     if found is None:
         raise UsageError(f"{path} (--model) has no coordinate {coordinate}; is it the model of these results?")
     numbers = [float(number) for number in found.findtext("range", "").split()]
-    return ModelFacts(mass * GRAVITY, (numbers[0], numbers[1]) if len(numbers) == 2 else None)
+    return mass * GRAVITY, (numbers[0], numbers[1]) if len(numbers) == 2 else None
 
 
 def angle_column(table: Table, side: str, coordinate: str | None) -> str:
@@ -193,22 +179,21 @@ def find_reactions(table: Table, side: str, joint: str | None) -> list[Reaction]
     if joint is not None and joint not in joints:
         raise UsageError(f"{table.path} has no joint {joint} (--joint); it has {some(joints)}")
     usable: dict[str, Reaction] = {}
-    for each in sorted(there, key=lambda each: (not each.on_tibia, not each.on_femur, not each.in_femur)):
+    for each in sorted(there, key=lambda each: each.rank):
         if is_part(each.body, (*TIBIA, *FEMUR)) or (is_part(each.joint, COMPARTMENTS) and each.frame != GROUND):
             usable.setdefault(each.joint, each)
     ours = [name for name in usable if words(name) & SIDE_WORDS[side]]
     halves = [[name for name in ours if is_part(name, (half,))] for half in COMPARTMENTS]
-    at_plateau = [name for name in ours if is_part(f"{name} {usable[name].body}", PLATEAU)]
-    of_knee = [name for name in ours if is_knee(name, side) and is_part(usable[name].body, (*TIBIA, *FEMUR))]
+    ways = (
+        [name for name in ours if is_knee(name, side) and is_part(usable[name].body, (*TIBIA, *FEMUR))],
+        [name for name in ours if is_part(f"{name} {usable[name].body}", PLATEAU)],
+    )
     pair = [name for names in halves for name in names] if all(len(names) == 1 for names in halves) else []
-    found = [joint] if joint else next((each for each in (of_knee, at_plateau) if len(each) == 1), pair)
-    if joint and joint not in usable:
-        body = next(each.body for each in there if each.joint == joint)
-        raise UsageError(f"{table.path}: {joint} acts on {body}, and must on the tibia; {HOW}")
-    if not found:
+    found = [joint] if joint in usable else next((each for each in ways if len(each) == 1), pair)
+    if not found or joint not in {None, *found}:
         raise UsageError(
-            f"{table.path}: of {some(joints)} none acts on the tibia of the {side} knee, or several do; name one that "
-            f"does with --joint NAME, or run JointReaction again, {HOW}"
+            f"{table.path}: of {joint or some(joints)} none acts on the tibia of the {side} knee, or several do; name "
+            f"one that does with --joint NAME, or run JointReaction again, {HOW}"
         )
     if missing := [name for each in found for name in map(usable[each].column, AXES) if name not in table.names]:
         raise UsageError(f"{table.path} has no column {', '.join(missing)}")
@@ -246,13 +231,13 @@ def read_angles(
     if speeds and name is None:
         raise UsageError(f"{speeds} has no rate of {column}")
     if name is None:
-        return signal, [*notes, "rate: derived from the angle", *duplicate_notes(table)]
+        return signal, [*notes, "rate: derived from the angle", *table.notes]
     if source.stamps[0] > table.stamps[0] or source.stamps[-1] < table.stamps[-1]:
         raise UsageError(f"{source.path} spans {source.span}, less than the angles")
     rate = sign * source.column(name) * (math.radians(1.0) if source.degrees else 1.0)
     given = Signal(source.stamps, rate[:, None]).at(table.stamps).values
     checks.check_rate(given[:, 0], signal.with_rate().values[:, 1], f"{source.path}: {name}")
-    notes += [f"rate: {name} of {source.path.name}", *duplicate_notes(table)]
+    notes += [f"rate: {name} of {source.path.name}", *table.notes]
     return Signal(table.stamps, np.hstack([signal.values, given])), notes
 
 
@@ -308,10 +293,4 @@ def read_reaction(table: Table, parts: Sequence[tuple[Reaction, Pose | None]], s
     if side == LEFT:
         total = total * MIRROR
         notes.append("reaction: left knee mirrored to a right one (force z, torque x and y turned)")
-    return Signal(table.stamps, total), [*dict.fromkeys(notes), *duplicate_notes(table)]
-
-
-def duplicate_notes(table: Table) -> list[str]:
-    """Note on rows that were left out as the next row has the same stamp, if there are any."""
-    rows = "row gave" if table.duplicates == 1 else "rows gave"
-    return [f"{table.path.name}: {table.duplicates} {rows} way to the next with the same time"] * bool(table.duplicates)
+    return Signal(table.stamps, total), [*dict.fromkeys(notes), *table.notes]

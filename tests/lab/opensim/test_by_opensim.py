@@ -3,11 +3,6 @@
 from __future__ import annotations
 
 import shutil
-import signal
-import subprocess
-import sys
-import time
-from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -241,29 +236,6 @@ def test_a_step_that_fails_leaves_nothing_and_says_why(
     assert "OpenSim's ik (subject01_Setup_IK.xml) failed with code" in said
     assert said.count("\n") == 1
     assert not (tmp_path / "walk").exists()
-
-
-def test_interrupted_it_ends_its_step_and_leaves_nothing(example: Path, tmp_path: Path) -> None:
-    output, work = tmp_path / "walk", tmp_path / "work"
-    arguments = command(example, output, "--steps", "scale,ik,cmc", "--work", str(work))
-    process = subprocess.Popen(
-        [sys.executable, "-m", "knee_contact_ros.commands.main", *arguments], stderr=subprocess.PIPE
-    )
-    until = time.monotonic() + 120.0
-    while not (work / "logs" / "cmc.log").exists():
-        assert process.poll() is None
-        assert time.monotonic() < until, "computed muscle control has not begun"
-        time.sleep(0.1)
-    process.send_signal(signal.SIGINT)
-    _, said = process.communicate(timeout=60.0)
-    assert process.returncode == 130
-    assert said.decode().split() == ["knee-contact:", "interrupted"]
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["example", "work"]
-    folders = set()
-    for link in Path("/proc").glob("[0-9]*/cwd"):
-        with suppress(OSError):
-            folders.add(str(link.readlink()))
-    assert str(work.resolve()) not in folders
 
 
 def moments(folder: Path) -> Path:

@@ -7,13 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.opensim import pipeline
 from knee_contact_ros.lab.opensim.command import show_checks
 from knee_contact_ros.lab.opensim.pipeline import Run, assess
 from knee_contact_ros.lab.opensim.setup_files import Setup, plan, read_setup
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import not_installed
 from tests.lab.opensim.storages import write_storage
 
 SETUPS = {
@@ -99,16 +97,6 @@ def test_set_up_files_in_several_folders(folder: Path) -> None:
     where, setups = plan([folder / "scale.xml", ik, cmc], [])
     assert where == folder
     assert [setup.path for setup in setups] == [folder / "scale.xml", ik, cmc]
-
-
-def test_without_opensim_the_command_says_what_to_install(
-    folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    monkeypatch.setattr("knee_contact_ros.system.files.find_spec", lambda name: None)
-    arguments = ["--setup", str(folder), "--side", "right", "--output", str(tmp_path / "walk")]
-    assert main(["import-opensim", *arguments]) == 2
-    assert not_installed("opensim", "opensim") in capsys.readouterr().err
-    assert not (tmp_path / "walk").exists()
 
 
 @pytest.mark.parametrize(

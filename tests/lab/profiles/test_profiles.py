@@ -109,16 +109,6 @@ def test_noise_moves_the_contact_point_little() -> None:
     assert max(shifts) < 0.2 * MM  # the limit that is promised
 
 
-def test_a_dent_is_bridged() -> None:
-    """A profile is convex, whatever the slice is."""
-    points, normals = femoral_curve()
-    angle = np.degrees(np.arctan2(-normals[:, 0], -normals[:, 1]))
-    dent = 0.3 * MM * np.exp(-(((angle - 30.0) / 6.0) ** 2))
-    found = fit(surface(swept((points - normals * dent[:, None], normals))), MIDDLE)
-    assert found.shape.curvature.min() > -1.0
-    assert found.smoothed.deviations.min() < -0.1 * MM  # most of the dent is still below the profile
-
-
 def test_cartilage_is_as_thick_as_it_was_made_and_a_tibia_is_concave() -> None:
     found = fit(femur(TWO_RADII), MIDDLE, bone=femur(TWO_RADII, inwards=2.5 * MM))
     assert found.thickness is not None
@@ -145,13 +135,6 @@ def test_of_a_closed_cartilage_and_of_one_with_its_bone_the_outer_side_is_taken(
         found = fit(mesh, MIDDLE)
         assert any(remark in each for each in found.remarks)
         assert radii(found) == pytest.approx([0.030] * 3, abs=FACET / OF_ARC + error)
-
-
-def test_a_slice_at_the_rim_is_fitted_alone() -> None:
-    found = fit(femur(), MIDDLE + 9.4 * MM)
-    assert "the slab of 2 mm reaches beyond the surface" in found.remarks
-    fall = 0.020 - np.sqrt(0.020**2 - (9.4 * MM) ** 2)
-    assert radii(found)[0] == pytest.approx(0.030 - fall, abs=2.0 * FACET / OF_ARC)  # steep: facets cut deeper
 
 
 def test_the_automatic_slice_is_that_of_the_ridge() -> None:
