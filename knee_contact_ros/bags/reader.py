@@ -57,7 +57,6 @@ from knee_contact_ros.streams.topics import (
 )  # fmt: skip
 from knee_contact_ros.system.errors import UsageError, in_a_line, listed
 from knee_contact_ros.system.files import LARGEST_METADATA, BadYamlError, open_regular, read_yaml, split
-from knee_contact_ros.system.output_files import FIRST
 
 Names = Mapping[str, str]
 """Absolute names of topics in a bag, by their absolute names in the node"""
@@ -157,19 +156,19 @@ class BagReader:
             except OSError as error:
                 raise UsageError(f"cannot read bag {path}: {error.strerror}") from None
             self._in_file = [file.connections for file in self._files]
-            merged: dict[Connection, int] = {}
+            merged = Counter[Connection]()
             for connection in (each for topics in self._in_file for each in topics.values()):
-                key = connection._replace(messages=0)
-                merged[key] = merged.get(key, 0) + connection.messages
+                merged[connection._replace(messages=0)] += connection.messages
             self.connections = [key._replace(messages=count) for key, count in merged.items()]
             """Connections of all files, with one for each topic, type, encoding and definition"""
             if self.damage and not any(connection.messages for connection in self.connections):
                 raise UsageError(f"cannot read bag {path}: no message of it can be read; {in_a_line(self.damage)}")
             try:
-                self._requested = {
+                self.requested = {
                     topic: _found(path, self.connections, topic, type_name, names.get(topic, topic))
                     for topic, type_name in types.items()
                 }
+                """Connections of each requested topic"""
             except UsageError as error:
                 damage = f"; the bag is damaged: {in_a_line(self.damage)}" if self.damage else ""
                 raise UsageError(f"{error}{damage}") from None
@@ -181,15 +180,15 @@ class BagReader:
     @property
     def count(self) -> int:
         """Number of messages on the requested topics."""
-        return sum(map(self.count_of, self._requested))
+        return sum(map(self.count_of, self.requested))
 
     def count_of(self, topic: str) -> int:
         """Number of messages on a requested topic."""
-        return sum(connection.messages for connection in self._requested[topic])
+        return sum(connection.messages for connection in self.requested[topic])
 
     def channels(self, topic: str) -> list[int]:
         """Numbers of the channels that give a requested topic, in the file that has most of them."""
-        wanted = {connection[:3] for connection in self._requested[topic]}
+        wanted = {connection[:3] for connection in self.requested[topic]}
         each = ([n for n, one in own.items() if one[:3] in wanted and one.messages] for own in self._in_file)
         return max(each, key=len)
 
@@ -198,24 +197,21 @@ class BagReader:
         """Log time [ns] after the last message of the bag, on any topic; 0 without messages."""
         return 1 + max((segment.times[1] for file in self._files for segment in file.segments), default=-1)
 
-    def raw_messages(
-        self, topics: Collection[str] = (), start: int | None = None, stop: int | None = None
-    ) -> Iterator[RawMessage]:
+    def raw_messages(self, start: int | None = None, stop: int | None = None) -> Iterator[RawMessage]:
         """Messages in the order of arrival (`by_arrival`), not decoded.
 
         Args:
-            topics: Topics to read, out of the requested ones; all of them if empty.
             start: Smallest log time [ns]; None means no limit.
             stop: Log time [ns] that messages do not reach; None means no limit.
 
         Raises:
             UsageError: The bag is damaged.
         """
-        names, (publishers, batches) = list(self._requested), self.by_publisher(topics)
-        for batch in batches:
+        names = list(self.requested)
+        for batch in self._batches():
             for number, log_time, data in batch:
                 if (start is None or log_time >= start) and (stop is None or log_time < stop):
-                    yield RawMessage(names[publishers[number][0]], log_time, data)
+                    yield RawMessage(names[number], log_time, data)
 
     def blocks(self, topics: Collection[str] = (), *, most: int) -> Iterator[Batch]:
         """Messages in the order of arrival, in blocks of at most `most` messages.
@@ -229,43 +225,21 @@ class BagReader:
         Raises:
             UsageError: The bag is damaged.
         """
-        publishers, batches = self.by_publisher(topics)
-        index_of = np.array([index for index, _ in publishers], np.intp)
-        return blocks((replace(batch, numbers=index_of[batch.numbers]) for batch in batches), most)
+        return blocks(self._batches(topics), most)
 
     def definition(self, topic: str) -> MessageDefinition:
         """Definition of the type of a requested topic in the bag."""
-        return self._requested[topic][0].definition
+        return self.requested[topic][0].definition
 
-    def by_publisher(self, topics: Collection[str] = ()) -> tuple[list[tuple[int, MessageDefinition]], Iterator[Batch]]:
-        """Messages in the order of arrival, with the numbers of their publishers.
-
-        Args:
-            topics: Topics to read, out of the requested ones; all of them if empty.
-
-        Returns:
-            For each publisher the index of its topic among all requested ones, and its definition of the type; and
-            the messages, whose iterator raises UsageError if the bag is damaged.
-        """
-        publishers, numbers = list[tuple[int, MessageDefinition]](), list[dict[int, int]]()
-        known: dict[tuple[Connection, int], int] = {}  # a publisher has the same number in all files
+    def _batches(self, topics: Collection[str] = ()) -> Iterator[Batch]:
         wanted = {
             each._replace(messages=0): index
-            for index, (topic, found) in enumerate(self._requested.items())
+            for index, (topic, found) in enumerate(self.requested.items())
             for each in found
             if topic in topics or not topics
         }
-        for declared in self._in_file:
-            before = Counter[Connection]()
-            numbers.append({})
-            for channel, connection in declared.items():
-                if (key := connection._replace(messages=0)) in wanted:
-                    number = numbers[-1][channel] = known.setdefault((key, before[key]), len(known))
-                    publishers += [(wanted[key], key.definition)] * (number == len(publishers))
-                    before[key] += 1
-        return publishers, self._batches(numbers)
-
-    def _batches(self, numbers: Sequence[Mapping[int, int]]) -> Iterator[Batch]:
+        in_files = [{n: each._replace(messages=0) for n, each in declared.items()} for declared in self._in_file]
+        numbers = [{n: wanted[key] for n, key in in_file.items() if key in wanted} for in_file in in_files]
         try:
             for batch in by_arrival(self._files, numbers):
                 yield replace(batch, messages=Column.of([*map(_unpacked, batch.messages)])) if self._packed else batch
@@ -321,17 +295,19 @@ def answer_blocks(
     with BagReader(path, {topic: MESSAGE_TYPES[KNEE_CONTACT]}) as reader:
         if reader.damage:
             raise UsageError(f"{path} is damaged ({in_a_line(reader.damage)}): repair it with knee-contact recover")
-        (publishers, batches), done = reader.by_publisher(), 0
-        for block in blocks(batches, DECODED):
-            for number, messages in groupby(block, key=itemgetter(0)):
-                try:
-                    answers = decode_answers([data for *_, data in messages], publishers[number][1])
-                except Exception as error:  # whatever broken bytes and definitions provoke
-                    raise UsageError(f"{path}: an answer cannot be decoded: {' '.join(str(error).split())}") from None
-                yield answers
-                done += len(answers)
-                if advance:
-                    advance(done, reader.count)
+        first, *others = {connection.definition for connection in reader.requested[topic]}
+        if others:
+            raise UsageError(f"{path}: {topic} has several definitions of its messages: give its recordings one by one")
+        done = 0
+        for block in reader.blocks(most=DECODED):
+            try:
+                answers = decode_answers([*block.messages], first)
+            except Exception as error:  # whatever broken bytes and definitions provoke
+                raise UsageError(f"{path}: an answer cannot be decoded: {' '.join(str(error).split())}") from None
+            yield answers
+            done += len(answers)
+            if advance:
+                advance(done, reader.count)
 
 
 def read_answers(path: Path, topic: str = f"/{KNEE_CONTACT}") -> Rows:
@@ -621,31 +597,31 @@ def _names(folder: Path, listed_names: Sequence[str]) -> tuple[list[str], list[s
     names = sorted(path.name for path in folder.iterdir() if path.suffix in MAGICS)
     if not names:
         raise UsageError(f"{folder} is no rosbag2 folder: it has no {METADATA} of use, and no files")
-    numbered = {match.group(1, 3) if (match := NUMBERED.fullmatch(name)) else () for name in names}
-    first = [name for name in names if not goes_on_with(folder / name)]
-    if len(numbered) == 1 and () not in numbered:
-        names.sort(key=_number)
-    elif len(first) == 1 and len(names) == 1 + len(later := _later_files(folder, first[0])):
-        names = [*first, *later]
-    elif len(names) > 1:
+    begins = [name for name in names if not goes_on_with(folder / name)]
+    is_one = len(set(map(_unnumbered, names))) == 1 and (len(begins) == 1 or all(map(NUMBERED.fullmatch, names)))
+    if len(names) > 1 and not is_one:
         raise UsageError(
             f"{folder} has more than one recording, and no {METADATA} of use that names one; "
             f"give one of these files: {_first_of(names)}"
         )
-    return names, [f"{name} is missing" for name in listed_names]
+    return sorted(names, key=_number), [f"{name} is missing" for name in listed_names]
 
 
 def _later_files(folder: Path, first: str) -> list[str]:
     """Names of the files in a folder that continue the recording of `first`, in their order."""
-    wanted = (Path(first).stem.removesuffix(FIRST), Path(first).suffix)
-    matches = [match for path in folder.iterdir() if (match := NUMBERED.fullmatch(path.name))]
-    names = sorted((match[0] for match in matches if match.group(1, 3) == wanted), key=_number)
-    return [name for name in names if goes_on_with(folder / name) == first]
+    names = (path.name for path in folder.iterdir() if _unnumbered(path.name) == _unnumbered(first))
+    return sorted((name for name in names if goes_on_with(folder / name) == first), key=_number)
+
+
+def _unnumbered(name: str) -> str:
+    """Name of a file without the number of a numbered one."""
+    return NUMBERED.sub(r"\1\3", name)
 
 
 def _number(name: str) -> int:
-    """Number at the end of a numbered name."""
-    return int(Path(name).stem.rpartition("_")[2])
+    """Number of a numbered name; 0 of another one."""
+    match = NUMBERED.fullmatch(name)
+    return int(match[2]) if match else 0
 
 
 def others_beside(bag: Path) -> list[str]:

@@ -81,18 +81,21 @@ def solve(
         blocks: list[Sequence[Rows]] = []
         with progress("Solving") as advance:
             summary = solve_bag(path, basis, written, advance, overwrite, names, compiled=compiled, keep=blocks.append)
-        doubts = [*others_beside(path), *weight_doubt(path, parameters_in(basis)), *summary.warnings]
-        doubts += [summary.unanswered] if summary.unanswered else []
-        if summary.damage:
-            doubts.append(f"bag {path} is damaged, and solved as far as it can be read: {in_a_line(summary.damage)}")
-        for sentence in doubts:
-            warnings.warn(in_python(sentence), stacklevel=2)
+        doubts = [*weight_doubt(path, parameters_in(basis)), *summary.warnings, summary.unanswered]
+        _warn(path, "solved", doubts, summary.damage)
     medial, *lateral = (_joined(rows) for rows in zip(*blocks, strict=True))
     if lateral:
         medial.lateral = lateral[0]
     for results, model in zip((medial, *lateral), _models(basis), strict=False):
         results.model = model
     return medial
+
+
+def _warn(bag: Path, done: str, doubts: Sequence[str], damage: Sequence[str]) -> None:
+    """Warn of doubts, if they are not empty, of other recordings in the bag's folder, and of its damage."""
+    damaged = f"bag {bag} is damaged, and {done} as far as it can be{' read' * (done == 'solved')}"
+    for sentence in filter(None, [*others_beside(bag), *doubts, *([f"{damaged}: {in_a_line(damage)}"] * bool(damage))]):
+        warnings.warn(in_python(sentence), stacklevel=3)
 
 
 def _models(basis: Parameters | Provenance) -> list[KneeModel]:
@@ -195,9 +198,5 @@ def estimate_load(
         written = checked_output(Path(output), "output", ".mcap") if output else None
         with progress("Estimating") as advance:
             summary = estimate(path, parameters, written, advance, overwrite, names)
-        doubts = [*others_beside(path), *changed]
-        if summary.damage:
-            doubts = [*doubts, f"bag {path} is damaged, and read as far as it can be: {in_a_line(summary.damage)}"]
-        for sentence in doubts:
-            warnings.warn(in_python(sentence), stacklevel=2)
+        _warn(path, "read", changed, summary.damage)
     return summary.estimates.view(Records)
