@@ -6,20 +6,16 @@ import os
 import re
 import resource
 import signal
-import subprocess
-import sys
-import time
 from pathlib import Path
-from shutil import disk_usage, rmtree
+from shutil import disk_usage
 from typing import Any
 
-import psutil
 import pytest
 from mcap.records import Metadata
 from mcap.stream_reader import StreamReader
 
 from knee_contact_ros.bags.reader import BagReader, read_bag
-from knee_contact_ros.bags.recorder import INTERRUPTED, Limits, Settings, refuse
+from knee_contact_ros.bags.recorder import INTERRUPTED, Limits, refuse
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import read_refused
 from knee_contact_ros.parameters.files import load_parameters
@@ -27,9 +23,7 @@ from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.output import PROVENANCE
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.needs import needs_viewer
-from tests.helpers.processes import has_ended
 from tests.helpers.sinks import (
-    PATIENCE,
     SETTINGS,
     TYPES,
     MayWait,
@@ -124,17 +118,6 @@ def test_a_nearly_full_disk_is_refused(started: Started, tmp_path: Path) -> None
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_removed_folder_is_noticed_while_it_is_written(started: Started, tmp_path: Path) -> None:
-    folder = tmp_path / "bag"
-    sink = started.recorder(folder / "out.mcap")
-    put(sink, range(100))
-    rmtree(folder)
-    wait_until(lambda: sink.failure)
-    close(sink)
-    reason = "its file or folder was removed while it was written"
-    assert started.told == [f"recording {folder / 'out.mcap'} stopped: {reason}"]
-
-
 def test_a_killed_recorder_that_splits_leaves_whole_files_and_one_that_breaks_off(
     started: Started, tmp_path: Path
 ) -> None:
@@ -188,31 +171,3 @@ def test_a_queue_that_fills_is_a_warning_and_holds_no_more_than_it_may(
     assert int(sink.report()[0]["full [%]"]) <= 100
     os.kill(pid(sink), signal.SIGKILL)
     close(sink)
-
-
-def parent(path: str, count: int) -> None:
-    """What the next test runs and kills: all has left this process, and its child has not read it yet."""
-    sink = Started().recorder(Path(path), settings=Settings(60.0))
-    os.kill(pid(sink), signal.SIGSTOP)
-    put(sink, range(count))
-    wait_until(lambda: sink.report()[0]["backlog"] == "0")
-    time.sleep(0.1)
-    print(pid(sink), flush=True)  # noqa: T201
-    time.sleep(PATIENCE)
-
-
-def test_a_recording_is_completed_when_the_node_is_gone(tmp_path: Path) -> None:
-    path = tmp_path / "out.mcap"
-    code = f"from tests.bags.test_recorder import parent; parent({str(path)!r}, 100)"
-    with subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) as process:
-        assert process.stdout
-        child = psutil.Process(int(process.stdout.readline()))
-        process.kill()
-        process.wait()
-        os.kill(child.pid, signal.SIGCONT)
-        wait_until(lambda: has_ended(child))
-    assert recorded_ticks(path) == list(range(100))
-    assert sorted(p.name for p in tmp_path.iterdir()) == ["metadata.yaml", "out.mcap"]
-    with path.open("rb") as file:
-        names = [record.name for record in StreamReader(file).records if isinstance(record, Metadata)]
-    assert names == [PROVENANCE, INTERRUPTED, "rosbag2"]

@@ -165,16 +165,6 @@ def test_what_has_a_recordings_name_is_left_alone(tmp_path: Path, taken: str, wo
     assert (tmp_path / taken).read_text() == "all that is left"
 
 
-@pytest.mark.parametrize("overwrite", [False, True])
-def test_a_recording_that_is_being_written_is_left_alone(tmp_path: Path, overwrite: bool) -> None:
-    with BagWriter(tmp_path / "out.mcap") as bag:
-        bag.add_topic("/knee_contact", MESSAGE_TYPES[KNEE_CONTACT])
-        bag.write("/knee_contact", 1, MESSAGE)
-        with pytest.raises(UsageError, match=r"out\.mcap\.partial is being written by another process"):
-            BagWriter(tmp_path / "out.mcap", overwrite=overwrite)
-    assert len(read_bag(tmp_path / "out.mcap", {"/knee_contact": MESSAGE_TYPES[KNEE_CONTACT]})) == 1
-
-
 def test_a_name_that_is_taken_while_a_recording_is_written_is_left_alone(tmp_path: Path) -> None:
     path = tmp_path / "rec.mcap"
     with BagWriter(path) as bag:

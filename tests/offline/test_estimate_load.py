@@ -20,14 +20,6 @@ from knee_contact_ros.parameters.build import build_model
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.contact_stream import ContactStream
-from knee_contact_ros.streams.frames import (
-    FORCE_TURNED,
-    FROM_REP_103,
-    TF_MESSAGE,
-    TF_STATIC,
-    Transform,
-    encode_transforms,
-)
 from knee_contact_ros.streams.load_stream import LoadStream
 from knee_contact_ros.streams.messages import encode_wrench_stamped
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
@@ -168,32 +160,6 @@ def test_the_frontal_moment_splits_the_load_where_it_is_known(walking: Path, est
     estimate(walking, insole, {})
     with pytest.raises(UsageError, match=r"no tick could be computed \(240 x not_finite; .*torque\.x is nan"):
         solve(insole, by_moment, None, silent)
-
-
-def test_forces_are_turned_by_what_the_bag_says_of_frames(tmp_path: Path) -> None:
-    """A treadmill with z up; the transform comes last, and the recording tells of the turn and needs it no more."""
-    turned = [m for m in walk(20, frame="treadmill") if m.topic == FORCE]
-    bag, there = tmp_path / "bag.mcap", Transform("treadmill", "leg", (0.0, 0.0, 0.0), FROM_REP_103)
-    with BagWriter(bag) as writer:
-        for topic, kind in INPUTS.items():
-            writer.add_topic(topic, kind)
-        writer.add_topic(TF_STATIC, TF_MESSAGE)
-        for angle, force in zip(WALK[::2], turned, strict=False):
-            told = ground(force.log_time, "treadmill")
-            vectors = ((x, -z, y) for x, y, z in (told.force, told.torque))
-            told = told._replace(**dict(zip(("force", "torque"), vectors, strict=True)))
-            writer.write(ANGLES, angle.log_time, angle.data)
-            writer.write(FORCE, force.log_time, encode_wrench_stamped(told))
-        writer.write(TF_STATIC, 10**9, encode_transforms([there], 0))
-    values = WHOLE_LEG | {"frame.ground": "leg"}
-    summary = estimate(bag, tmp_path / "out.mcap", values)
-    upright = walking_bag(tmp_path / "upright.mcap", WALK[:40])
-    # Rounding of a turn by a quaternion: 1e-13 N m over arms of 0.01 m
-    assert summary.axial == pytest.approx(estimate(upright, None).axial, abs=1e-8)
-    note = metadata(tmp_path / "out.mcap")[FORCE_TURNED]
-    assert (note["from"], note["to"]) == ("treadmill", "leg")
-    estimate(tmp_path / "out.mcap", tmp_path / "again.mcap", values)
-    assert raw(tmp_path / "again.mcap") == raw(tmp_path / "out.mcap")
 
 
 def test_a_damaged_bag_is_read_as_far_as_it_can_be(
