@@ -59,30 +59,6 @@ class Error(NamedTuple):
 EXACT = Error(height=0.0, velocity=0.0, hh=0.0, hv=0.0, vv=0.0)
 
 
-@inlined
-def response(spring: float, drag: float, h: float) -> tuple[float, float]:
-    """Solve ë + drag ė + spring e = 0 over `h` [s] by the 2 x 2 exponential, with k/m [1/s²] and c/m [1/s].
-
-    Returns a [-] and b [s]: with r = drag/2, e becomes (a + r b) e + b ė, and ė becomes (a - r b) ė - k/m b e.
-    """
-    half_rate = 0.5 * drag
-    discriminant = half_rate * half_rate - spring
-    square = discriminant * h * h
-    if abs(square) <= NEAR_ZERO:  # power series of cosh √x and sinh √x / √x
-        even = 1.0 + square / 2.0 * (1.0 + square / 12.0 * (1.0 + square / 30.0 * (1.0 + square / 56.0 * (
-            1.0 + square / 90.0 * (1.0 + square / 132.0)))))  # fmt: skip
-        odd = 1.0 + square / 6.0 * (1.0 + square / 20.0 * (1.0 + square / 42.0 * (1.0 + square / 72.0 * (
-            1.0 + square / 110.0 * (1.0 + square / 156.0)))))  # fmt: skip
-        decay = math.exp(-half_rate * h)
-        return decay * even, decay * h * odd
-    root = math.sqrt(abs(discriminant))
-    if discriminant > 0.0:
-        slow, fast = math.exp((root - half_rate) * h), math.exp(-(root + half_rate) * h)
-        return 0.5 * (slow + fast), 0.5 * (slow - fast) / root
-    decay = math.exp(-half_rate * h)
-    return decay * math.cos(root * h), decay * math.sin(root * h) / root
-
-
 @in_kernel
 def mapped(error: Error, a: float, b: float, c: float, d: float) -> Error:
     """Return the error under the linear map of e to a e + b ė and of ė to c e + d ė."""
@@ -107,8 +83,21 @@ def over_step(error: Error, begin: float, middle: float, end: float, damping: fl
     grown = 1.0 + h * h * (end - begin) * (per_mass / 24.0)
     if h * h * max(spring, drag * drag) > SLOW or not 0.5 < grown < 2.0:
         spring, grown = middle / mass, 1.0
-    even, odd = response(spring, drag, h)
+    # ë + drag ė + spring e = 0, solved by the 2 x 2 exponential
     half_rate = 0.5 * drag
+    discriminant = half_rate * half_rate - spring
+    square, decay = discriminant * h * h, math.exp(-half_rate * h)
+    root = math.sqrt(abs(discriminant))
+    if abs(square) <= NEAR_ZERO:  # power series of cosh √x and sinh √x / √x
+        even = decay * (1.0 + square / 2.0 * (1.0 + square / 12.0 * (1.0 + square / 30.0 * (1.0 + square / 56.0 * (
+            1.0 + square / 90.0 * (1.0 + square / 132.0))))))  # fmt: skip
+        odd = decay * h * (1.0 + square / 6.0 * (1.0 + square / 20.0 * (1.0 + square / 42.0 * (1.0 + square / 72.0 * (
+            1.0 + square / 110.0 * (1.0 + square / 156.0))))))  # fmt: skip
+    elif discriminant > 0.0:
+        slow, fast = math.exp((root - half_rate) * h), math.exp(-(root + half_rate) * h)
+        even, odd = 0.5 * (slow + fast), 0.5 * (slow - fast) / root
+    else:
+        even, odd = decay * math.cos(root * h), decay * math.sin(root * h) / root
     a, b, c, d = even + half_rate * odd, odd, -spring * odd, even - half_rate * odd
     if grown == 1.0:
         return mapped(error, a, b, c, d)
@@ -188,20 +177,14 @@ def holding(stiffness: float, damping: float, mass: float) -> float:
 
 
 @in_kernel
-def depth_error(height: float, velocity: float, held: float) -> float:
-    """Return the error of the depth [m] for errors of height [m] and velocity [m/s]; `held` [1/s] as in `reach`."""
-    swing = velocity / held
-    return math.sqrt(height * height + swing * swing)
-
-
-@in_kernel
 def reach(error: Error, held: float) -> float:
     """Return the published error estimate [m] of the height.
 
     In a contact that limits velocity errors at a rate `held` [1/s] (see `holding`), both errors turn into each other,
     at a phase that is not well known; in flight (infinite) an error of the velocity has no effect on the height yet.
     """
-    expected = depth_error(error.height, error.velocity, held)
+    swing = error.velocity / held
+    expected = math.sqrt(error.height * error.height + swing * swing)
     estimate = EXPECTED * expected + SPREAD * math.sqrt(max(error.hh + error.vv / (held * held), 0.0))
     return estimate if estimate < LARGEST_ERROR else LARGEST_ERROR
 
@@ -238,19 +221,17 @@ def curved(error: Error, depth: float, stiffness: float, damping: float, mass: f
 
 
 @in_kernel
-def decay_rate(stiffness: float, damping: float, mass: float) -> float:
-    """Return the rate [1/s] at which the linearised contact forgets: the real part of its slower eigenvalue."""
+def eigenvalues(stiffness: float, damping: float, mass: float) -> tuple[float, float]:
+    """Return the rate at which the linearised contact forgets, and its spectral radius [1/s].
+
+    They are the real part of its slower eigenvalue and the modulus of its faster one.
+    """
     half_rate = 0.5 * damping / mass
     discriminant = half_rate * half_rate - stiffness / mass
-    return half_rate if discriminant <= 0.0 else max(stiffness, 0.0) / mass / (half_rate + math.sqrt(discriminant))
-
-
-@in_kernel
-def spectral_radius(stiffness: float, damping: float, mass: float) -> float:
-    """Return the spectral radius [1/s] of the linearised contact: the modulus of its faster eigenvalue."""
-    half_rate = 0.5 * damping / mass
-    discriminant = half_rate * half_rate - stiffness / mass
-    return math.sqrt(stiffness / mass) if discriminant <= 0.0 else half_rate + math.sqrt(discriminant)
+    if discriminant <= 0.0:
+        return half_rate, math.sqrt(stiffness / mass)
+    radius = half_rate + math.sqrt(discriminant)
+    return max(stiffness, 0.0) / mass / radius, radius
 
 
 @in_kernel

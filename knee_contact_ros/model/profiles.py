@@ -51,7 +51,7 @@ class Table(NamedTuple):
     cubics: Floats
     """As in `Profile`"""
     kinks: Floats
-    """Angles in [0, 2π) [rad], increasing, at which h' jumps; NaN if there are none"""
+    """Angles in [0, 2π) [rad], increasing, at which h' jumps"""
 
 
 @in_kernel
@@ -139,7 +139,7 @@ class Circle:
     def on_plane(self) -> Table:
         """The support function for the kernel."""
         cells = np.array([[float(self.radius)] + DEGREE * [0.0]])
-        return Table(cells, NOWHERE, NOTHING, NOTHING, NOTHING[0])
+        return Table(cells, NOWHERE, NOTHING, NOTHING, NOTHING[0, :0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -232,7 +232,7 @@ class Profile:
         places = [(self.cubics[segments, 1] + u[:, k])[order[k][first[:-1]]] for k in (0, -1)]
         starts = segments[:, None].astype(np.float64)
         kinks = self._kinks(first, starts, np.isnan(polynomials[:, 0]), np.stack(places))
-        return Table(polynomials, first, starts, self.cubics, np.array(kinks or [math.nan]))
+        return Table(polynomials, first, starts, self.cubics, np.array(kinks))
 
     def _candidates(self) -> tuple[Integers, Integers]:
         """Return cells and the segments that may have the lowest point in them, in the order of cells.

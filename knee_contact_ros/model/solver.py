@@ -27,8 +27,7 @@ from knee_contact_ros.model.error_estimate import (
     Error,
     bounded,
     curved,
-    decay_rate,
-    depth_error,
+    eigenvalues,
     force_reach,
     holding,
     mapped,
@@ -36,7 +35,6 @@ from knee_contact_ros.model.error_estimate import (
     pushed_by,
     reach,
     saltation,
-    spectral_radius,
     velocity_reach,
     with_bound,
     with_step,
@@ -250,12 +248,6 @@ class Result(NamedTuple):
     """False if the tick was given up: it needs more evaluations or events than it may take"""
 
 
-@in_kernel
-def load_at(tick: Interval, s: float) -> float:
-    """Return the compressive load [N] at s [s]."""
-    return tick.load + tick.load_rate * s
-
-
 @inlined
 def stage_at(knee: Knee, tick: Interval, layer: int, impact: float, s: float, y: float, v: float) -> Stage:
     """Return the contact in a layer at s [s] for a height [m] and a velocity [m/s]; `impact` [m/s] is that of touch."""
@@ -382,7 +374,7 @@ def solve_stage(
     the normal turns with the height, which its slope leaves out. At most `most` evaluations are taken, but one at
     least. Returns velocity, contact, evaluations, whether it has converged, and the error [m] that it has left.
     """
-    load, unknown, mass = load_at(tick, s), velocity + diagonal * guess, knee.mass
+    load, unknown, mass = tick.load + tick.load_rate * s, velocity + diagonal * guess, knee.mass
     most = max(1, min(most, MAX_NEWTON))
     evaluations, arrived = 0, False
     while True:
@@ -493,7 +485,7 @@ def attempt(
     limits the evaluations of an implicit step.
     """
     if not pressing:
-        load = load_at(tick, s)
+        load = tick.load + tick.load_rate * s
         height = y + h * (v - h * (0.5 * load + tick.load_rate * h / 6.0) / knee.mass)
         velocity = v - h * (load + 0.5 * tick.load_rate * h) / knee.mass
         end = stage_at(knee, tick, layer, impact, s + h, height, velocity)
@@ -514,20 +506,22 @@ def error_ratio(
     """
     if not step.solved:
         return math.inf
-    mass, k, c, load = knee.mass, step.stiffness, step.damping, load_at(tick, s)
+    mass, k, c, load = knee.mass, step.stiffness, step.damping, tick.load + tick.load_rate * s
     force, begin_force = step.end.force, begin.force
     speed = abs(step.velocity) + h * abs(force) / mass
     height_error = max(abs(step.height_error) - ROUNDING * abs(step.height), 0.0)
     velocity_error = max(abs(step.velocity_error) - ROUNDING * speed, 0.0)
     # A leap happens once: its error is not one of many that add up while the contact remembers them.
-    decay, held = decay_rate(k, c, mass), holding(k, c, mass)
+    (decay, _), held = eigenvalues(k, c, mass), holding(k, c, mass)
     forgotten = 1.0 if step.leapt > 0.0 else min(1.0, h * max(decay, held / RADIANS, 1.0 / FORGETTING))
-    whole = depth_error(height_error, velocity_error, held) / forgotten + h * step.leapt
+    swing = velocity_error / held
+    whole = math.sqrt(height_error * height_error + swing * swing) / forgotten + h * step.leapt
     left = step.end.depth - float(knee.law[layer, BEGIN])
     ends = left < RELEASE * (begin.depth - step.end.depth) and knee.law[layer, DAMPING] > knee.law[layer - 1, DAMPING]
     if ends or force < RELEASE * (begin_force - force) or force > REBOUND * load:
         # The error of the velocity is carried into a flight, or into a layer that damps it less.
-        whole = max(whole, THROWN * depth_error(height_error, velocity_error, 1.0 / HORIZON))
+        flown = velocity_error / (1.0 / HORIZON)
+        whole = max(whole, THROWN * math.sqrt(height_error * height_error + flown * flown))
     wanted = knee.tolerance
     if knee.force_tolerance > 0.0:
         # A creeping contact turns a depth into a rate by k/c, one that swings by the root of k/m.
@@ -544,7 +538,8 @@ def error_ratio(
     ratio = whole / (LOCAL_SHARE * allowed)
     if step.implicit:
         crept, swung = unresolved(tick, begin, step, load, mass, h)
-        ratio += depth_error(crept, swung, held) / (LOCAL_SHARE * wanted)
+        swung /= held
+        ratio += math.sqrt(crept * crept + swung * swung) / (LOCAL_SHARE * wanted)
     return ratio if ratio < math.inf else math.inf
 
 
@@ -592,7 +587,7 @@ def end_on_boundary(
     """
     enough, radius = tick.rounding if boundary == FORCE else DEPTH_ROUNDING, 0.0
     if pressing:
-        radius = spectral_radius(one.stiffness, one.damping, knee.mass)
+        _, radius = eigenvalues(one.stiffness, one.damping, knee.mass)
     inside, last, beyond, used = inside_by(knee, layer, pressing, boundary, before), 0.0, 0.0, 0
     h, shrinking, step = high, 0, attempt(
         knee, tick, layer, pressing, impact, boundary, s, y, v, high, one, radius, room
@@ -658,7 +653,7 @@ def fly(
     flight goes on to `h`) and the looks.
     """
     turn, surfaces = abs(tick.angle_rate), knee.surfaces
-    first, last = load_at(tick, s), load_at(tick, s + h)
+    first, last = tick.load + tick.load_rate * s, tick.load + tick.load_rate * (s + h)
     speed = abs(v) + max(abs(first), abs(last)) * h / knee.mass
     speed += turn * (surfaces.largest_radius + surfaces.largest_slope)
     bend = turn * turn * (surfaces.largest_radius + surfaces.largest_bend) + max(-first, -last, 0.0) / knee.mass
@@ -704,7 +699,7 @@ def fly(
 def lateness(tick: Interval, error: Error, s: float, rate: float, mass: float) -> float:
     """Return the time [s] by which the exact femur may touch later than this one, which touches at a `rate` [m/s]."""
     gap = reach(error, math.inf)
-    load = min(load_at(tick, s), load_at(tick, tick.duration))
+    load = min(tick.load + tick.load_rate * s, tick.load + tick.load_rate * tick.duration)
     late = gap / max(abs(rate), TINY)
     if load > 0.0:
         late = min(late, math.sqrt(2.0 * gap * mass / load))
@@ -751,12 +746,15 @@ def pressed_step(
     failure estimates count `SINGULAR` times. Returns the step, its duration [s], the boundary, the duration that the
     next step should try, the evaluations, whether the tick must be given up, and the factor on the step's estimate.
     """
-    remaining, radius = until - s, spectral_radius(begin.stiffness, begin.damping, knee.mass)
+    remaining, (_, radius) = until - s, eigenvalues(begin.stiffness, begin.damping, knee.mass)
     h, used, boundary, rough = min(try_step, remaining), 0, NOWHERE, 1.0
     if radius * h > EXPLICIT and radius * remaining <= MOST_EXPLICIT * EXPLICIT:
         h = remaining / math.ceil(radius * remaining / EXPLICIT)
     while True:
-        step = attempt(knee, tick, layer, True, impact, NOWHERE, s, y, v, h, begin, radius, room - used)
+        if radius * h <= EXPLICIT:
+            step = explicit_step(knee, tick, layer, impact, NOWHERE, s, y, v, h, begin)
+        else:
+            step = doubled_step(knee, tick, layer, impact, NOWHERE, s, y, v, h, begin, room - used - STEP_COST)
         used += step.evaluations
         ratio = rough * error_ratio(knee, tick, layer, s, begin, step, h, landed)
         factor = 0.9 / math.sqrt(math.sqrt(max(ratio, 1e-4)))
@@ -770,7 +768,7 @@ def pressed_step(
     try_step = h * factor if h < remaining else max(try_step, h * factor)
     given_up = False
     # Ended on one boundary, a step may have crossed another before: a dashpot pulls before the surfaces part.
-    while step.boundary not in (NOWHERE, boundary) and h > 0.0 and not given_up:
+    while NOWHERE < step.boundary != boundary and h > 0.0 and not given_up:
         given_up = used + STEP_COST >= room
         if not given_up:
             step, h, boundary, extra = end_on_boundary(
@@ -780,24 +778,6 @@ def pressed_step(
             used += extra
             given_up = used + STEP_COST >= room
     return step, h, boundary, try_step, used, given_up, rough
-
-
-@inlined
-def carried(
-    knee: Knee, tick: Interval, error: Error, begin: Stage, step: Step, load: float, h: float, rough: float
-) -> Error:
-    """Return the error after a step of `h` [s] in a pressing contact; `load` [N] is that at its beginning."""
-    k, c, mass = step.stiffness, step.damping, knee.mass
-    error = over_step(error, begin.stiffness, k, step.end.stiffness, c, mass, h)
-    unknown = UNKNOWN_IMPLICIT if step.implicit else UNKNOWN
-    error = with_step(error, rough * step.height_error, rough * step.velocity_error, unknown, holding(k, c, mass))
-    error = curved(error, max(begin.depth, step.end.depth), k, c, mass, h)
-    if step.implicit:
-        crept, swung = unresolved(tick, begin, step, load, mass, h)
-        if crept + swung > 0.0:  # at an unknown phase, a swing is a height as well as a velocity
-            swung *= LOST_SWING * math.sqrt(0.5)
-            error = with_bound(error, crept + swung / holding(k, c, mass), swung)
-    return error
 
 
 @inlined
@@ -814,10 +794,14 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
         if s >= until:
             # Begin a smooth stretch: the rate of the surface has jumped, by a sample or at a kink.
             if following > s:
-                pull, gap = stage.acceleration if pressing else -load_at(tick, s) * knee.per_mass, following - s
+                gap, pull = following - s, -(tick.load + tick.load_rate * s) * knee.per_mass
+                if pressing:
+                    pull = stage.acceleration
                 y, v, s = y + gap * (v + 0.5 * gap * pull), v + gap * pull, following
                 stage = stage_at(knee, tick, APART, 0.0, s, y, v)
-            until, following = stretch_from(knee, tick, s)
+            until, following = duration, duration
+            if len(knee.surfaces.kinks) > 0:
+                until, following = stretch_from(knee, tick, s)
             # Rounding in the direction of the rate decides the side of a layer's end.
             ahead = stage.depth + math.copysign(DEPTH_ROUNDING, stage.rate)
             if math.isnan(impact) and ahead >= 0.0:
@@ -856,7 +840,16 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
         if h > 0.0:
             y, v, stage = step.height, step.velocity, step.end
             if pressing:
-                error = carried(knee, tick, error, begin, step, load_at(tick, s), h, rough)
+                k, c = step.stiffness, step.damping
+                held, unknown = holding(k, c, mass), UNKNOWN_IMPLICIT if step.implicit else UNKNOWN
+                error = over_step(error, begin.stiffness, k, stage.stiffness, c, mass, h)
+                error = with_step(error, rough * step.height_error, rough * step.velocity_error, unknown, held)
+                error = curved(error, max(begin.depth, stage.depth), k, c, mass, h)
+                if step.implicit:
+                    crept, swung = unresolved(tick, begin, step, tick.load + tick.load_rate * s, mass, h)
+                    if crept + swung > 0.0:  # at an unknown phase, a swing is a height as well as a velocity
+                        swung *= LOST_SWING * math.sqrt(0.5)
+                        error = with_bound(error, crept + swung / held, swung)
             else:
                 error = with_uncorrelated_bound(mapped(error, 1.0, h, 0.0, 1.0), step.height_error, 0.0)
             if step.implicit:
@@ -873,8 +866,7 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
                         impact_doubt(knee, layer, stage, touched, impact_error),
                     )
                     used += 4
-                    held = max(holding(step.stiffness, step.damping, mass), 1.0 / h)
-                    error = with_bound(error, 0.0, doubt / (mass * held))
+                    error = with_bound(error, 0.0, doubt / (mass * max(held, 1.0 / h)))
         s = until if h == until - s else s + h
         if boundary == NOWHERE:
             continue
@@ -883,7 +875,7 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
         if layer == APART:
             late = lateness(tick, error, s, stage.rate, mass)
             # A femur that comes later has been sped up or slowed down by the load meanwhile.
-            impact, impact_error = stage.rate, velocity_reach(error) + abs(load_at(tick, s)) / mass * late
+            impact, impact_error = stage.rate, velocity_reach(error) + abs(tick.load + tick.load_rate * s) / mass * late
             latest, landing_rate, touched = s + late, stage.rate, stage.rate
         if boundary == FORCE:
             pressing, off = not pressing, 0.0

@@ -58,7 +58,7 @@ TAILS: Floats = np.geomspace(1e-4, 0.1, 20)
 """Places [m] beyond the measured tibia that balls are held against"""
 LAST_STEP, LONGEST, FINEST = 1e-7, 1e-3, 1e-14
 """Newton's step [m] after which the error is a rounding error; largest step [m]; where halving ends [m]"""
-NO_TABLE = Table(NOTHING, NOWHERE, NOTHING, NOTHING, NOTHING[0])
+NO_TABLE = Table(NOTHING, NOWHERE, NOTHING, NOTHING, NOTHING[0, :0])
 OUTLINE_POINTS = 201
 """Number of points of an outline, besides the measured ones"""
 
@@ -105,7 +105,7 @@ class Surfaces(NamedTuple):
     cubics: Floats
     """On a plane, as in `profiles.Table`; on a curved tibia, the table of `_starts`"""
     kinks: Floats
-    """Flexion angles in [0, 2π) [rad], increasing, at which the depth's rate on a plane jumps; NaN if there are none"""
+    """Flexion angles in [0, 2π) [rad], increasing, at which the depth's rate on a plane jumps"""
     pieces: Floats
     """The mechanism; see `Mechanism`"""
     tibia: Floats
@@ -126,13 +126,6 @@ class Surfaces(NamedTuple):
     """Bounds of the tibia's curvature [1/m]: the lower one <= 0, the upper one >= 0"""
 
 
-@in_kernel
-def closest(surfaces: Surfaces, angle: float, height: float) -> tuple[float, float, float, float, float]:
-    """Return the fields of `Closest` at a flexion angle [rad] and a height of the femoral reference point [m]."""
-    x, _ = translation(surfaces.pieces, angle)
-    return closest_at(surfaces, angle, x, height)
-
-
 @inlined
 def touch(surfaces: Surfaces, angle: float, angle_rate: float, height: float) -> tuple[float, float, float]:
     """Return signed depth [m], its rate at a held height [m/s], and n_y, at an angle [rad], its rate and a height [m].
@@ -141,12 +134,12 @@ def touch(surfaces: Surfaces, angle: float, angle_rate: float, height: float) ->
     times the contact force.
     """
     x, x_slope = translation(surfaces.pieces, angle)
-    depth, _, turning, normal_x, normal_y = closest_at(surfaces, angle, x, height)
+    depth, _, turning, normal_x, normal_y = closest(surfaces, angle, x, height)
     return depth, turning * angle_rate - normal_x * (x_slope * angle_rate), normal_y
 
 
 @inlined
-def closest_at(surfaces: Surfaces, angle: float, x: float, height: float) -> tuple[float, float, float, float, float]:
+def closest(surfaces: Surfaces, angle: float, x: float, height: float) -> tuple[float, float, float, float, float]:
     """Return the fields of `Closest` for the reference point at (x, height) [m].
 
     On a plane the depth is h - n·(x, height), h being the femur's support at the angle less the slope.
@@ -509,7 +502,7 @@ class ContactPair:
 
     def closest(self, angle: float, height: float) -> Closest:
         """Return the common normal at a flexion angle [rad] and a height of the femoral reference point [m]."""
-        return Closest(*closest(self.surfaces, angle, height))
+        return Closest(*closest(self.surfaces, angle, self.mechanism.translation(angle)[0], height))
 
     @cached_property
     def femoral_radius(self) -> float:
@@ -620,7 +613,7 @@ def _cells(corners: Floats, heights: Floats, cubics: Floats, tibia: Floats, part
     u = (points / parts - segments) * cubics[segments.astype(np.int64), 0]
     pieces = np.searchsorted(tibia[1:, 0], places, side="right")
     begins = np.searchsorted(cells[new], np.arange(len(middle) * rows + 1)).astype(np.int64)
-    return Table(middle, begins, np.column_stack([segments, u, pieces, places]), cubics, NOTHING[0])
+    return Table(middle, begins, np.column_stack([segments, u, pieces, places]), cubics, NOTHING[0, :0])
 
 
 GEOMETRIES: dict[str, type[Circle] | type[Profile]] = {"circle": Circle, "profile": Profile}

@@ -21,8 +21,7 @@ from knee_contact_ros.model.error_estimate import (
     Error,
     bounded,
     curved,
-    decay_rate,
-    depth_error,
+    eigenvalues,
     force_reach,
     holding,
     over_step,
@@ -42,7 +41,6 @@ from knee_contact_ros.model.solver import (
     Result,
     Stage,
     advance,
-    load_at,
 )
 from knee_contact_ros.model.statics import ANSWER, START_HEIGHT, static_contact
 from knee_contact_ros.model.surfaces import closest, next_kink, touch
@@ -231,7 +229,7 @@ def quasi_static(knee: Knee, tick: Interval, start: Femur, stiffness: float, dam
     K and C, the slopes along the height: `stiffness` and `damping` at the beginning. It holds only while the load
     presses the surfaces together and the femur can follow: elsewhere the tick is not `converged`.
     """
-    h, mass, load = tick.duration, knee.mass, load_at(tick, tick.duration)
+    h, mass, load = tick.duration, knee.mass, tick.load + tick.load_rate * tick.duration
     end_angle = tick.angle + tick.angle_rate * h
     depth, surface_rate, cosine = touch(knee.surfaces, tick.angle, tick.angle_rate, start.height)
     sinking = tick.load_rate / stiffness if stiffness > 0.0 else 0.0
@@ -268,7 +266,8 @@ def quasi_static(knee: Knee, tick: Interval, start: Femur, stiffness: float, dam
         # The linearised contact must not pull the femur with more than the load, as no contact does.
         pull, swing = stiffness * before.height + damping * before.velocity, math.sqrt(stiffness * mass)
         if damping < 2.0 * swing:  # what is a velocity now pulls later
-            pull = math.sqrt(pull * pull + (swing * before.velocity) ** 2)
+            rebound = swing * before.velocity
+            pull = math.sqrt(pull * pull + rebound * rebound)
         pressed = abs(pull) < min(tick.load, load)
         # A contact that has let go and begun anew damps otherwise, if the law remembers how it began.
         pressed = pressed and not (knee.remembers and reach(error, holding(k, c, mass)) >= in_layer)
@@ -310,7 +309,8 @@ def left_behind(
             moved, abs(other.height - moved.height) + SPREAD * max(wider, 0.0),
             abs(other.velocity - moved.velocity) + SPREAD * max(faster, 0.0),
         )  # fmt: skip
-    still = depth_error(moved.height, moved.velocity, held)
+    behind = moved.velocity / held
+    still = math.sqrt(moved.height * moved.height + behind * behind)
     doubted = SPREAD * math.sqrt(max(moved.hh + moved.vv / (held * held), 0.0))
     moved = Error(moved.height + end_rest - lag, moved.velocity + drift, moved.hh, moved.hv, moved.vv)
     size = abs(moved.height) + abs(error.height)
@@ -335,7 +335,7 @@ def remember(knee: Knee, tick: Interval, state: Floats, start: Femur, result: Re
     remembers how its contact began, nothing is forgotten until a reset.
     """
     mass, stage, h = knee.mass, result.stage, tick.duration
-    load = load_at(tick, h)
+    load = tick.load + tick.load_rate * h
     pull, deepest, damped = max(abs(tick.load), abs(load)), max(stage.depth, 0.0), not knee.remembers
     for i in range(1, len(knee.law) - 1):
         damped = damped and knee.law[i, DAMPING] > 0.0
@@ -368,7 +368,7 @@ def remember(knee: Knee, tick: Interval, state: Floats, start: Femur, result: Re
         state[STRONGEST] = max(state[STRONGEST], pull)
         landing = math.sqrt(speed * speed + 2.0 * state[STRONGEST] / mass * state[AWAY])
         if state[IMPULSE] > speed + landing * (1.0 + kept) / (1.0 - kept):
-            state[QUIET] += h * decay_rate(stage.stiffness, stage.damping, mass)
+            state[QUIET] += h * eigenvalues(stage.stiffness, stage.damping, mass)[0]
             away = max(stage.depth, speed * math.sqrt(mass / stage.stiffness))
             if state[QUIET] > math.log(1.0 + away / (FORGOTTEN * knee.tolerance)):
                 state[LOST], state[AWAY], state[IMPULSE], state[STRONGEST], state[QUIET] = 0.0, 0.0, 0.0, 0.0, 0.0
@@ -395,7 +395,7 @@ def write_answer(
     stage, height, depth = result.stage, result.femur.height, max(0.0, result.stage.depth)
     bone = max(0.0, depth - float(knee.law[2, BEGIN]))
     x, x_slope = translation(knee.surfaces.pieces, angle)
-    overlap, extent, turning, normal_x, normal_y = closest(knee.surfaces, angle, height)
+    overlap, extent, turning, normal_x, normal_y = closest(knee.surfaces, angle, x, height)
     along, across = -turning, overlap - extent
     point_x, point_y = x + along * normal_y + across * normal_x, height - along * normal_x + across * normal_y
     estimate, force_estimate, evaluations = result.estimate, result.force_estimate, result.evaluations

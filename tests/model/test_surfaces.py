@@ -72,7 +72,7 @@ def compiled() -> Callable[..., tuple[float, ...]]:
 
 def found_by(pair: ContactPair, angle: float, height: float) -> Closest:
     """The same as `pair.closest`, bit for bit as a test below shows, but sooner."""
-    return Closest(*compiled()(pair.surfaces, angle, height))
+    return Closest(*compiled()(pair.surfaces, angle, pair.mechanism.translation(angle)[0], height))
 
 
 def height_for(pair: ContactPair, angle: float, depth: float) -> float:
@@ -135,7 +135,7 @@ def test_touch_is_closest_and_its_derivatives(name: str) -> None:
     pair, _, _ = SCENES[name]
     tables, step = pickle.loads(pickle.dumps(pair)).surfaces, 1e-6  # noqa: S301
     for angle, _, height in poses(pair, 6, seed=3):
-        found = Closest(*closest(tables, angle, height))
+        found = Closest(*closest(tables, angle, pair.mechanism.translation(angle)[0], height))
         assert math.hypot(found.normal_x, found.normal_y) == pytest.approx(1.0, abs=1e-15)
         _, x_slope = pair.mechanism.translation(angle)
         rate = found.turning * 0.7 - found.normal_x * (x_slope * 0.7)
