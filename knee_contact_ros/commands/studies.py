@@ -19,7 +19,14 @@ from knee_contact_ros.commands.options import (
 )
 from knee_contact_ros.system.files import require
 
-on_workers = together(
+study_options = together(
+    click.argument("study", type=FILE, metavar="STUDY.yaml"),
+    click.option(
+        "--output",
+        required=True,
+        metavar="DIR",
+        help="Folder of the results, a path or an fsspec address. Cases that it holds are not computed again.",
+    ),
     click.option(
         "--workers", type=click.IntRange(1, 1024), help="Number of processes. [default: one for each processor]"
     ),
@@ -33,18 +40,12 @@ on_workers = together(
 
 
 @click.command()
-@click.argument("study", type=FILE, metavar="STUDY.yaml")
-@click.option(
-    "--output", required=True, metavar="DIR",
-    help="Folder of the table, a Parquet dataset; a path or an fsspec address. Cases that it holds are not computed "
-    "again.",
-)  # fmt: skip
-@on_workers
+@study_options
 def sweep(study: Path, output: str, workers: int | None, scheduler: str) -> None:
     """Compute many knees.
 
-    It combines all bags, parameter files and values of a study, and writes a row of outcomes for each case. Run it
-    again to continue a study that was stopped, or that has grown.
+    It combines all bags, parameter files and values of a study, and writes a row of outcomes for each case, as a
+    Parquet dataset. Run it again to continue a study that was stopped, or that has grown.
     """
     require("sweep", "pyarrow", "distributed", "fsspec")
     from knee_contact_ros.lab.study import Study, compute_all, read_study
@@ -55,17 +56,13 @@ def sweep(study: Path, output: str, workers: int | None, scheduler: str) -> None
 
 
 @click.command()
-@click.argument("study", type=FILE, metavar="STUDY.yaml")
-@click.option(
-    "--output", required=True, metavar="DIR",
-    help="Folder for pictures, indices.csv and cases. Cases that it holds are not computed again.",
-)  # fmt: skip
-@on_workers
+@study_options
 def sensitivity(study: Path, output: str, workers: int | None, scheduler: str) -> None:
     """Find out which parameters matter.
 
     It writes the indices of Sobol or Morris, with intervals, for depth, pressure, bone contact and force, as a table
-    and pictures. A study is written as for sweep, with `sensitivity` (method, n, ranges) instead of `sample`.
+    (indices.csv) and pictures. A study is written as for sweep, with `sensitivity` (method, n, ranges) instead of
+    `sample`.
     """
     require("sweep", "pyarrow", "distributed", "fsspec", "SALib", "matplotlib")
     from knee_contact_ros.lab.sensitivity import run_sensitivity
@@ -92,15 +89,7 @@ def sensitivity(study: Path, output: str, workers: int | None, scheduler: str) -
     metavar="FILE.png",
     help="Picture to write. An earlier one is replaced.",
 )
-def trade(
-    bag: Path,
-    parameter_files: tuple[Path, ...],
-    parameter_values: tuple[str, ...],
-    remaps: tuple[str, ...],
-    namespace: str,
-    worth: float | None,
-    picture: Path,
-) -> None:
+def trade(bag: Path, worth: float | None, picture: Path, remaps: tuple[str, ...], namespace: str, **knee: Any) -> None:
     """Show what accuracy costs on your own bag and knee.
 
     It computes BAG at every fidelity.level, with tolerances from 1e-3 to 1e-9 m. It prints and draws the largest errors
@@ -119,7 +108,8 @@ def trade(
     remap = dict(split(rule, "--remap") for rule in remaps)
     with warnings.catch_warnings(record=True) as doubts:
         warnings.simplefilter("always")
-        results = solve(bag, parameter_files or None, parameters_of(parameter_values), remap=remap, namespace=namespace)
+        values = parameters_of(knee["parameter_values"])
+        results = solve(bag, knee["parameter_files"] or None, values, remap=remap, namespace=namespace)
     with progress("Measuring") as advance:
         found = measure(results, worth, advance)
     show(found)

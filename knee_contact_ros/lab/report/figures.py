@@ -8,14 +8,14 @@ from __future__ import annotations
 import io
 import math
 import textwrap
-from collections.abc import Callable, Mapping, Sequence
-from functools import partial
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from knee_contact_ros.lab.report.runs import FIRST, MEGA, MM, PERCENT, SECOND, Floats, Run
-from knee_contact_ros.lab.uncertainty import LEVEL, Propagated
+from knee_contact_ros.lab.uncertainty import LEVEL
 from knee_contact_ros.model.readouts import OWN_PRESSURE
 from knee_contact_ros.parameters.schema import Parameters, has_both
 from knee_contact_ros.streams.gait_events import HEEL_STRIKE, TOE_OFF
@@ -132,17 +132,17 @@ PRESSURE = Quantity("peak_pressure", "Peak contact pressure", "peak pressure [MP
 PATCH = Quantity("patch_half_width", "Half-width of the contact patch", "half-width [mm]", "half_width", MM)
 
 
-def draw(size: tuple[float, float], paint: Callable[[Any], None]) -> bytes:
-    """Draw a figure of a size [in] as PNG; `paint` draws onto matplotlib's figure."""
+@contextmanager
+def drawn(into: list[Figure], name: str, title: str, caption: str, height: float) -> Iterator[Any]:
+    """Yield matplotlib's figure of a height [in] to draw on, and add it to others as PNG."""
     import matplotlib as mpl
     from matplotlib.figure import Figure as Canvas
 
     with mpl.rc_context(STYLE):
-        canvas = Canvas(figsize=size, layout="constrained")
-        paint(canvas)
-        file = io.BytesIO()
+        canvas, file = Canvas(figsize=(WIDTH, height), layout="constrained"), io.BytesIO()
+        yield canvas
         canvas.savefig(file, format="png", dpi=DPI, metadata={"Software": None})
-    return file.getvalue()
+    into.append(Figure(name, title, caption, file.getvalue()))
 
 
 def with_comparisons(runs: Sequence[Run]) -> list[list[Run]]:
@@ -201,59 +201,115 @@ def over_cycle(runs: Sequence[Run], cyclic: Sequence[Run]) -> list[Figure]:
     }
     several = any(len(run.gathered.spans) > 1 for run in cyclic)
     lines = "Thick: mean over the cycles, with one standard deviation; thin: single ones. " * several
-    figures = []
+    figures = list[Figure]()
     for what, caption in captions.items():
-        drawn = [run for run in cyclic if what is not FLEXION or run.beside is None]  # comparisons: the same inputs
-        drawn = [run for run in drawn if np.isfinite(what.of(run)).any()]  # earlier recordings lack some fields
-        if drawn and (what is not POINT or moves(drawn)):
-            png = draw((WIDTH, CYCLE), partial(_panel, runs=runs, cyclic=drawn, what=what))
-            figures.append(Figure(what.name, f"{what.title} over the gait cycle", lines + caption, png))
+        known = [run for run in cyclic if what is not FLEXION or run.beside is None]  # comparisons: the same inputs
+        known = [run for run in known if np.isfinite(what.of(run)).any()]  # earlier recordings lack some fields
+        if known and (what is not POINT or moves(known)):
+            with drawn(figures, what.name, f"{what.title} over the gait cycle", lines + caption, CYCLE) as canvas:
+                _panel(canvas, runs, known, what)
     return figures
 
 
 def over_time(runs: Sequence[Run]) -> list[Figure]:
     """Draw flexion, contact force and depth over time, in a figure for every run and its comparisons."""
-    figures = []
+    figures = list[Figure]()
     for number, group in enumerate(with_comparisons(runs), start=1):
-        png = draw((WIDTH, TIME), partial(_rows, runs=group, looks=[_look(runs, each) for each in group]))
-        caption = "Vertical lines: heel strikes (full) and toe-offs (dotted), as found." * bool(len(_marks(group[0])))
-        figures.append(Figure(f"over_time_{number}", f"{group[0].name} over time", caption, png))
+        events = group[0].gathered.events
+        marks = events[events["event"].isin(list(MARKS))]
+        marks = marks if len(marks) <= FEW_EVENTS else marks[:0]
+        caption = "Vertical lines: heel strikes (full) and toe-offs (dotted), as found." * bool(len(marks))
+        with drawn(figures, f"over_time_{number}", f"{group[0].name} over time", caption, TIME) as canvas:
+            axes = canvas.subplots(3, 1, sharex=True)
+            for axis, what in zip(axes, (FLEXION, FORCE, DEPTHS), strict=True):
+                for run in group[:1] if what is FLEXION else group:  # flexion: the same inputs
+                    time, look = run.gathered.elapsed / NANOSECONDS, _look(runs, run)
+                    look |= {"linewidth": 0.7 * look["linewidth"], "marker": "." if len(time) < FEW_POINTS else None}
+                    axis.plot(time, what.scaled(run, run.gathered.columns[what.field]), **look, label=_plain(run.label))
+                    if what is DEPTHS and run.has_bone:
+                        axis.axhline(
+                            MM * run.parameters.contact.layer_depth, color="0.35", linestyle=":", linewidth=1.2
+                        )
+                for begin, kind in zip(marks["time_s"], marks["event"], strict=True):
+                    axis.axvline(begin, linewidth=0.9, zorder=1.5, **MARKS[kind])
+                axis.set_ylabel(what.axis.removeprefix("penetration "))
+            axes[-1].set_xlabel("time since the first tick [s]")
+            if len(group) > 1:
+                canvas.legend(*axes[1].get_legend_handles_labels(), loc="outside lower center")
     return figures
 
 
 def knees(runs: Sequence[Run]) -> list[Figure]:
     """Draw the knee at its peaks, for every run and its comparisons as far as their surfaces are known."""
-    figures, drawn = [], dict[str, dict[str, picture.Moment]]()
-    for run in runs:
-        if model := run.model:
-            columns, weight = run.gathered.columns, run.weight
-            angles, heights, forces = (columns[name] for name in ("flexion_angle", "femoral_height", "contact_force"))
-            drawn[run.label] = {
-                title: picture.Moment(model, float(angles[tick]), float(heights[tick]), float(forces[tick]), weight)
-                for title, tick in _drawn_peaks(run)
-            }
+    figures = list[Figure]()
+    caption = (
+        "Side view; the arrow is the contact force on the femur. Dark is where the surfaces would overlap if "
+        f"neither gave way, its depth drawn × {picture.MAGNIFICATION:g}. The surfaces that touch are the model's; "
+        "the shafts are drawn around them, and so is cartilage whose thickness the contact law does not know."
+    )
     for number, group in enumerate(with_comparisons(runs), start=1):
-        if any(run.label not in drawn for run in group):
+        if not all(run.model for run in group):
             continue
-        several = {run.label: list(drawn[run.label].values()) for run in group}
-        png = draw((WIDTH, KNEE * len(group)), partial(_knees, titles=list(drawn[group[0].label]), several=several))
-        caption = (
-            "Side view; the arrow is the contact force on the femur. Dark is where the surfaces would overlap if "
-            f"neither gave way, its depth drawn × {picture.MAGNIFICATION:g}. The surfaces that touch are the model's; "
-            "the shafts are drawn around them, and so is cartilage whose thickness the contact law does not know."
-        )
-        figures.append(Figure(f"knee_{number}", f"The knee at the peaks: {group[0].name}", caption, png))
+        titles = [title for title, _ in _drawn_peaks(group[0])]
+        name, height = f"The knee at the peaks: {group[0].name}", KNEE * len(group)
+        with drawn(figures, f"knee_{number}", name, caption, height) as canvas:
+            for row, run in zip(canvas.subplots(len(group), len(titles), squeeze=False), group, strict=True):
+                for axis, title, (_, tick) in zip(row, titles, _drawn_peaks(run), strict=True):
+                    fields = ("flexion_angle", "femoral_height", "contact_force")
+                    angle, place, force = (float(run.gathered.columns[name][tick]) for name in fields)
+                    if run.model:  # as all have
+                        picture.draw_knee(axis, picture.Moment(run.model, angle, place, force, run.weight))
+                    label = f"{_plain(run.label)}\n" if len(group) > 1 else ""
+                    axis.set_title(f"{label}{title}\n{math.degrees(angle):.0f}° of flexion", fontsize=9.5)
     return figures
 
 
-def uncertainty_figure(number: int, run: Run, of: Propagated) -> Figure:
-    """Draw the figure of a run's uncertainty."""
+def _drawn_peaks(run: Run) -> list[tuple[str, int]]:
+    """Titles and ticks of the largest first and second peak of stance; without any, of the largest load or force."""
+    peaks, of = [], run.gathered
+    for which in (FIRST, SECOND):
+        same = of.peaks[of.peaks["peak"] == which]
+        if len(same):
+            largest = same.loc[same["load"].idxmax()]
+            peaks.append((f"{which} peak, {largest['gait_cycle_percent']:.0f} % of the cycle", int(largest["tick"])))
+    what, time = of.driving.replace("_", " "), of.elapsed[of.largest] / NANOSECONDS
+    return peaks or [(f"largest {what}, {time:.2f} s", of.largest)]
+
+
+def uncertainty(runs: Sequence[Run]) -> list[Figure]:
+    """Draw depth, force and the effects of uncertain inputs around the largest load or force, for every run."""
+    figures = list[Figure]()
     caption = (
         f"Depth and contact force with their {100.0 * LEVEL:.0f} % intervals. Below: what one standard "
         "deviation of each input does to the depth alone, all together, and the bound of the numerical error."
     )
-    png = draw((WIDTH, UNCERTAIN), partial(_uncertainty, of=of, driving=run.gathered.driving))
-    return Figure(f"uncertainty_{number}", f"Uncertainty: {run.label}", caption, png)
+    for number, (run, of) in enumerate(((run, run.uncertain) for run in runs if run.uncertain), start=1):
+        since = (of.rows["stamp"] - of.rows["stamp"][0]) / NANOSECONDS
+        shown = np.abs(since - since[int(of.rows[run.gathered.driving].argmax())]) <= AROUND
+        name = f"uncertainty_{number}"
+        with drawn(figures, name, f"Uncertainty: {run.label}", caption, UNCERTAIN) as canvas:
+            time, (above, middle, below) = since[shown], canvas.subplots(3, 1, sharex=True)
+            bands = ((above, of.depth_interval(), of.rows["penetration_depth"], MM, "depth [mm]"),
+                     (middle, of.force_interval(), of.rows["contact_force"], 1.0, "contact force [N]"))  # fmt: skip
+            for axis, edges, values, unit, text in bands:
+                low, high = (unit * edge[shown] for edge in edges)
+                axis.fill_between(time, low, high, color=HUES[0], alpha=0.25, linewidth=0)
+                axis.plot(time, unit * values[shown], color=HUES[0], linewidth=1.8)
+                axis.set(ylabel=text, ylim=(min(0.0, float(low.min())), None))
+            effects: list[tuple[Any, str, Any]] = [
+                (part, f"{each.name}, {each.text}", {"color": HUES[place % len(HUES)], "linewidth": 1.4})
+                for place, (each, (part, _)) in enumerate(of.parts.items())
+                if MICRO * np.abs(part[shown]).max() > LEAST
+            ]
+            effects += [  # all of them under the others
+                (of.depth, ALL_OF_THEM, {"color": "black", "linewidth": 3.0, "zorder": 1.5}),
+                (of.rows["error_estimate"], NUMERICAL, {"color": "0.35", "linewidth": 1.6, "linestyle": ":"}),
+            ]
+            for effect, label, look in effects:
+                below.plot(time, np.maximum(MICRO * np.abs(effect[shown]), LEAST), label=label, **look)
+            below.set(yscale="log", ylabel="effect on the depth [µm]", xlabel="time since the first tick [s]")
+            _legend(canvas, below)
+    return figures
 
 
 def _ranges_of(cyclic: Sequence[Run]) -> tuple[Range, ...]:
@@ -290,11 +346,9 @@ def _panel(canvas: Any, runs: Sequence[Run], cyclic: Sequence[Run], what: Quanti
     """Draw a quantity of the runs `cyclic` over the gait cycle; `runs` are all of the report, for the colours."""
     axis = canvas.subplots()
     for each in _ranges_of(cyclic) if what is FORCE else (DEPTH,) if what is DEPTHS else ():
-        if each.lowest == each.highest:
-            axis.plot(each.window, (each.lowest,) * 2, color="0.5", linewidth=3.0, zorder=0, label=each.text)
-        else:
-            shade: Any = {"facecolor": "0.85", "edgecolor": "none", "zorder": 0, "alpha": 0.6}
-            axis.fill_between(each.window, each.lowest, each.highest, label=each.text, **shade)
+        edge: Any = {"edgecolor": "0.5", "linewidth": 3.0} if each.lowest == each.highest else {"edgecolor": "none"}
+        shade: Any = {"facecolor": "0.85", "zorder": 0, "alpha": 0.6} | edge
+        axis.fill_between(each.window, each.lowest, each.highest, label=each.text, **shade)
     for layer in sorted({run.parameters.contact.layer_depth for run in cyclic if what is DEPTHS and run.has_bone}):
         axis.axhline(MM * layer, color="0.35", linestyle=":", linewidth=1.2)
         axis.annotate(f"bone from {MM * layer:g} mm", (99.0, MM * layer), ha="right", va="bottom", fontsize=8.5)
@@ -316,77 +370,3 @@ def _panel(canvas: Any, runs: Sequence[Run], cyclic: Sequence[Run], what: Quanti
         pulls = min(float(what.of(run).min()) for run in cyclic) < 0.0  # as a contact law with tension does
         axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]) if pulls else 0.0)
     _legend(canvas, axis)
-
-
-def _marks(run: Run) -> Any:
-    """Heel strikes and toe-offs of a run that are drawn: time [s] and kind; none if there are too many."""
-    events = run.gathered.events
-    marks = events[events["event"].isin(list(MARKS))][["time_s", "event"]]
-    return marks if len(marks) <= FEW_EVENTS else marks[:0]
-
-
-def _rows(canvas: Any, runs: Sequence[Run], looks: Sequence[dict[str, Any]]) -> None:
-    """Draw flexion, contact force and depth over time, one above the other, for a run and its comparisons."""
-    axes = canvas.subplots(3, 1, sharex=True)
-    for axis, what in zip(axes, (FLEXION, FORCE, DEPTHS), strict=True):
-        for run, look in zip(runs[:1] if what is FLEXION else runs, looks, strict=False):  # flexion: the same inputs
-            time, values = run.gathered.elapsed / NANOSECONDS, what.scaled(run, run.gathered.columns[what.field])
-            style = look | {"linewidth": 0.7 * look["linewidth"], "marker": "." if len(time) < FEW_POINTS else None}
-            axis.plot(time, values, **style, label=_plain(run.label))
-            if what is DEPTHS and run.has_bone:
-                axis.axhline(MM * run.parameters.contact.layer_depth, color="0.35", linestyle=":", linewidth=1.2)
-        for time, kind in _marks(runs[0]).itertuples(index=False):
-            axis.axvline(time, linewidth=0.9, zorder=1.5, **MARKS[kind])
-        axis.set_ylabel(what.axis.removeprefix("penetration "))
-    axes[-1].set_xlabel("time since the first tick [s]")
-    if len(runs) > 1:
-        canvas.legend(*axes[1].get_legend_handles_labels(), loc="outside lower center")
-
-
-def _drawn_peaks(run: Run) -> list[tuple[str, int]]:
-    """Titles and ticks of the largest first and second peak of stance; without any, of the largest load or force."""
-    drawn, of = [], run.gathered
-    for which in (FIRST, SECOND):
-        same = of.peaks[of.peaks["peak"] == which]
-        if len(same):
-            largest = same.loc[same["load"].idxmax()]
-            drawn.append((f"{which} peak, {largest['gait_cycle_percent']:.0f} % of the cycle", int(largest["tick"])))
-    what, time = of.driving.replace("_", " "), of.elapsed[of.largest] / NANOSECONDS
-    return drawn or [(f"largest {what}, {time:.2f} s", of.largest)]
-
-
-def _knees(canvas: Any, titles: Sequence[str], several: Mapping[str, Sequence[picture.Moment]]) -> None:
-    """Draw a row for every run, and in it the knee at every peak."""
-    axes = canvas.subplots(len(several), len(titles), squeeze=False)
-    for row, (label, moments) in zip(axes, several.items(), strict=True):
-        for axis, title, moment in zip(row, titles, moments, strict=True):
-            picture.draw_knee(axis, moment)
-            name = f"{_plain(label)}\n" if len(several) > 1 else ""
-            axis.set_title(f"{name}{title}\n{math.degrees(moment.flexion_angle):.0f}° of flexion", fontsize=9.5)
-
-
-def _uncertainty(canvas: Any, of: Propagated, driving: str) -> None:
-    """Draw depth, force and the effects of the inputs around the tick where the field `driving` is largest."""
-    stamps = of.rows["stamp"]
-    since = (stamps - stamps[0]) / NANOSECONDS
-    shown = np.abs(since - since[int(of.rows[driving].argmax())]) <= AROUND
-    time, (above, middle, below) = since[shown], canvas.subplots(3, 1, sharex=True)
-    bands = ((above, of.depth_interval(), of.rows["penetration_depth"], MM, "depth [mm]"),
-             (middle, of.force_interval(), of.rows["contact_force"], 1.0, "contact force [N]"))  # fmt: skip
-    for axis, edges, values, unit, text in bands:
-        low, high = (unit * edge[shown] for edge in edges)
-        axis.fill_between(time, low, high, color=HUES[0], alpha=0.25, linewidth=0)
-        axis.plot(time, unit * values[shown], color=HUES[0], linewidth=1.8)
-        axis.set_ylabel(text)
-        axis.set_ylim(bottom=min(0.0, float(low.min())))
-    looks: list[tuple[Floats, str, Any]] = [
-        (part, f"{deviation.name}, {deviation.text}", {"color": HUES[place % len(HUES)], "linewidth": 1.4})
-        for place, (deviation, (part, _)) in enumerate(of.parts.items())
-        if MICRO * np.abs(part[shown]).max() > LEAST
-    ]
-    looks.append((of.depth, ALL_OF_THEM, {"color": "black", "linewidth": 3.0, "zorder": 1.5}))  # under the others
-    looks.append((of.rows["error_estimate"], NUMERICAL, {"color": "0.35", "linewidth": 1.6, "linestyle": ":"}))
-    for effect, label, look in looks:
-        below.plot(time, np.maximum(MICRO * np.abs(effect[shown]), LEAST), label=label, **look)
-    below.set(yscale="log", ylabel="effect on the depth [µm]", xlabel="time since the first tick [s]")
-    _legend(canvas, below)

@@ -113,16 +113,12 @@ def contents(found: Sequence[Run]) -> dict[str, str | bytes]:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     cyclic = [run for run in found if run.gathered.spans]
-    uncertain = [
-        (run, figures.uncertainty_figure(number, run, run.uncertain), contribution_table(run, run.uncertain))
-        for number, run in enumerate((run for run in found if run.uncertain), start=1)
-        if run.uncertain
-    ]
+    known = [(run, contribution_table(run, run.uncertain)) for run in found if run.uncertain]
     drawn = {
         "knees": figures.knees(found),
         "cycle": figures.over_cycle(found, cyclic) if cyclic else [],
         "time": figures.over_time(found),
-        "uncertain": [figure for _, figure, _ in uncertain],
+        "uncertain": figures.uncertainty(found),
     }
     environment = Environment(
         loader=PackageLoader(__package__ or "", ""), autoescape=True, undefined=StrictUndefined, trim_blocks=True,
@@ -143,7 +139,7 @@ def contents(found: Sequence[Run]) -> dict[str, str | bytes]:
         overview=_side_by_side([list(summary(run).items()) for run in found], found),
         cycles=_side_by_side([cycle_summary(run) for run in cyclic], cyclic),
         still=bool(cyclic) and not figures.moves(cyclic),
-        uncertain=uncertain,
+        uncertain=[(run, each, of) for (run, of), each in zip(known, drawn["uncertain"], strict=True)],
         runs=[(run, runs.between([run.parameters, Parameters()], " instead of ")) for run in found],
     )
     pictures = {f"{figure.name}.png": figure.png for several in drawn.values() for figure in several}
