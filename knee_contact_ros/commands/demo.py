@@ -196,7 +196,8 @@ def live_rows(listener: Listener, ticks: int) -> dict[str, str]:
         median, p99, most = np.percentile(listener.latencies, [50, 99, 100]) * 1e3
         name = "latency" if listener.force_topic == JOINT_REACTION_FORCE else "sensors to contact"
         rows[name] = f"{median:.2f} ms median, {p99:.2f} ms p99, {most:.2f} ms max"
-    if (highest := max(torques := listener.torques)) > 0.0:
+    if len(torques := listener.torques) > 1:
+        highest = max(torques)
         rows["assist torque"] = f"{highest:.1f} N m, lowered to {min(torques[torques.index(highest) :]):.1f} N m"
     return rows
 

@@ -244,7 +244,8 @@ class Player:
             now = time.perf_counter()
             if now >= self._tick:
                 self.tell_time(self._at(now))
-                self._tick = max(self._tick + 1.0 / self.clock_rate, now)
+                period = 1.0 / self.clock_rate
+                self._tick = period + (self._tick if self._tick + period > now else now)
             due = math.inf if self.paused else self._clock + (time_of_bag - self._bag) / NANOSECONDS / self.rate
             if due <= now < self._look:
                 return now - due

@@ -70,13 +70,3 @@ def test_a_file_has_sections_for_both_nodes(tmp_path: Path) -> None:
     ours, others = load(path), load_parameters(path)
     assert (ours.person.mass, ours.hip.joint_name, ours.pairing.wait) == (60.0, "hip", 0.5)
     assert (others.body_weight, others.pairing.wait) == (588.4, 0.5)
-
-
-@pytest.mark.parametrize("node", ["knee_contact", "/left/knee_contact", "/**/knee_contact"])
-def test_a_file_for_the_contact_node_alone_is_refused_by_name(tmp_path: Path, node: str) -> None:
-    path = tmp_path / "contact.yaml"
-    path.write_text(f"{node}:\n  ros__parameters: {{body_weight: 588.4}}\n")
-    with pytest.raises(UsageError) as caught:
-        load(path)
-    assert str(caught.value) == f"{path}: no parameters for node knee_load; found {node}"
-    check_file(path, LoadParameters)  # ROS passes it over likewise

@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 from knee_contact_ros.bags.provenance import read_provenance
@@ -56,22 +55,15 @@ bag: gait
     assert (parameters.femur.scale, parameters.tibia.scale) == (0.95, 0.95)
 
 
-@pytest.mark.parametrize(
-    ("text", "radius"),
-    [
-        ("mass: 70\nscale: 1.1\n", 0.034 * 1.1),
-        ("mass: 70\nscale: 1.1\nparameters: [healthy.yaml, mri_femur.yaml]\n", 0.0),
-    ],
-)
-def test_surfaces_are_to_scale(tmp_path: Path, text: str, radius: float) -> None:
-    one = load_model(load_parameters(Subject(subject(tmp_path, text.replace("1.1", "1.0"))).sources()))
-    larger = load_model(load_parameters(Subject(subject(tmp_path, text)).sources()))
-    if radius:
-        assert larger.pair.femur.support(0.3)[0] == pytest.approx(radius)
+def test_surfaces_are_to_scale(tmp_path: Path) -> None:
+    text = "mass: 70\nscale: 1.1\nparameters: [healthy.yaml, mri_femur.yaml]\n"
+    larger, one = (
+        load_model(load_parameters(Subject(subject(tmp_path, content)).sources()))
+        for content in (text, text.replace("1.1", "1.0"))
+    )
     for angle in (0.0, 0.4, 1.1):
         # A fitted spline scales as its points do, up to the tolerance of its fit: roundings.
         assert larger.pair.femur.support(angle)[0] == pytest.approx(1.1 * one.pair.femur.support(angle)[0], rel=1e-9)
-    assert np.isfinite(larger.pair.femur.support(0.2)).all()
 
 
 def test_solve_takes_it_and_other_values_win(
