@@ -10,7 +10,6 @@ from __future__ import annotations
 import codecs
 import csv
 import difflib
-import io
 import math
 import re
 from array import array
@@ -55,6 +54,8 @@ NOT_A_NUMBER = re.compile(r"[-+]?(?:nan(?:\(\w*\))?|\d\.#\w+)|n/?a|#n/?a|#div/0!
 """How programs write what is missing, and Windows also infinity: nan, -nan(ind), 1.#QNAN, -1.#IND, NA, #N/A, null, -"""
 GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}(?:(?:\.\d{3})+(?:,\d*)?|(?:,\d{3})+(?:\.\d*)?)")
 """Numbers that may have thousands marks: 1.760 and 1,760 have, or have a decimal mark; 1.760,5 and 1,760.5 have"""
+DECIMAL_COMMA = re.compile(r"\s*[-+]?(?:0,\d+|\d+,(?:\d{1,2}|\d{4,}))(?![^\s;])")
+"""Begin of a row whose time has a comma that is no thousands mark"""
 CLOCK = re.compile(
     r"(?:(\d{4})[-/](\d\d?)[-/](\d\d?)[ T]+|([^:]*?)[ ,]+)?(?:(\d+):)?([0-5]?\d):([0-5]?\d(?:[.,]\d+|:\d{3})?)"
     r"(?: *([ap])\.?m\.?)?(?: *(Z|UTC|GMT|[-+]\d\d(?::?\d\d)?))?",
@@ -306,7 +307,7 @@ def storage_header(path: Path) -> Header:
         UsageError: the file cannot be read, or is no storage file.
     """
     text, _ = _text_of(path)
-    lines = text.splitlines()
+    lines = [line.rstrip("\r\n") for line in _each_line(text)]
     end = next((number for number, line in enumerate(lines) if line.strip().lower() == END), None)
     if end is None:
         raise UsageError(f"{path} is not an OpenSim storage file (.sto, .mot): it has no line {END}")
@@ -327,7 +328,7 @@ def storage_header(path: Path) -> Header:
         raise UsageError(f"{path} has no rows")
     if names[0].lower() != TIME:
         raise UsageError(f"{path}: its first column is {names[0]}, and must be {TIME}")
-    comma = delimiter != "," and not any("." in row for row in rows) and any("," in row for row in rows)
+    comma = not any("." in row for row in rows) and any(map(DECIMAL_COMMA.match, rows))
     return Header(path, tuple(names), above + 1, delimiter, text, (), entries, "," if comma else ".")
 
 
@@ -350,7 +351,7 @@ def repaired(path: Path) -> str:
         UsageError: the file cannot be read, or is no storage file.
     """
     header = storage_header(path)
-    rows = header.text.splitlines()[header.line :]
+    rows = [line.rstrip("\r\n") for line in islice(_each_line(header.text), header.line, None) if line.strip()]
     top = ["states", "version=1", f"nRows={len(rows)}", f"nColumns={len(header.names)}"]
     return (
         "\n".join([*top, f"inDegrees={'yes' if header.degrees else 'no'}", END, "\t".join(header.names), *rows]) + "\n"
@@ -383,7 +384,7 @@ def _text_header(path: Path, wanted: Collection[Column], table_format: TableForm
     They may stand behind a `#`. Raises a `UsageError` for a file that is empty, or has numbers where names should be.
     """
     (text, notes), given = _text_of(path, table_format.encoding), table_format.header_line
-    lines = [line.rstrip("\n") for line in islice(io.StringIO(text, None), max(SEARCHED, given or 0))]
+    lines = [line.rstrip("\r\n") for line in islice(_each_line(text), max(SEARCHED, given or 0))]
     there = {number: line for number, line in enumerate(lines, start=1) if line.strip()}
     content = [number for number, line in there.items() if not line.startswith(COMMENT)]
     if not content:
@@ -609,12 +610,18 @@ def _records(header: Header, table_format: TableFormat, units: dict[int, str]) -
             yield line, cells
 
 
+def _each_line(text: str) -> Iterator[str]:
+    """Yield the lines of a text with what ends them, which may be that of any system."""
+    return (match[0] for match in re.finditer(r"[^\r\n]*(?:\r\n?|\n)|[^\r\n]+", text))
+
+
 def _lines(header: Header) -> Iterator[tuple[int, list[str]]]:
     """Yield number and cells of each line of a text file."""
-    file, mark, between = io.StringIO(header.text, None), header.delimiter, len(header.names) - 1
+    file, mark, between = _each_line(header.text), header.delimiter, len(header.names) - 1
     if mark == " " or header.entries is not None:
         for number, text in enumerate(file, start=1):
-            yield number, text.strip().split(mark) if mark != " " and text.count(mark) == between else text.split()
+            divided = mark != " " and text.count(mark) == between
+            yield number, text.rstrip("\r\n").split(mark) if divided else text.split()
         return
     lines = csv.reader(file, delimiter=mark)
     try:

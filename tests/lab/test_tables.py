@@ -183,3 +183,10 @@ def test_what_is_no_number_is_told_with_its_line(tmp_path: Path, text: str) -> N
     path.write_text(f"time;x\n0;1\n1;{text}\n", encoding="utf-8")
     with pytest.raises(UsageError, match=r"line 3, column x: .* is not a number"):
         columns_of(path, ["x"])
+
+
+def test_a_comma_is_decimal_only_if_the_times_show_it(tmp_path: Path) -> None:
+    path = tmp_path / "q.mot"
+    path.write_text("q\nversion=1\nendheader\ntime\ta\n0\t1,760\n1\t1,810\n")
+    with pytest.raises(UsageError, match="column a is nan at 0 s"):
+        read_storage(path).column("a")

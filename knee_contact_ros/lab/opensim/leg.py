@@ -1,12 +1,11 @@
 """Simulated sensors of a leg: hip and ankle angles by OpenSim's kinematics, and the ground's force about the ankle.
 
-The columns of ground reactions that act on a foot are found by OpenSim's external loads, or by their names.
+The columns of ground reactions that act on a foot are found by OpenSim's external loads.
 """
 
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -19,7 +18,6 @@ from knee_contact_ros.lab.opensim import child, pipeline
 from knee_contact_ros.lab.opensim.results import (
     FEMUR,
     LEFT,
-    RIGHT,
     SIDE_WORDS,
     TIBIA,
     Pose,
@@ -28,7 +26,7 @@ from knee_contact_ros.lab.opensim.results import (
     is_part,
     words,
 )
-from knee_contact_ros.lab.opensim.setup_files import NOTHING, XML, read_xml, text_in
+from knee_contact_ros.lab.opensim.setup_files import NOTHING, read_xml, text_in
 from knee_contact_ros.lab.tables import Floats, Stamps, Table, read_storage, some
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
@@ -38,10 +36,6 @@ GROUND = {"ground", "/ground", *NOTHING}
 """Names of the ground frame, which is also meant where none is named"""
 FOOT = ("foot", "calc", "talus", "toe", "heel", "mtp", "midfoot", "forefoot", "hindfoot")
 """Beginnings of words in names of the bodies of a foot"""
-FORCE = re.compile(r"(.*force.*_)vx", re.IGNORECASE)
-"""Name of a force's first column, as `ground_force_vx`, `1_ground_force_vx`, `ground_force_r_vx`"""
-EXAMPLES = {"ground_force_": RIGHT, "1_ground_force_": LEFT}
-"""Side of each force plate in OpenSim's own examples, which name no foot"""
 IN_THE_AIR = 10.0
 """Vertical force [N] below which a foot is in the air: plates are noisy, and have no centre of pressure then"""
 
@@ -83,40 +77,20 @@ class Frames(NamedTuple):
     """Coordinates that move the first two frames against each other, and are not in the kinematics"""
 
 
-def read_ground(ground: Path, data: Path, side: str) -> GroundFile:
-    """Read the forces on the right or left foot; `data` is the file that `data_file` finds.
+def read_ground(loads: Path, data: Path, side: str) -> GroundFile:
+    """Read the forces that an external loads file applies to bodies of the right or left foot; `data` has the numbers.
+
+    A force must have a force and a point, expressed in ground. As for OpenSim, an identifier may be the beginning of
+    three names.
 
     Raises:
-        UsageError: a file cannot be read, it is not clear which forces act on the foot, or a column is missing.
+        UsageError: a file cannot be read, no force acts on the foot, or a column is missing.
     """
-    table = read_storage(data)
-    by_loads = ground.suffix.lower() == XML
-    forces, notes = _by_loads(ground, side) if by_loads else ([_by_names(table, side)], [])
-    forces = [FootForce(*(_stem(name, table) for name in force)) for force in forces]
-    for force in forces:
-        missing = [name + axis for name in force if name for axis in "xyz" if name + axis not in table.names]
-        if missing:
-            raise UsageError(f"{table.path} has no column {', '.join(missing)}; it has {some(table.names)}")
-    return GroundFile(table, tuple(forces), tuple(notes))
-
-
-def _stem(identifier: str, table: Table) -> str:
-    """Beginning of three columns that x, y and z follow; as for OpenSim, a shorter identifier does if it is clear."""
-    fitting = [name for name in table.names if identifier and name.startswith(identifier)]
-    stem = fitting[0][:-1] if fitting else identifier
-    return stem if fitting == [f"{stem}{axis}" for axis in "xyz"] else identifier
-
-
-def _by_loads(path: Path, side: str) -> tuple[list[FootForce], list[str]]:
-    """Forces that an external loads file applies to bodies of a foot, and notes on forces on other bodies than feet.
-
-    A force must have a force and a point, expressed in ground.
-    """
-    forces: list[FootForce] = []
+    table, forces = read_storage(data), list[FootForce]()
     bodies: list[str] = []
     elsewhere: list[str] = []
-    for element in read_xml(path, "ExternalLoads").iter("ExternalForce"):
-        body, where = text_in(element, "applied_to_body"), f"{path}: the force {element.get('name', '')!r}"
+    for element in read_xml(loads, "ExternalLoads").iter("ExternalForce"):
+        body, where = text_in(element, "applied_to_body"), f"{loads}: the force {element.get('name', '')!r}"
         bodies.append(body)
         off = text_in(element, "isDisabled").lower() == "true" or text_in(element, "appliesForce").lower() == "false"
         if off or not body:
@@ -127,38 +101,31 @@ def _by_loads(path: Path, side: str) -> tuple[list[FootForce], list[str]]:
         for tag in ("force_expressed_in_body", "point_expressed_in_body"):
             if text_in(element, tag) not in GROUND:
                 raise UsageError(f"{where}: {tag} is {text_in(element, tag)}, and must be ground")
-        names = [text_in(element, f"{what}_identifier") for what in ("force", "point", "torque")]
-        force = FootForce(*("" if name in NOTHING else name for name in names))
+        force = FootForce(*(_stem(text_in(element, f"{what}_identifier"), table) for what in FootForce._fields))
         if not force.force or not force.point:
             raise UsageError(f"{where} has no {'point' if force.force else 'force'}_identifier")
+        missing = [name + axis for name in force if name for axis in "xyz" if name + axis not in table.names]
+        if missing:
+            raise UsageError(f"{table.path} has no column {', '.join(missing)}; it has {some(table.names)}")
         forces.append(force)
     if not forces:
         named = some(list(dict.fromkeys(filter(None, bodies))))
-        raise UsageError(f"{path} applies no force to the {side} foot; its forces act on {named or 'nothing'}")
-    return forces, [f"ground: what acts on {', '.join(elsewhere)} is left out"] * bool(elsewhere)
+        raise UsageError(f"{loads} applies no force to the {side} foot; its forces act on {named or 'nothing'}")
+    return GroundFile(table, tuple(forces), tuple(f"ground: what acts on {body} is left out" for body in elsewhere))
+
+
+def _stem(identifier: str, table: Table) -> str:
+    """Beginning of three columns that x, y and z follow; a shorter identifier does if it is clear; empty: none."""
+    if identifier in NOTHING:
+        return ""
+    fitting = [name for name in table.names if name.startswith(identifier)]
+    stem = fitting[0][:-1] if fitting else identifier
+    return stem if fitting == [f"{stem}{axis}" for axis in "xyz"] else identifier
 
 
 def is_foot(body: str, side: str) -> bool:
     """Whether a body belongs to the foot of a side, by its name."""
     return is_part(body, FOOT) and bool(words(body) & SIDE_WORDS[side])
-
-
-def _by_names(table: Table, side: str) -> FootForce:
-    """Find the only force whose columns name the foot, or have the names that OpenSim's examples have for it."""
-    stems = [match[1] for match in map(FORCE.fullmatch, table.names) if match]
-    if not stems:
-        raise UsageError(f"{table.path} has no ground force, as ground_force_vx, but {some(table.names)}")
-    fitting = [stem for stem in stems if words(stem) & SIDE_WORDS[side]]
-    if set(stems) == set(EXAMPLES):
-        fitting = [stem for stem in stems if EXAMPLES[stem] == side]
-    if len(fitting) != 1:
-        raise UsageError(
-            f"{table.path}: which of {some([f'{stem}vx' for stem in stems])} is of the {side} foot? "
-            "Give the external loads file (.xml) in its place"
-        )
-    stem = fitting[0]
-    torques = [stem.replace("force", turn) + end for turn in ("torque", "moment") for end in ("", "m")]
-    return FootForce(f"{stem}v", f"{stem}p", next((name for name in torques if f"{name}y" in table.names), ""))
 
 
 def during(ground: GroundFile, stamps: Stamps) -> GroundFile:

@@ -14,7 +14,7 @@ from knee_contact_ros.commands.main import main
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.files import not_installed
-from tests.lab.opensim.storages import kinematics, plate, reactions, write_model, write_storage
+from tests.lab.opensim.storages import external, kinematics, plate, reactions, write_loads, write_model, write_storage
 from tests.offline.test_solve import silent
 
 
@@ -108,12 +108,12 @@ ONE_SIDE = ["--kinematics", "q.sto", "--reactions", "jr.sto", "--side", "right",
         ([*ONE_SIDE, "--output", "walk.mcap"], "a bag's folder is written; give its name without .mcap"),
         ([*ONE_SIDE, "--output", "jr.sto", "--overwrite"], "is a file and not a bag's folder"),
         ([*ONE_SIDE[:4], *ONE_SIDE[6:]], "--side"),
-        ([*ONE_SIDE, "--ground", "late.mot"], "--ground needs --model M.osim, to find the ankle"),
+        ([*ONE_SIDE, "--ground", "late.xml"], "--ground needs --model M.osim, to find the ankle"),
         ([*ONE_SIDE, "--ground", *MODEL], "--ground FILE is missing; it is found only with --setup"),
-        ([*ONE_SIDE, "--ground", "late.mot", *MODEL], MISSING),
+        ([*ONE_SIDE, "--ground", "late.xml", *MODEL], MISSING),
         ([*ONE_SIDE, "--ground", "none.xml", *MODEL], "cannot read none.xml"),
-        ([*ONE_SIDE, "--ground", "q.sto", *MODEL], "has no ground force, as ground_force_vx, but hip_flexion_r"),
-        ([*ONE_SIDE, "--ground", "late.mot", *MODEL], "late.mot spans 10 to 11 s, and the kinematics 0 to 1.2 s"),
+        ([*ONE_SIDE, "--ground", "late.mot", *MODEL], "--ground late.mot: give external loads (.xml)"),
+        ([*ONE_SIDE, "--ground", "late.xml", *MODEL], "late.mot spans 10 to 11 s, and the kinematics 0 to 1.2 s"),
     ],
 )
 def test_bad_input_is_one_line_and_leaves_nothing(
@@ -124,6 +124,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     monkeypatch.chdir(tmp_path)
     write_model(tmp_path / "m.osim")
     write_storage(tmp_path / "late.mot", np.linspace(10.0, 11.0, 241), plate("ground_force_r_"), "yes")
+    write_loads(tmp_path / "late.xml", "late.mot", [external("calcn_r", "ground_force_r_", torque="")])
     files = sorted(path.name for path in tmp_path.iterdir())
     monkeypatch.setattr("knee_contact_ros.system.files.find_spec", lambda name: None if says == MISSING else name)
     assert main(["import-opensim", *arguments]) == 2
