@@ -70,6 +70,8 @@ class Segment(NamedTuple):
     """Smallest and largest log time [ns] of the messages"""
     counts: Mapping[int, int] = {}
     """Number of messages of each channel"""
+    starts: NDArray[np.uint32] | None = None
+    """Offsets [B] of the messages' records in the data, once they are known"""
 
 
 @dataclass(frozen=True)

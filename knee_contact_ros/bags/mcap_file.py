@@ -43,6 +43,7 @@ PARSERS: dict[int, Any] = {
     if opcode not in (Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX)
 }
 """Class of the `mcap` library that parses the records of each opcode"""
+MESSAGE_OPCODE, SCHEMA, CHANNEL = int(Opcode.MESSAGE), int(Opcode.SCHEMA), int(Opcode.CHANNEL)
 HOLE, PRIVATE = 0, 0x80
 """In place of an opcode: bytes that are not records; the first opcode for private records of applications"""
 CHUNK_HEAD = struct.Struct("<BQQQQII")
@@ -298,7 +299,7 @@ class McapFile:
         """Messages of a segment in its order; `numbers` has the number in the batch of each channel that is read."""
         number_of = np.full(CHANNELS, -1, np.intp)
         number_of[list(numbers)] = list(numbers.values())
-        heads, messages, _ = self._contents(segment)
+        heads, messages, *_ = self._contents(segment)
         batch = Batch(number_of[heads["channel"]], heads["log"], messages)
         return batch.part(np.flatnonzero(batch.numbers >= 0))
 
@@ -310,7 +311,7 @@ class McapFile:
                 if record := self._records.record_at(offset):
                     yield offset, record.content
                 continue
-            heads, messages, _ = self._contents(segment)
+            heads, messages, *_ = self._contents(segment)
             rows = heads[["channel", "sequence", "log", "publish"]].tolist()
             for (channel, sequence, log_time, publish_time), data in zip(rows, messages, strict=True):
                 if channel in self.streams:
@@ -324,12 +325,12 @@ class McapFile:
             return
         self._bytes_left -= segment.size if segment.compression is not None else 0
         try:
-            heads, _, declarations = self._contents(segment)
+            heads, _, declarations, starts = self._contents(segment)
         except DamagedError as fault:
             self._lost.append((segment.offset, segment.end, f"the chunk {fault}"))
             with suppress(DamagedError):
                 data = self._unpacked(segment._replace(cut=True))
-                for record in filter(None, contents_of(data, cut=True)[2]):
+                for record in filter(None, contents_of(data, cut=True).declarations):
                     self._doubtful.setdefault((type(record), record.id), record)
             return
         for record in declarations:
@@ -347,7 +348,7 @@ class McapFile:
         span = int(times.min()), int(times.max())
         if segment.compression is not None and not (segment.checksum or segment.cut) and span != segment.times:
             self._note(f"the chunk at byte {segment.offset}, which has no checksum, has other times than its messages")
-        self.segments.append(segment._replace(times=span, counts=counts))
+        self.segments.append(segment._replace(times=span, counts=counts, starts=starts))
 
     def _contents(self, segment: Segment) -> Contents:
         """Records of a segment.
@@ -355,7 +356,7 @@ class McapFile:
         Raises:
             DamagedError: They cannot be decompressed, do not fit their size or checksum, or are too many or none.
         """
-        return contents_of(self._unpacked(segment), segment.cut)
+        return contents_of(self._unpacked(segment), segment.cut, segment.starts)
 
     def _unpacked(self, segment: Segment) -> bytes:
         """Uncompressed records of a segment; if it is `cut` off, the beginning that can be unpacked.
@@ -447,27 +448,45 @@ class McapFile:
             self.faults.append(fault)
 
 
-Contents = tuple[NDArray[Any], Column, list[Any]]
-"""Messages, n of them, and declarations: heads as `MESSAGE_HEADS`, shape (n,); encoded messages; schemas and channels,
-None for one that cannot be read"""
+HEAD_BYTES = np.dtype(f"V{MESSAGE_HEAD.size}")
+"""Head of a message as one item, which is copied at once"""
 
 
-def contents_of(data: bytes, cut: bool = False) -> Contents:
+class Contents(NamedTuple):
+    """Messages, n of them, and declarations; arrays have shape (n,)."""
+
+    heads: NDArray[Any]
+    """Heads of the messages, as `MESSAGE_HEADS`"""
+    messages: Column
+    """Encoded messages"""
+    declarations: list[Any]
+    """Schemas and channels; None for one that cannot be read"""
+    starts: NDArray[np.uint32]
+    """Offsets [B] of the messages' records"""
+
+
+def contents_of(data: bytes, cut: bool = False, starts: NDArray[np.uint32] | None = None) -> Contents:
     """Messages, schemas and channels in `data`; if it is `cut` off, the whole ones at its beginning.
+
+    `starts` are those of the messages (`starts_of`) if they are known; then nothing else is looked for.
 
     Raises:
         DamagedError: There are too many records, or bytes that are none.
     """
-    starts, end = starts_of(data)
-    if end != len(data) and not cut:
-        raise DamagedError(f"ends in {len(data) - end} bytes that are not records")
-    opcodes = np.frombuffer(data, np.uint8)[starts]
-    begins, ends = starts[opcodes == Opcode.MESSAGE], np.append(starts[1:], end)
-    windows = np.ndarray(max(len(data) - MESSAGE_HEAD.size + 1, 0), f"V{MESSAGE_HEAD.size}", data, strides=(1,))
-    declared = np.flatnonzero((opcodes == Opcode.SCHEMA) | (opcodes == Opcode.CHANNEL)).tolist()
-    declarations = [parsed(opcodes[i], data[starts[i] + HEAD.size : ends[i]]) for i in declared]
-    messages = Column(data, begins + MESSAGE_HEAD.size, ends[opcodes == Opcode.MESSAGE])
-    return windows[begins].view(MESSAGE_HEADS), messages, declarations
+    declarations = list[Any]()
+    if starts is None:
+        places, end = starts_of(data)
+        if end != len(data) and not cut:
+            raise DamagedError(f"ends in {len(data) - end} bytes that are not records")
+        opcodes, ends = np.frombuffer(data, np.uint8)[places], np.append(places[1:], end)
+        declared = np.flatnonzero((opcodes == SCHEMA) | (opcodes == CHANNEL)).tolist()
+        declarations = [parsed(int(opcodes[i]), data[places[i] + HEAD.size : ends[i]]) for i in declared]
+        starts = places[opcodes == MESSAGE_OPCODE].astype(np.uint32)
+    begins = starts.astype(np.int64)
+    windows = np.ndarray(max(len(data) - MESSAGE_HEAD.size + 1, 0), HEAD_BYTES, data, strides=(1,))
+    heads = windows[begins].view(MESSAGE_HEADS)
+    ends = begins + heads["length"].astype(np.int64) + HEAD.size
+    return Contents(heads, Column(data, begins + MESSAGE_HEAD.size, ends), declarations, starts)
 
 
 def starts_of(data: bytes) -> tuple[NDArray[np.int64], int]:
@@ -485,10 +504,11 @@ def starts_of(data: bytes) -> tuple[NDArray[np.int64], int]:
             raise DamagedError(words)
     if position > len(data):
         position = starts.pop()
-    places = np.array(starts, np.int64)
-    opcodes, lengths = np.frombuffer(data, np.uint8)[places], np.diff(places, append=position) - HEAD.size
-    bad = np.flatnonzero((opcodes == 0) | ((opcodes == Opcode.MESSAGE) & (lengths < MESSAGE.size)))
-    return (places[: bad[0]], int(places[bad[0]])) if len(bad) else (places, position)
+    places = np.fromiter([*starts, position], np.int64, len(starts) + 1)
+    opcodes, lengths = np.frombuffer(data, np.uint8)[places[:-1]], places[1:] - places[:-1] - HEAD.size
+    bad = (opcodes == 0) | ((opcodes == MESSAGE_OPCODE) & (lengths < MESSAGE.size))
+    count = int(bad.argmax()) if bad.any() else len(starts)
+    return places[:count], int(places[count])
 
 
 LENGTH = struct.Struct("<xQ")

@@ -44,7 +44,7 @@ PLACES = [at for at in range(len(DATA)) if DATA[at : at + 1] == b"\5"]
 @pytest.mark.parametrize("others", [b"", channel(1, "/a"), record(0x80, b"anybody's")])
 def test_messages_are_found_among_other_records(others: bytes) -> None:
     for data in (DATA + others, others + DATA):
-        heads, messages, declarations = contents_of(data)
+        heads, messages, declarations, _ = contents_of(data)
         assert list(messages) == [b"m" * (number % 5) for number in range(40)]
         assert heads["log"].tolist() == list(range(100, 140))
         assert len(declarations) == (others[:1] == b"\4")
