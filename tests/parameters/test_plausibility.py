@@ -15,7 +15,6 @@ from knee_contact_ros.model.types import Status
 from knee_contact_ros.parameters.build import build_model, load_model
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.watch import Doubts, doubts_about
-from tests.helpers.scenes import RADIUS
 from tests.offline.test_solve import make_bag
 
 TYPED = {"contact.stiffness": 2500.0}
@@ -77,57 +76,12 @@ def test_parameters_in_another_unit_are_told_in_a_sentence(values: dict[str, Any
     assert told[0].filename == __file__  # where the user called
 
 
-@pytest.mark.parametrize("compiled", [False, True])
-def test_a_tick_that_is_too_deep_says_so_and_nothing_else(compiled: bool) -> None:
-    limit = 1.0 / 5.0 * RADIUS
-    knee = load_model({"drive": "displacement"}, compiled=compiled)
-    depths = limit + np.array([-1e-3, -1e-9, 1e-9, 1e-3])
-    series = knee.run(np.arange(4) * 1e-3, np.zeros(4), np.zeros(4), RADIUS - depths)
-    assert series.status.tolist() == [0, 0, Status.IMPLAUSIBLE, Status.IMPLAUSIBLE]
-    stream = knee.stream()
-    assert [stream.tick(i * 1e-3, 0.0, 0.0, RADIUS - depths[i]).status for i in range(4)] == series.status.tolist()
-
-
 def answers(stamps: np.ndarray, loads: np.ndarray, **others: np.ndarray) -> dict[str, np.ndarray]:
     """Fields of answers that `Doubts` looks at; the others are 0."""
     nothing = np.zeros(len(stamps))
     names = ("flexion_angle", "penetration_depth", "gap", "contact_point_x")
     fields = dict.fromkeys(names, nothing) | {"status": nothing.astype(int)}
     return fields | {"stamp": stamps, "load": loads} | others
-
-
-def told(loads: np.ndarray, period: float = 0.01, parts: int = 1) -> str:
-    """What is said of loads [N]; the same of all at once and in parts."""
-    stamps = np.rint(np.arange(len(loads)) * period * 1e9).astype(np.int64)
-    watch, other = Doubts(), Doubts()
-    watch.add_all(answers(stamps, loads))
-    for part in np.array_split(np.arange(len(loads)), parts):
-        other.add_all(answers(stamps[part], loads[part]))
-    assert watch.sentences == other.sentences
-    return watch.inputs.about_load
-
-
-@pytest.mark.parametrize("parts", [1, 7])
-def test_a_load_that_is_negative_throughout_is_told(parts: int) -> None:
-    gait = -400.0 - 397.0 * np.sin(np.arange(300) * 0.1)
-    assert told(gait, parts=parts) == (
-        f"the load was negative throughout ({gait.min():.0f} to {gait.max():.0f} N): compression is force.y < 0 in "
-        "joint_reaction_force; is its sign that of another convention?"
-    )
-
-
-@pytest.mark.parametrize(
-    ("loads", "period"),
-    [
-        (np.append(np.full(300, -400.0), 300.0), 0.01),  # once it pressed
-        (np.full(99, -400.0), 0.1),  # too few
-        (np.full(300, -400.0), 0.003),  # too short: a swing phase under an exoskeleton
-        (np.full(300, -49.0), 0.01),  # too little: a shank that hangs
-        (np.full(300, 400.0), 0.01),
-    ],
-)
-def test_other_loads_are_not(loads: np.ndarray, period: float) -> None:
-    assert told(loads, period) == ""
 
 
 @pytest.mark.parametrize("compiled", [False, True])

@@ -2,33 +2,26 @@
 
 from __future__ import annotations
 
-import math
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
 from matplotlib.path import Path as Outline
 
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.view.anatomy import (
     DRAWN_THICKNESS,
-    POINTS,
-    REACH,
-    SAMPLES,
     SURFACE_POINTS,
     Anatomy,
     Picture,
     drawing_of,
-    overlaps,
     picture_of,
 )  # fmt: skip
 
-DEPTH, RADIUS = 0.7e-3, 0.034
+DEPTH = 0.7e-3
 KNEES: dict[str, list[Any]] = {
     "healthy": ["healthy.yaml"],
     "osteoarthritis": ["osteoarthritis.yaml"],
@@ -43,10 +36,6 @@ KNEES: dict[str, list[Any]] = {
 }  # fmt: skip
 ANGLES = (-0.1, 0.3, 1.2)
 TWO_LAYERS = {"contact.law": "two_layer_elastic", "contact.layer_depth": 1e-3}
-CORNERS = 181
-CHORD = RADIUS * (1.0 - math.cos(math.pi / (CORNERS - 1)))
-"""How far the corners cut into the circle [m]"""
-PLANE = np.array([[-0.04, 0.0], [0.04, 0.0]])
 
 
 @cache
@@ -169,24 +158,3 @@ def test_there_is_no_overlap_apart() -> None:
     picture = picture_of(load_model({}), 0.2, 0.035)
     assert picture.depth == pytest.approx(-1e-3)
     assert picture.overlap.shape == (0, 2)
-
-
-def circle(x: float, height: float) -> np.ndarray:
-    angles = np.linspace(0.0, math.tau, CORNERS)
-    return np.stack([x + RADIUS * np.cos(angles), height + RADIUS * np.sin(angles)], axis=1)
-
-
-@given(x=st.floats(-0.01, 0.01), depth=st.floats(1e-4, 3e-3))
-def test_the_overlap_of_a_circle_and_a_plane_is_a_segment(x: float, depth: float) -> None:
-    found = overlaps(np.array([circle(x, RADIUS - depth)]), PLANE, np.array([x]))
-    assert found.x.shape == found.lower.shape == found.upper.shape == (1, POINTS)
-    rise = np.sqrt(RADIUS**2 - (found.x[0] - x) ** 2)
-    lower = np.minimum(RADIUS - depth - rise, 0.0)
-    assert (np.abs(found.lower[0] - lower) <= 1.01 * CHORD * RADIUS / rise).all()  # on a slope; 1.01: second order
-    assert found.upper[0] == pytest.approx(0.0, abs=0.0)
-    step = 2.0 * REACH / (SAMPLES - 1)
-    # The outline lies up to a chord's height inside of the circle or outside, and meets the plane there; where it ends
-    # is told by two of the points that were looked at, along a line.
-    half = math.sqrt(2.0 * RADIUS * depth - depth**2)
-    inner, outer = (math.sqrt(2.0 * RADIUS * max(depth + off, 0.0)) for off in (-CHORD, CHORD))
-    assert 2.0 * min(inner, half) - 0.1 * step <= np.ptp(found.x[0]) <= 2.0 * outer + 0.1 * step
