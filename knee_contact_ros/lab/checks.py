@@ -249,7 +249,7 @@ def _spike(load: Series, weight: float | None) -> str:
     row = int(np.argmax(np.where(spikes, inner, -math.inf)))
     return (
         f"{load.where} is {inner[row]:.5g} N at {load.stamps[row + 1] / NANOSECONDS:.7g} s and {beside[row]:.5g} N at "
-        f"most in the rows beside (and {np.count_nonzero(spikes)} times in all): a spike?"
+        f"most in the rows beside ({np.count_nonzero(spikes)} such rows in all): a spike?"
     )
 
 
@@ -269,7 +269,7 @@ def _jumps(angle: Series, max_gap: float) -> str:
         return ""
     return (
         f"{angle.where} jumps by {math.degrees(steps[worst]):.0f} deg at {angle.stamps[worst + 1] / NANOSECONDS:.7g} s "
-        f"(and {np.count_nonzero(steps > JUMP)} times in all): a loose contact, or an encoder's turn?"
+        f"({np.count_nonzero(steps > JUMP)} such steps in all): a loose contact, or an encoder's turn?"
     )
 
 

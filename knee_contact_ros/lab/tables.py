@@ -461,7 +461,7 @@ def read_columns(header: Header, wanted: Sequence[Column], time: TimeColumn, tab
         day = ""
     elif day is None:
         check_unit(path, timed[0], units[timed[0]], time.unit, TIME, "time.unit")
-    stamps = _stamps(path, time.column, first, seconds, time.offset)
+    stamps = _stamps(path, timed[0] if timed else time.column, first, seconds, time.offset)
     table = _over_time(path, [str(name) for name in wanted], stamps, numbers[:, len(timed) :])
     if table.duplicates > MOST_STANDING * len(numbers):
         raise UsageError(
@@ -542,7 +542,7 @@ def read_numbers(
                 if strict:
                     fault = f"{header.path}: line {line}, column {header.names[place]}: {cell[:40]!r} is not a number"
                     said = f"; is {decimal or '.'!r} the decimal mark? Say it: table.decimal ('.' or ',')"
-                    raise UsageError(fault + said * ("," in cell or "." in cell)) from None
+                    raise UsageError(fault + said * (not header.decimal and bool({",", "."} & {*cell}))) from None
                 flat.append(math.nan)
             if not stated:
                 mark = "." if "." in cell else "," * ("," in cell)

@@ -164,7 +164,7 @@ SURFACES: dict[str, tuple[Callable[..., Any], str, str]] = {
     "a scanner's axes": (lambda p: p[:, [2, 0, 1]], "", "see --axes"),
     "LPS for RAS": (lambda p: p[:, [2, 0, 1]] * [-1.0, -1.0, 1.0], "--axes=y,z,x", "z = 8.0 to 28.0 mm; or see --axes"),
     "upside down": (lambda p: p * [1.0, -1.0, 1.0], "", "looks up, not down"),
-    "back before front": (lambda p: p * [-1.0, 1.0, 1.0], "", "--axes=-x,y,-z turns it"),
+    "back before front": (lambda p: p * [-1.0, 1.0, 1.0], "", "front and back exchanged .*--axes=-x,y,-z"),
     "the hip's origin": (lambda p: p - [0.0, 0.4, 0.0], "", "--origin=0.0,-400.0|--origin="),
     "the other bone": (lambda p: p, "--side=tibia", "--side femur"),
     "a tibia upside down": (lambda _p: swept(tibial_curve())[0] * [1.0, -1.0, 1.0], "--side=tibia", "upside down"),

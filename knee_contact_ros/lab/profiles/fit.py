@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from knee_contact_ros.lab.profiles.surfaces import (
+    TURNED,
     Chart,
     Pieces,
     Slices,
@@ -116,7 +117,6 @@ class FittedCircle(NamedTuple):
 
     window: tuple[float, float]
     """Ends of the part: directions of the normal [deg] for a femur, x [mm] for a tibia"""
-    centre: Floats
     radius: float
     """Radius [m], < 0 where a tibia is convex"""
     part: Floats
@@ -195,11 +195,11 @@ def fit(
          f"{reach}, and in gait those of {GAIT[0]:g}° to {GAIT[1]:g}° touch",
          "--slice through a condyle, or see --axes"),
         (femur and -low - high > MOST_IN_FRONT, f"{reach}, further in front than behind",
-         f"is it the notch (--slice), or are front and back exchanged? {surface.turned_cure}"),
+         f"is it the notch (--slice), or {TURNED} {surface.axes_cure}"),
         (not _possible(radii, 1.0), f"{told}, and {RADII_TEXT}", "--unit is 10 times too small or large"
          if _possible(radii, 10.0) or _possible(radii, 0.1) else surface.axes_cure),
         (radii.get(FEMORAL_WINDOWS[-1], 0.0) > MOST_GROWTH * radii.get(FEMORAL_WINDOWS[0], math.inf),
-         f"{told}, which grow towards the rear", f"are front and back exchanged? {surface.turned_cure}"),
+         f"{told}, which grow towards the rear", f"{TURNED} {surface.axes_cure}"),
         (not femur and z < 0.0 and not concave(shape), "it is convex throughout, and a medial one (z < 0) is hollow",
          f"is it upside down, or the lateral one? {surface.axes_cure}"),
     )  # fmt: skip
@@ -350,13 +350,13 @@ def _circles(shape: Shape, femur: bool) -> list[FittedCircle]:
     for low, high in FEMORAL_WINDOWS if femur else ():
         part = shape.points[(degrees >= low) & (degrees <= high)]
         if len(part) >= LEAST_PLACES and degrees.min() <= low + 1.0 and degrees.max() >= high - 1.0:
-            circles.append(FittedCircle((low, high), *circle(part), part))
+            circles.append(FittedCircle((low, high), circle(part)[1], part))
     for window in () if femur else TIBIAL_WINDOWS:
         begin, end = (float(x.min() + share * np.ptp(x)) for share in window)
         part = shape.points[(x >= begin) & (x <= end)]
         centre, radius = circle(part)
         radius = radius if centre[1] > part[:, 1].mean() else -radius
-        circles.append(FittedCircle((1e3 * begin, 1e3 * end), centre, radius, part))
+        circles.append(FittedCircle((1e3 * begin, 1e3 * end), radius, part))
     return circles
 
 

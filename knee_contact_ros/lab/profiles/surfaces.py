@@ -45,6 +45,7 @@ SPACE = re.compile(r"SPACE=([RL][AP][SI])\b")
 """What 3D Slicer writes into the header of a mesh: the sides to which its x, y and z point"""
 HEADER = 1024
 """Number of bytes at the beginning of a file that are searched for it"""
+TURNED = "are front and back exchanged (then turn over two axes, as --axes=-x,y,-z; one alone makes a mirror image)?"
 AXES_HINT = ("a right knee's are --axes=y,z,x in a scanner's RAS axes and --axes=-y,z,-x in LPS, a left one's have the "
              "other sign of x")  # fmt: skip
 DISTANCE = 0.5e-3
@@ -84,16 +85,6 @@ class Surface(NamedTuple):
     def axes_cure(self) -> str:
         """Advice where the slice does not look as a condyle does, and the axes may be wrong."""
         return "see --slice" if self.known else f"see --axes and --slice; {AXES_HINT}"
-
-    @property
-    def turned_cure(self) -> str:
-        """Advice where front and back seem exchanged: a turn about the vertical axis, never a mirror image."""
-        places, signs = _axes(self.axes)
-        if self.known or np.linalg.det(np.eye(3)[places] * np.array(signs)[:, None]) < 0.0:
-            return self.axes_cure
-        front, up, side = (f"{'-' if sign < 0.0 else ''}{'xyz'[place]}" for place, sign in
-                           zip(places, np.multiply(signs, (-1.0, 1.0, -1.0)), strict=True))  # fmt: skip
-        return f"--axes={front},{up},{side} turns it"
 
     @property
     def lateral_range(self) -> str:

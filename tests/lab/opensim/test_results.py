@@ -211,16 +211,6 @@ def test_reactions_without_an_angle_are_left_out_and_counted(tmp_path: Path) -> 
     assert window.angle.stamps[[0, -1]].tolist() == [200_000_000, 610_000_000]
 
 
-def test_resampled_at_a_rate(tmp_path: Path) -> None:
-    gait = knee(files(tmp_path), rate=200.0, start=0.1024, end=1.0)
-    assert gait.angle.stamps.tolist() == gait.reaction.stamps.tolist()
-    assert gait.angle.stamps.tolist() == list(range(105_000_000, 1_000_000_001, 5_000_000))
-    time = gait.angle.stamps * 1e-9
-    # Linear interpolation over 10 ms: h²/8 of the second derivative of the angle, 1.8e-4 rad.
-    assert gait.angle.values[:, 0] == pytest.approx(flexion(time), abs=2e-4)
-    assert gait.reaction.values[:, :3] == pytest.approx(np.column_stack(reaction_columns(time)[:3]), abs=1e-8)
-
-
 @pytest.mark.parametrize(
     ("reaction", "settings", "says"),
     [

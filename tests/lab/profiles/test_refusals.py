@@ -94,7 +94,7 @@ CASES = {
                     "40 mm; --unit is 10 times too small or large"),
     "another plane": ("a.stl", mesh(swept(femoral_curve(SMALL))), [], "9 to 40 mm; see --axes"),
     "radii that grow": ("a.stl", mesh(swept(femoral_curve(GROWING))), [],
-                        "which grow towards the rear; are front and back exchanged? --axes=-x,y,-z turns it"),
+                        "which grow towards the rear; are front and back exchanged (then"),
     "against the header": ("a.stl", lambda path: spaced(path, (SCANNER, FEMUR[1]), "RAS"), ["--axes=-y,z,-x"],
                            "exchanges front and back: the header of a.stl says SPACE=RAS, where a right knee's are"),
     "a far origin": ("a.stl", mesh(), ["--origin", "0,80"], "is 99 mm away from 0,80 mm"),
