@@ -138,17 +138,6 @@ class Picture(NamedTuple):
     """Depth of the overlap [m]; negative when apart"""
 
 
-class Overlaps(NamedTuple):
-    """Overlaps in `n` pictures, from posterior to anterior."""
-
-    x: Floats
-    """x [m], shape (n, POINTS)"""
-    lower: Floats
-    """y [m] on the femur, shape (n, POINTS); not above `upper`"""
-    upper: Floats
-    """y [m] on the tibia, shape (n, POINTS)"""
-
-
 def drawings_of(models: Sequence[KneeModel], names: Sequence[str], body_weight: float) -> list[KneeOutlines]:
     """Make the outlines of the compartments of a knee: with shafts and plateaus of the same size.
 
@@ -215,9 +204,8 @@ def picture_of(model: KneeModel, flexion_angle: float, femoral_height: float) ->
     overlap = np.zeros((0, 2))
     if closest.depth > 0.0:
         femur, tibia = model.pair.femur.outline(), model.pair.outline(10.0 * model.femoral_radius)
-        region = overlaps(placed(femur, *pose)[None], tibia, np.array(point[:1]))
-        upper, lower = (np.stack([region.x[0], y[0]], axis=1) for y in (region.upper, region.lower))
-        overlap = np.concatenate([upper, lower[::-1]])
+        upper, lower = overlaps(placed(femur, *pose)[None], tibia, np.array(point[:1]))
+        overlap = np.concatenate([upper[0], lower[0, ::-1]])
     return Picture(
         placed(knee.femur_bone, *pose), placed(knee.femur_cartilage, *pose), knee.tibia_bone, knee.tibia_cartilage,
         overlap, point, (closest.normal_x, closest.normal_y), closest.depth,
@@ -234,8 +222,10 @@ def placed(points: Floats, angle: Any, x: Any, height: Any) -> Floats:
     return np.stack([x + cosine * along - sine * up, height + sine * along + cosine * up], axis=-1)
 
 
-def overlaps(femur: Floats, tibia: Floats, middle: Floats) -> Overlaps:
-    """Find the overlap in `n` pictures; it has no width where the surfaces are apart.
+def overlaps(femur: Floats, tibia: Floats, middle: Floats) -> tuple[Floats, Floats]:
+    """Find the overlap in `n` pictures: its points on the tibia, and those on the femur below them or at them.
+
+    Both are of shape (n, POINTS, 2) [m], from posterior to anterior, and the same where the surfaces are apart.
 
     Args:
         femur: outline of the femur in every picture, shape (n, m, 2) [m], tibia frame.
@@ -247,7 +237,7 @@ def overlaps(femur: Floats, tibia: Floats, middle: Floats) -> Overlaps:
     begin, end = _edge(x, deep), _edge(x[:, ::-1], deep[:, ::-1])
     x = begin[:, None] + (end - begin)[:, None] * np.linspace(0.0, 1.0, POINTS)
     upper = np.interp(x, *tibia.T)
-    return Overlaps(x, np.minimum(lowest_at(femur, x), upper), upper)
+    return np.stack([x, upper], axis=2), np.stack([x, np.minimum(lowest_at(femur, x), upper)], axis=2)
 
 
 def lowest_at(outlines: Floats, x: Floats) -> Floats:

@@ -225,19 +225,18 @@ def _touching(drawing: KneeOutlines, angle: float) -> Floats:
     return placed(knee.femur_bone, angle, 0.0, -float((lowest_at(femur[None], x[None])[0] - y).min()))
 
 
-def common(frames: Sequence[Frame]) -> Frame:
-    """Return the first frame, as large as all need it: knees side by side have one scale."""
-    x, y = (np.array([frame[axis] for frame in frames]) for axis in (0, 1))
-    first = frames[0]
-    return first._replace(
-        x=(float(x[:, 0].min()), float(x[:, 1].max())), y=(float(y[:, 0].min()), float(y[:, 1].max()))
-    )
+def bounds_of(drawings: Sequence[KneeOutlines]) -> rrb.VisualBounds2D:
+    """Return the visible part that is large enough for all knees: side by side they have one scale."""
+    frames = [frame_of(drawing) for drawing in drawings]
+    ends = [np.array([frame[axis] for frame in frames]) for axis in (0, 1)]
+    x, y = ((float(end[:, 0].min()), float(end[:, 1].max())) for end in ends)
+    return rrb.VisualBounds2D(x_range=x, y_range=y)
 
 
 def blueprint(drawings: Sequence[KneeOutlines], latency: bool = False, follow: bool = False) -> rrb.Blueprint:
     """Make the layout for knees, with or without a plot of the latency; with `follow` it shows the newest answers."""
-    frame = common([frame_of(drawing) for drawing in drawings])
-    planes = [_plane(drawing, frame, len(drawings) > 1) for drawing in drawings]
+    bounds = bounds_of(drawings)
+    planes = [_plane(drawing, bounds, len(drawings) > 1) for drawing in drawings]
     by_path = {plot.path: plot for drawing in drawings for plot in plots_of(drawing, latency)}
     knee, details, solver = (
         [_plot(drawings, by_path[plot.path], follow) for plot in plots if plot.path in by_path]
@@ -304,14 +303,14 @@ def plane_title(drawing: KneeOutlines, several: bool = False) -> str:
     return f"{drawing.knee}: {'' if several else 'sagittal plane, '}{cartilage}"
 
 
-def _plane(drawing: KneeOutlines, frame: Frame, several: bool) -> rrb.Spatial2DView:
+def _plane(drawing: KneeOutlines, bounds: rrb.VisualBounds2D, several: bool) -> rrb.Spatial2DView:
     """Make the view of a knee's sagittal plane."""
     camera, cursor = f"{drawing.knee}/{CAMERA}", rrb.TimeRangeBoundary.cursor_relative
     recent = rrb.VisibleTimeRange(TIMELINE, start=cursor(seconds=-PATH_SPAN), end=cursor(seconds=0.0))
     return rrb.Spatial2DView(
         origin=camera, contents=["$origin/**", f"{rr.new_entity_path([drawing.knee, BODY])}/**"],
         name=plane_title(drawing, several), background=colours.BACKGROUND,
-        visual_bounds=rrb.VisualBounds2D(x_range=frame.x, y_range=frame.y),
+        visual_bounds=bounds,
         overrides={f"{camera}/{PATH}": rrb.VisibleTimeRanges([recent])},
     )  # fmt: skip
 

@@ -335,11 +335,10 @@ def moving_plane(drawing: KneeOutlines, answers: Rows, layer: float) -> Iterator
     """Yield paths and columns of poses and overlaps, at least one; the second layer begins at the depth `layer` [m]."""
     yield FEMUR, _pose(answers)
     femur = placed(drawing.femur, answers["flexion_angle"], answers["femoral_x"], answers["femoral_height"])
-    region = overlaps(femur, drawing.tibia, answers["contact_point"]["x"])
+    rows = [*overlaps(femur, drawing.tibia, answers["contact_point"]["x"])]
     normal = np.stack([answers["normal_x"], answers["normal_y"]], axis=1)
-    depth = (region.upper - region.lower) * normal[:, None, 1]
+    depth = (rows[0] - rows[1])[..., 1] * normal[:, None, 1]
     # As it is, and its layers with their depth magnified; each along the tibia and along the femur.
-    rows = [np.stack([region.x, y], axis=2) for y in (region.upper, region.lower)]
     ends = [0.0 * depth, *([np.minimum(depth, layer)] * 2 if drawing.has_bone else []), depth]
     rows += [rows[0] - MAGNIFICATION * end[..., None] * normal[:, None] for end in ends]
     vertices = _in_space((np.stack(rows, axis=1) * ON_SCREEN).reshape(-1, 2), "overlap")

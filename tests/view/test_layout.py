@@ -23,13 +23,13 @@ Knee = tuple[KneeOutlines, Rows]
 
 def test_knees_of_one_scene_have_one_frame(config: Path) -> None:
     drawings = [drawing_of(load_model([config / file for file in files]), "knee", WEIGHT) for files in SHIPPED]
-    frame = layout.common([layout.frame_of(drawing) for drawing in drawings])
+    ends_of = layout.bounds_of(drawings).range.as_arrow_array().to_pylist()[0].values()
     for drawing in drawings:
         knee = drawing.anatomy
         lowest = knee.femur_cartilage[:, 1].min()
         for angle in (0.0, 1.0):
             points = 1e3 * np.concatenate([placed(knee.femur_bone, angle, 0.0, -lowest), knee.tibia_bone])
-            for axis, ends in ((points[:, 0], frame.x), (-points[:, 1], frame.y)):
+            for axis, ends in zip((points[:, 0], -points[:, 1]), ends_of, strict=True):
                 assert ends[0] < axis.min() < axis.max() < ends[1]
 
 
