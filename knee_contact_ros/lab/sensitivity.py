@@ -404,7 +404,7 @@ def gather(study: SensitivityStudy, shards: Shards) -> list[Combination]:
         variants = study.variants()
         while cases := list(islice(variants, study.design.number)):
             rows = table.loc[[group.key(values) for values in cases]]
-            columns = {"bag": group.bag.name, "params": " + ".join(group.params)} | {
+            columns = {"bag": group.bag, "params": " + ".join(group.params)} | {
                 name: str(cases[0][name]) for name in study.grid
             }
             parts = [own if name in ("bag", "params") else f"{name} {own}"

@@ -317,10 +317,6 @@ def spacing(trials: Sequence[Trial]) -> float:
     return 1.0 / float(found.x[0])
 
 
-Rule = Callable[[Sequence[Trial]], Callable[[Trial], Any]]
-"""A rule for the share: it is fitted to trials, and gives the shares in another one"""
-
-
 class Found(NamedTuple):
     """Result of a fit."""
 
@@ -346,55 +342,40 @@ class Found(NamedTuple):
 
 def chosen(trials: Sequence[Trial], form: str) -> Found:
     """Fit curve and table, and choose by what they miss of trials that they were not fitted to; see `run_fit_share`."""
-    parts = trials if len(trials) > 1 else _quarters(trials[0])
+    parts = list(trials)
+    if len(trials) == 1:
+        quarters = (np.array_split(column, QUARTERS) for column in trials[0][1:5])
+        parts = [trials[0]._replace(flexion=flexion, load=load, medial=medial, moment=moment)
+                 for flexion, load, medial, moment in zip(*quarters, strict=True)]  # fmt: skip
 
-    def missed(rule: Rule) -> list[float]:
-        """RMS errors of the medial force in every part, by a rule that is fitted to the others."""
+    def missed(share: Callable[[Sequence[Trial], Trial], Any]) -> list[float]:
+        """RMS errors of the medial force in every part, by the shares that follow from the others."""
         errors = []
         for place, part in enumerate(parts):
-            share = rule([*parts[:place], *parts[place + 1 :]])(part)
-            errors.append(float(np.sqrt(np.nanmean((share * part.load - part.medial) ** 2))))
+            found = share([*parts[:place], *parts[place + 1 :]], part)
+            errors.append(float(np.sqrt(np.nanmean((found * part.load - part.medial) ** 2))))
         return errors if len(trials) > 1 else [math.sqrt(fmean(error**2 for error in errors))]
 
-    def tabled(penalty: float) -> Rule:
-        def rule(known: Sequence[Trial]) -> Callable[[Trial], Any]:
-            share = MeasuredShare(fit_table(known, penalty), 1.0).share
-            return lambda trial: share(trial.load, trial.flexion)
+    def tabled(penalty: float) -> list[float]:
+        return missed(lambda known, part: MeasuredShare(fit_table(known, penalty), 1.0).share(part.load, part.flexion))
 
-        return rule
-
-    def constantly(known: Sequence[Trial]) -> Callable[[Trial], Any]:
-        share = constant(known)
-        return lambda _: share
-
-    def curved(known: Sequence[Trial]) -> Callable[[Trial], Any]:
-        curve = fit_curve(known)
-        return lambda trial: curve.at(trial.load)
-
-    def balanced(known: Sequence[Trial]) -> Callable[[Trial], Any]:
-        apart = spacing(known)
-        return lambda trial: 0.5 - trial.moment / (apart * np.maximum(trial.load, 1e-9))
-
-    errors = {"share of 1/2": missed(lambda _: lambda _: 0.5), "constant": missed(constantly), "curve": missed(curved)}
-    tried = {penalty: missed(tabled(penalty)) for penalty in SMOOTHINGS}
+    errors = {
+        "share of 1/2": missed(lambda _, __: 0.5),
+        "constant": missed(lambda known, _: constant(known)),
+        "curve": missed(lambda known, part: fit_curve(known).at(part.load)),
+    }
+    tried = {penalty: tabled(penalty) for penalty in SMOOTHINGS}
     best = min(tried, key=lambda penalty: float(np.mean(np.square(tried[penalty]))))
     errors["table"] = tried[best]
     if not any(np.isnan(trial.moment).all() for trial in trials):
-        errors["moment\nbalance"] = missed(balanced)
+        errors["moment\nbalance"] = missed(
+            lambda known, part: 0.5 - part.moment / (spacing(known) * np.maximum(part.load, 1e-9))
+        )
     earned = np.mean(np.square(errors["table"])) < EARNED**2 * np.mean(np.square(errors["curve"]))
     if form == "table" or (form == "auto" and earned):
         return Found(fit_table(trials, best), None, best, errors, spacing(trials))
     curve = fit_curve(trials)
     return Found(curve.table, curve, best, errors, spacing(trials))
-
-
-def _quarters(trial: Trial) -> list[Trial]:
-    """Divide a trial into quarters."""
-    quarters = np.array_split(np.array(trial[1:5]), QUARTERS, axis=1)
-    return [
-        Trial(trial.name, flexion, load, medial, moment, trial.body_weight)
-        for flexion, load, medial, moment in quarters
-    ]
 
 
 def _csv(found: Found, trials: Sequence[Trial], source: str) -> str:

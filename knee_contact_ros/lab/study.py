@@ -311,21 +311,6 @@ def _digest(content: str) -> str:
     return hashlib.sha256(content.encode()).hexdigest()[:32]
 
 
-class Bag(NamedTuple):
-    """A bag of a study."""
-
-    name: str
-    """As the study names it"""
-    place: str
-    """Absolute path or address"""
-    digest: str
-    """SHA-256 of the content"""
-    ticks: int
-    """Approximate number of ticks"""
-    weight: float | None
-    """Body weight [N] that it was imported with"""
-
-
 def groups_of(study: Study) -> list[Group]:
     """Read bags and parameters of a study.
 
@@ -338,21 +323,33 @@ def groups_of(study: Study) -> list[Group]:
         with here(place) as (path, digest):
             files = [file for file in path.rglob("*") if file.is_file()] if path.is_dir() else [path]
             ticks = max(1, sum(file.stat().st_size for file in files) // BYTES_A_TICK)
-            bags[name] = Bag(name, place, digest, ticks, weight_of(path))
-    return [Group(bags[bag], params, study.values) for bag, params in study.knees]
+            bags[name] = place, digest, ticks, weight_of(path)
+    return [Group(bag, *bags[bag], params, study.values) for bag, params in study.knees]
 
 
 class Group:
     """Cases of a bag and a set of parameter files, and how they are known by what they are and not by names."""
 
-    def __init__(self, bag: Bag, params: tuple[str, ...], values: Values) -> None:
+    def __init__(
+        self, bag: str, place: str, digest: str, ticks: int, weight: float | None, params: tuple[str, ...],
+        values: Values,
+    ) -> None:  # fmt: skip
         """Read the parameters.
+
+        Args:
+            bag: The bag as the study names it.
+            place: Its absolute path or address.
+            digest: SHA-256 of its content.
+            ticks: Approximate number of its ticks.
+            weight: Body weight [N] that it was imported with.
+            params: Parameter files as the study names them.
+            values: Values of all knees.
 
         Raises:
             UsageError: a parameter file or a file that one names cannot be used.
         """
-        self.bag, self.params = bag, params
-        self.parameters: Parameters = with_weight([*params, values], bag.weight)
+        self.bag, self.place, self.digest, self.ticks, self.params = bag, place, digest, ticks, params
+        self.parameters: Parameters = with_weight([*params, values], weight)
         self.files: dict[str, str] = {}
         """Contents of the files that parameters name"""
         file_texts(self.parameters, self.files)
@@ -368,7 +365,7 @@ class Group:
         left_out = NOT_OF_THE_RESULT if has_both(parameters) else (*NOT_OF_THE_RESULT, LATERAL_KNEE)
         counted = {name: own for name, own in all_values(parameters).items() if not name.startswith(left_out)}
         counted |= {name: _digest(text) for name, text in texts.items()}
-        return _digest(repr((what_answers(), self.bag.digest, counted, rest)))
+        return _digest(repr((what_answers(), self.digest, counted, rest)))
 
 
 class Block(NamedTuple):
@@ -400,11 +397,11 @@ def blocks_of(study: Study, groups: Sequence[Group], known: set[str]) -> Iterato
                     known.add(key)
                     yield key, values
 
-        size, left = max(1, min(max(-(-variants // PARTS), LEAST), TICKS // group.bag.ticks)), missing()
+        size, left = max(1, min(max(-(-variants // PARTS), LEAST), TICKS // group.ticks)), missing()
         while cases := list(itertools.islice(left, size)):
-            inputs = group.bag.place, group.bag.digest, group.parameters, tuple(sorted(group.files.items()))
+            inputs = group.place, group.digest, group.parameters, tuple(sorted(group.files.items()))
             yield Block(
-                group.bag.name, group.params, inputs, what_answers(), study.number, study.series,
+                group.bag, group.params, inputs, what_answers(), study.number, study.series,
                 *zip(*cases, strict=True),
             )  # fmt: skip
 
