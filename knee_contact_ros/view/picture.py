@@ -136,7 +136,7 @@ def draw_knee(axis: Any, moment: Moment) -> None:
     axis.text(end[0], end[1] + 1.0, moment.force.replace(" (", "\n("), color=FORCE, va="bottom", **style)
     depth = MM * picture.depth
     words = f"{depth:.3f} mm deep\n(drawn × {MAGNIFICATION:g})" if depth > 0.0 else f"{-depth:.3f} mm apart"
-    below = contact - (MAGNIFICATION * max(depth, 0.0) + 1.5) * normal
+    below = np.maximum(contact - (MAGNIFICATION * max(depth, 0.0) + 1.5) * normal, (left, bottom))  # within the picture
     axis.text(*below, words, color=INK, va="top", **style | {"fontsize": 7.5, "fontweight": "normal"})
     up = (-math.sin(moment.flexion_angle), math.cos(moment.flexion_angle))
     for text, bone, shaft in (("femur", picture.femur_bone, up), ("tibia", picture.tibia_bone, (0.0, -1.0))):

@@ -229,6 +229,7 @@ def test_without_gait_everything_is_over_time_and_an_earlier_report_gives_way(tm
     assert rows_of(out / "cycles.csv") == rows_of(out / "peaks.csv") == []
 
 
+@pytest.mark.filterwarnings("error::UserWarning")
 def test_what_makes_no_sense_stands_first(bags: tuple[Path, Path], tmp_path: Path) -> None:
     """Solved for the report, and as a recording says it itself."""
     recording, out = tmp_path / "knee.mcap", tmp_path / "out"
