@@ -10,7 +10,6 @@ from collections.abc import Callable, Iterator
 
 import psutil
 import pytest
-from knee_contact_ros.msg import KneeContact
 from rclpy.qos import QoSProfile
 from std_msgs.msg import Float64MultiArray
 
@@ -91,16 +90,14 @@ def loop(peer: Peer, start_node: Callable[..., NodeProcess], companion: subproce
     return loop
 
 
-def test_the_torque_falls_above_the_limit_and_recovers(loop: Loop) -> None:
-    for _ in range(3):
-        loop.send(HIGH)
-        loop.send_until(LOW, lambda: loop.torque < 10.0)
-        loop.send_until(LOW, lambda: loop.torque == 10.0)
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_the_torque_follows_the_force_and_falls_step_by_step_to_zero_where_it_must(
+    loop: Loop, companion: subprocess.Popen[str], number: signal.Signals
+) -> None:
+    """Above the limit; where the stream jumps or stops; and at the end."""
+    assert {socket.laddr.ip for socket in internet_sockets(psutil.Process(companion.pid))} == {"127.0.0.1"}
     loop.send_until(HIGH, lambda: loop.torque == 0.0)
     loop.send_until(LOW, lambda: loop.torque == 10.0)
-
-
-def test_a_stream_that_stops_or_jumps_takes_the_torque_to_zero(loop: Loop, companion: subprocess.Popen[str]) -> None:
     loop.stamp += 200 * STEP  # the node will flag STALE_INPUT
     loop.commands.clear()
     loop.send(LOW)
@@ -109,39 +106,18 @@ def test_a_stream_that_stops_or_jumps_takes_the_torque_to_zero(loop: Loop, compa
     loop.commands.clear()
     loop.peer.wait_until(lambda: loop.commands and loop.torque == 0.0)
     assert loop.commands == sorted(loop.commands, reverse=True)
+    loop.send_until(LOW, lambda: loop.torque == 10.0)
     loop.commands.clear()
-    loop.peer.spin(0.2)
-    assert set(loop.commands) == {0.0}
-    companion.terminate()
+    companion.send_signal(number)
+    loop.send_until(LOW, lambda: companion.poll() is not None)
+    loop.peer.wait_until(lambda: loop.torque == 0.0)
+    falling = loop.commands[-loop.commands[::-1].index(10.0) :] if 10.0 in loop.commands else loop.commands
+    assert falling == sorted(falling, reverse=True)
+    assert 0.0 < falling[0] < 10.0
+    assert companion.returncode == 0
     log = companion.stderr.read()
     assert "no assist: the node's input was interrupted" in log
     assert "no assist: no answer for 0.5 s" in log
-
-
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_it_with_a_command_of_zero(
-    peer: Peer, companion: subprocess.Popen[str], number: signal.Signals
-) -> None:
-    """Answers are published in the node's stead; the torque falls step by step."""
-    torques: list[float] = []
-    publisher = peer.node.create_publisher(KneeContact, "knee_contact", QoSProfile(depth=1))
-    peer.node.create_subscription(
-        Float64MultiArray, COMMANDS, lambda m: torques.append(m.data[0]), QoSProfile(depth=99)
-    )
-
-    def answer_until(done: Callable[[], bool]) -> None:
-        good = KneeContact(contact_force=500.0, load=5000.0)
-        peer.wait_until(lambda: publisher.publish(good) or done())
-
-    answer_until(lambda: torques[-1:] == [10.0])
-    assert {socket.laddr.ip for socket in internet_sockets(psutil.Process(companion.pid))} == {"127.0.0.1"}
-    companion.send_signal(number)
-    answer_until(lambda: companion.poll() is not None)
-    assert companion.returncode == 0
-    peer.wait_until(lambda: torques[-1] == 0.0)
-    falling = torques[-torques[::-1].index(10.0) :]
-    assert falling == sorted(falling, reverse=True)
-    assert 0.0 < falling[0] < 10.0
 
 
 def test_a_bad_parameter_ends_it_with_one_line() -> None:
