@@ -21,7 +21,7 @@ from rosbags.typesys.store import Typestore
 from knee_contact_ros.node.diagnostics import HANDED_OVER, LOG_PERIOD, InputMeter, at_most_every
 from knee_contact_ros.parameters.sources import Source
 from knee_contact_ros.streams.conversion import ANY, Convert
-from knee_contact_ros.streams.frames import TF_STATIC, ForceFrame, decode_transforms, encode_transforms, isb_transform
+from knee_contact_ros.streams.frames import TF_STATIC, ForceFrame, decode_transforms, encode_transform, isb_transform
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import installed_share
 from knee_contact_ros.system.ros import resolved
@@ -274,7 +274,7 @@ class StaticTransformTopic:
         own = isb_transform(frame.wanted)
         if own:
             self._publisher = node.create_publisher(TFMessage, TF_STATIC, LATCHED)
-            self._publisher.publish(encode_transforms([own], node.get_clock().now().nanoseconds))
+            self._publisher.publish(encode_transform(own, node.get_clock().now().nanoseconds))
         self._subscription = node.create_subscription(TFMessage, TF_STATIC, self._on_transforms, LATCHED, raw=True)
 
     def close(self) -> None:

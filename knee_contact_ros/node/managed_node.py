@@ -23,8 +23,8 @@ from knee_contact_ros.node.diagnostics import at_most_every
 from knee_contact_ros.node.parameters import NodeKind, NodeParameters, given_by_user
 from knee_contact_ros.node.session import Session
 from knee_contact_ros.parameters.files import check_file
-from knee_contact_ros.streams.pairing import unanswered_sentence
 from knee_contact_ros.streams.topics import INPUTS
+from knee_contact_ros.streams.watch import unanswered_sentence
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import parameter_file
 from knee_contact_ros.system.ros import executor_of, joining, resolved

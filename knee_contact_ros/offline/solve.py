@@ -39,8 +39,9 @@ from knee_contact_ros.parameters.files import Source, all_values, curve_texts, d
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters, Section, has_both
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.frames import FORCE_TURNED
-from knee_contact_ros.streams.pairing import PairedStreams, held_sentence, unanswered_sentence
+from knee_contact_ros.streams.pairing import PairedStreams
 from knee_contact_ros.streams.topics import Answer, recorded_topics
+from knee_contact_ros.streams.watch import held_sentence, unanswered_sentence
 from knee_contact_ros.system.errors import UsageError, in_a_line
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded, find_file, read_mapping
 

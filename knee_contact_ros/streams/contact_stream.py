@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import lru_cache
 from operator import add
@@ -20,7 +20,7 @@ from knee_contact_ros.model.types import FLAT, ROW, WRENCH, Rows, Status, reader
 from knee_contact_ros.parameters.build import build_model, load_rule, retuned
 from knee_contact_ros.parameters.files import curve_texts, lateral_texts
 from knee_contact_ros.parameters.schema import Knee, Parameters, has_both, lateral_knee
-from knee_contact_ros.streams.frames import ForceFrame
+from knee_contact_ros.streams.frames import ForceFrame, Transform, encode_transform
 from knee_contact_ros.streams.messages import (
     HEADER,
     Bytes,
@@ -435,19 +435,5 @@ def description(frame_id: str) -> bytes:
 def pose(stamp: int, frame_id: str, row: bytes) -> bytes:
     """Bytes of a tf2_msgs/TFMessage with the pose of the thigh in `frame_id` at a stamp [ns]."""
     angle, height, x = SHOWN.unpack(row[: ROW.itemsize])
-    pack, parent, child = _pose_packer(frame_id)
-    seconds, nanoseconds = divmod(stamp, NANOSECONDS)
-    turn = math.sin(0.5 * angle), math.cos(0.5 * angle)
-    return pack(
-        HEADER, 1, seconds, nanoseconds, len(parent), parent, len(child), child, x, height, 0.0, 0.0, 0.0, *turn
-    )
-
-
-@lru_cache(maxsize=4)
-def _pose_packer(frame_id: str) -> tuple[Callable[..., bytes], bytes, bytes]:
-    """Packer of a message with one transform, and the names of its frames."""
-    frame_id = frame_id or SHANK
-    parent, child = f"{frame_id}\0".encode(), f"{frame_id}/thigh\0".encode()
-    first = -len(parent) % 4
-    second = -(16 + len(parent) + first + 4 + len(child)) % 8
-    return struct.Struct(f"<4sIiII{len(parent)}s{first}xI{len(child)}s{second}x7d").pack, parent, child
+    turn, shank = (0.0, 0.0, math.sin(0.5 * angle), math.cos(0.5 * angle)), frame_id or SHANK
+    return encode_transform(Transform(shank, f"{shank}/thigh", (x, height, 0.0), turn), stamp)

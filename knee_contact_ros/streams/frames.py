@@ -6,13 +6,15 @@ and not on the time at which a transform arrived, and a recording needs no trans
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import lru_cache
+from struct import Struct
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.streams.messages import RefusedSampleError, WrenchStamped, encode_wrench_stamped
+from knee_contact_ros.streams.messages import HEADER, RefusedSampleError, WrenchStamped, encode_wrench_stamped
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, NANOSECONDS, typestore
 from knee_contact_ros.system.errors import LONGEST, printable
 
@@ -61,20 +63,21 @@ def decode_transforms(data: bytes) -> list[Transform]:
         raise ValueError(f"{len(data)} bytes are no {TF_MESSAGE} ({' '.join(str(error).split())})") from None
 
 
-def encode_transforms(transforms: list[Transform], stamp: int) -> bytes:
-    """Bytes of a TFMessage with transforms that share a stamp [ns]."""
-    types = typestore().types
-    vector, quaternion = types["geometry_msgs/msg/Vector3"], types["geometry_msgs/msg/Quaternion"]
-    transform, stamped = types["geometry_msgs/msg/Transform"], types["geometry_msgs/msg/TransformStamped"]
-    time, header = types["builtin_interfaces/msg/Time"], types["std_msgs/msg/Header"]
-    message = types[TF_MESSAGE]([
-        stamped(
-            header(time(*divmod(stamp, NANOSECONDS)), one.parent), one.child,
-            transform(vector(*one.translation), quaternion(*one.rotation)),
-        )
-        for one in transforms
-    ])  # fmt: skip
-    return bytes(typestore().serialize_cdr(message, TF_MESSAGE))
+def encode_transform(transform: Transform, stamp: int) -> bytes:
+    """Bytes of a TFMessage with a transform at a stamp [ns]."""
+    pack, parent, child = _packer(transform.parent, transform.child)
+    times = divmod(stamp, NANOSECONDS)
+    names = len(parent), parent, len(child), child
+    return pack(HEADER, 1, *times, *names, *transform.translation, *transform.rotation)
+
+
+@lru_cache(maxsize=16)
+def _packer(parent: str, child: str) -> tuple[Callable[..., bytes], bytes, bytes]:
+    """Packer of a message with one transform, and the names of its frames as they are written."""
+    one, other = f"{parent}\0".encode(), f"{child}\0".encode()
+    first = -len(one) % 4
+    second = -(16 + len(one) + first + 4 + len(other)) % 8
+    return Struct(f"<4sIiII{len(one)}s{first}xI{len(other)}s{second}x7d").pack, one, other
 
 
 def _transform(parent: str, child: str, transform: Any) -> Transform:

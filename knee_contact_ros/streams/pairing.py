@@ -21,12 +21,14 @@ from collections.abc import Iterable, Iterator, Sequence
 from itertools import pairwise
 from typing import Any, Generic, NamedTuple, TypeVar
 
-from knee_contact_ros.model.types import Status
+import numpy as np
+from numpy.typing import NDArray
+
+from knee_contact_ros.model.types import NANOSECOND, Status
 from knee_contact_ros.parameters.schema import LoadParameters, Pairing, Parameters
 from knee_contact_ros.streams.frames import ForceFrame
 from knee_contact_ros.streams.messages import JOINT_STATE, WRENCH, JointState, RefusedSampleError, WrenchStamped
 from knee_contact_ros.streams.topics import JOINT_STATES, NANOSECONDS, Answer, Ending
-from knee_contact_ros.streams.watch import DIFFERENT_ANGLES, DIFFERENT_FORCES, Publishers
 
 STEPS = 8
 """Number of past steps that show how far the next one may go; the second longest counts, as one may be a pause"""
@@ -95,9 +97,9 @@ class Refusals(Counter[str]):
     is_new = False
     """Whether there are some since a pair was flagged with it"""
 
-    def count(self, reason: str) -> None:
-        """Count a sample that cannot be used; the next tick is flagged with it."""
-        self[reason] += 1
+    def count(self, reason: str, number: int = 1) -> None:
+        """Count samples that cannot be used; the next tick is flagged with them."""
+        self[reason] += number
         self.is_new = True
 
 
@@ -133,28 +135,37 @@ class Timeline(Generic[S]):
 
         If the stream has jumped back, the stamp of the first one is not later than `last` was.
         """
-        stamp, last = sample.stamp, self.last
+        stamp, last, aside = sample.stamp, self.last, self.pending
+        late = False
         if last is not None:
             step = stamp - last
             near = 0 < step <= self.far
             if near or (step > 0 and other.has_reached(stamp)):
                 passed: list[S] = []
-                if self.pending and not (near and self._is_alone(other)):
-                    passed = self._pass_by(stamp)
+                if aside and not (near and self._is_alone(other)):
+                    passed = [one for one in aside if last < one.stamp < stamp]
+                    self.drop_aside(but=len(passed))
+                    for one in passed:
+                        self._go_to(one.stamp)
                 self._go_to(stamp)
                 return [*passed, sample]
-            if -self._max_gap <= step <= 0 and not (self.pending and stamp > self.pending[-1].stamp):
-                self._refused.count(f"{self._name}_not_in_order")
-                return []
-        return self._hold_back(sample, other)
+            late = -self._max_gap <= step <= 0 and not (aside and stamp > aside[-1].stamp)
+        if aside and not late and stamp <= aside[-1].stamp:  # else the stream does not continue where it was
+            late = self._is_late_aside(stamp)
+            if not late:
+                self.drop_aside()
+        if late:
+            self._refused.count(f"{self._name}_not_in_order")
+            return []
+        self.pending.append(sample)
+        return self.believe(None if len(self.pending) >= self._most else self._believable(other))
 
     def look_again(self, other: Timeline[Any], jumped: bool) -> list[S]:
         """Return samples kept aside that are believed now that the other stream has new samples, or has `jumped`."""
         if not self.pending:
             return []
-        if jumped and other.last is not None and abs(self.pending[-1].stamp - other.last) <= self._max_gap:
-            return self.believe()
-        return self.believe(self._believable(other))
+        there = jumped and other.last is not None and abs(self.pending[-1].stamp - other.last) <= self._max_gap
+        return self.believe(None if there else self._believable(other))
 
     def has_reached(self, stamp: int) -> bool:
         """Whether a stamp [ns] is not later than this stream's next sample is expected."""
@@ -172,10 +183,10 @@ class Timeline(Generic[S]):
             self._go_to(sample.stamp)
         return believed
 
-    def drop_aside(self) -> None:
-        """Refuse the samples that were kept aside."""
-        for _ in self.pending:
-            self._refused.count(f"{self._name}_off_time")
+    def drop_aside(self, but: int = 0) -> None:
+        """Refuse the samples that were kept aside, `but` for a number of them."""
+        if len(self.pending) > but:
+            self._refused.count(f"{self._name}_off_time", len(self.pending) - but)
         self.pending = []
 
     def go_on(self, last: int | None, steps: Iterable[int]) -> None:
@@ -189,16 +200,6 @@ class Timeline(Generic[S]):
         self.drop_aside()
         self.go_on(None, ())
 
-    def _hold_back(self, sample: S, other: Timeline[Any]) -> list[S]:
-        """Keep a sample for later; return those that are believed because of it."""
-        if self.pending and sample.stamp <= self.pending[-1].stamp:
-            if self._is_late_aside(sample.stamp):
-                self._refused.count(f"{self._name}_not_in_order")
-                return []
-            self.drop_aside()
-        self.pending.append(sample)
-        return self.believe(None if len(self.pending) >= self._most else self._believable(other))
-
     def _is_late_aside(self, stamp: int) -> bool:
         """Whether a sample belongs to those kept aside, but is late; if not, the stream does not continue there."""
         first, newest, many = self.pending[0].stamp, self.pending[-1].stamp, len(self.pending) > ENOUGH
@@ -211,36 +212,19 @@ class Timeline(Generic[S]):
         enough = self.last is None or every + len(other.pending) >= ENOUGH
         if other.pending and enough and abs(newest - other.pending[-1].stamp) <= self._max_gap:
             return every
-        if every > 1 and (newest - first >= self._silence() or self._is_alone(other)):
+        silence = 0  # time [ns] without a sample that continues the stream, after which those kept aside are believed
+        if self.steps and every > 1:
+            longest = max(after.stamp - before.stamp for before, after in pairwise(self.pending))
+            silence = min(SILENT * max(_longest_but_one(self.steps), longest), self._max_gap)
+        if every > 1 and (newest - first >= silence or self._is_alone(other)):
             return every
-        return self._near(other)
-
-    def _near(self, other: Timeline[Any]) -> int:
-        """Number of the oldest samples kept aside that are not far from each other or from the other stream."""
-        at = self.last
+        at = self.last  # else the oldest that are not far from each other or from the other stream
         for number, sample in enumerate(self.pending):
             goes_on = at is not None and at < sample.stamp <= at + self.far
             if not (goes_on or ((at is None or at < sample.stamp) and other.has_reached(sample.stamp))):
                 return number
             at = sample.stamp
-        return len(self.pending)
-
-    def _pass_by(self, stamp: int) -> list[S]:
-        """Continue the stream at a later stamp: believe the samples kept aside before it, and refuse the others."""
-        last = -1 if self.last is None else self.last
-        between = [sample for sample in self.pending if last < sample.stamp < stamp]
-        self.pending = [sample for sample in self.pending if not last < sample.stamp < stamp]
-        self.drop_aside()
-        for sample in between:
-            self._go_to(sample.stamp)
-        return between
-
-    def _silence(self) -> int:
-        """Time [ns] without a sample that continues the stream, after which samples kept aside are believed."""
-        if not self.steps:
-            return 0
-        own = (after.stamp - before.stamp for before, after in pairwise(self.pending))
-        return min(SILENT * max(_longest_but_one(self.steps), *own), self._max_gap)
+        return every
 
     def _is_alone(self, other: Timeline[Any]) -> bool:
         """Whether the samples kept aside are at the other stream's time, and those believed are not."""
@@ -560,6 +544,80 @@ def _between(before: AngleSample, after: AngleSample, stamp: int) -> AngleSample
     return before._replace(stamp=stamp, angle=angle, height=height, others=others)
 
 
+DIFFERENT_ANGLES, DIFFERENT_FORCES = 0.03, 50.0
+"""Differences [rad] and [N] from which two publishers disagree"""
+UNSURE = 4.0
+"""Multiple of these where it is not known that there are two publishers: one sensor may be noisy"""
+SHORT = 0.05
+"""Longest time [s] in which a quantity cannot change and change back"""
+BACK = 0.5
+"""Largest part of a change that is left after the way back"""
+OFTEN, TOLD_FROM = 0.05, 10
+"""Part of the samples, and their number, from which an alternation is told"""
+MOST = 8192
+"""Number of samples that are looked at together"""
+
+
+class Publishers:
+    """Notices that several publishers give one quantity, and disagree: their samples alternate.
+
+    A message does not say who sent it. But a knee does not turn back and forth between two samples, and back again:
+    where samples do so often, they are of two sources.
+    """
+
+    def __init__(self, topic: str, difference: float, unit: str) -> None:
+        """Begin without samples: of a topic, whose publishers disagree from a `difference` in a unit on."""
+        self._topic, self._difference, self._unit = topic, difference, unit
+        self._waiting: list[tuple[int, float]] = []  # samples that have yet to be looked at
+        self._last = np.empty(0, np.int64), np.empty(0)  # the last two of those that were
+        self._samples = 0
+        self._found = np.empty(0)  # sizes of the changes back and forth
+
+    def add(self, stamp: int, value: float) -> None:
+        """Add a sample with its stamp [ns]."""
+        self._waiting.append((stamp, value))
+        if len(self._waiting) >= MOST:
+            self.look()
+
+    def look(self) -> None:
+        """Look at the samples that have come since the last look."""
+        waiting, self._waiting = self._waiting, []
+        self.add_all(np.array([stamp for stamp, _ in waiting], np.int64), np.array([value for _, value in waiting]))
+
+    def add_all(self, stamps: NDArray[np.int64], values: NDArray[np.float64]) -> None:
+        """Add many samples, shape (n,), and look at them."""
+        if self._waiting:
+            self.look()
+        stamps, values = np.append(self._last[0], stamps), np.append(self._last[1], values)
+        self._last = stamps[-2:], values[-2:]
+        if len(stamps) < 3:
+            return
+        steps, lasts = np.diff(values), stamps[2:] - stamps[:-2]
+        sizes = np.minimum(np.abs(steps[:-1]), np.abs(steps[1:]))
+        left = np.abs(steps[:-1] + steps[1:])
+        found = (sizes > self._difference) & (left < BACK * sizes) & (np.abs(lasts) * NANOSECOND < SHORT)
+        self._samples += len(lasts)
+        self._found = np.concatenate([self._found, sizes[found]])[-MOST:]
+
+    def sentence(self, several: str = "", joint: str = "") -> str:
+        """Sentence that publishers disagree, which are `several` if it is known; empty if they agree."""
+        self.look()
+        found = self._found if several else self._found[self._found > UNSURE * self._difference]
+        if len(found) < max(TOLD_FROM, OFTEN * min(self._samples, MOST)):
+            return ""
+        what = f"the joint {joint!r} of {self._topic}" if joint else self._topic
+        apart = float(np.median(found))
+        often = f"{what} goes back and forth by about {apart:.{0 if apart >= 10 else 2}f} {self._unit} between samples"
+        if several:
+            return f"{often}: {several} send it and disagree; remap or stop one of them"
+        return f"{often}: do two publishers send it, or is the sensor that noisy?"
+
+    def forget(self) -> None:
+        """Forget what was found: once a second live, so that it is about now."""
+        self.look()
+        self._samples, self._found = 0, np.empty(0)
+
+
 class PairedStreams(ABC):
     """What all computations on two streams have in common: samples are refused or paired, and pairs are answered."""
 
@@ -699,38 +757,3 @@ class PairedStreams(ABC):
         while self._pending:
             pair = self._pending.popleft()
             yield self.answer(pair, self.compute(pair))
-
-
-UNANSWERED = 0.05
-"""Part of the forces without an answer from which a run is incomplete"""
-ADVICE = {
-    "no_angle_before": "there are no angles at their times: are these in another bag, or by another clock?",
-    "no_stamp": "the publisher has to set it",
-    "frame_changed": "the publisher has to keep one frame_id; forces of several sensors are runs of their own",
-    "frame_unknown": "give a static transform, or an empty frame.tibia if they are in the tibia frame",
-    "joint_missing": "knee.joint_name has to be a joint of every sample",
-    "lengths_differ": "the publisher has to give a position for every name",
-}
-"""What to do, by the reason of most refusals"""
-
-
-def held_sentence(pipeline: PairedStreams, held: int) -> str:
-    """Sentence that most answers have an angle of another time, as `held` of them do, and what to do; else empty."""
-    if 2 * held <= pipeline.ticks:
-        return ""
-    angles, forces = pipeline.sources.values()
-    apart = ((pipeline.synchroniser.load_time.last or 0) - (pipeline.synchroniser.angle_time.last or 0)) / NANOSECONDS
-    why = pipeline.last_refusal or f"their stamps lie {apart:.4g} s apart: does one of them count from boot?"
-    return f"{held} of {pipeline.ticks} answers to {forces} hold an old angle of {angles} (INPUT_HELD): {why}"
-
-
-def unanswered_sentence(pipeline: PairedStreams, forces: int) -> str:
-    """Sentence that many of a number of forces have no answer, with the reasons and what to do; else empty."""
-    missing = forces - pipeline.ticks
-    if missing <= UNANSWERED * forces:
-        return ""
-    refused = pipeline.synchroniser.refused
-    reasons = [f"{count} x {reason}" for reason, count in refused.most_common()]
-    why = "; ".join(filter(None, (", ".join(reasons), pipeline.last_refusal)))
-    advice = next((ADVICE[reason] for reason, _ in refused.most_common() if reason in ADVICE), "look at the stamps")
-    return f"{missing} of {forces} forces have no answer ({why or 'no angle came'}): {advice}"

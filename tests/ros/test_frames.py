@@ -24,7 +24,7 @@ from knee_contact_ros.streams.frames import (
     TF_STATIC,
     Transform,
     decode_transforms,
-    encode_transforms,
+    encode_transform,
     isb_transform,
 )
 from tests.helpers.messages import RosMessages, header
@@ -66,7 +66,7 @@ def test_sensors_are_turned_as_soon_as_the_robot_says_where_they_are(
     robot = Node("robot")
     publisher = robot.create_publisher(messages.TFMessage, "/tf_static", LATCHED)
     upside_down = Transform("shank", "load_cell", (0.0, 0.0, -0.3), (1.0, 0.0, 0.0, 0.0))
-    publisher.publish(encode_transforms([upside_down], 0))
+    publisher.publish(encode_transform(upside_down, 0))
     stamp = STEP
     while not peer.contacts:  # the transform is on its way
         peer.send_angle(stamp, 0.1)
@@ -78,7 +78,7 @@ def test_sensors_are_turned_as_soon_as_the_robot_says_where_they_are(
     answered, told_before = len(peer.contacts), refused(peer, "frame_changed")
     send_force(peer, stamp, "shank", (0.0, 0.0, -700.0))
     peer.wait_until(lambda: refused(peer, "frame_changed") == told_before + 1)
-    publisher.publish(encode_transforms([upside_down._replace(rotation=(0.0, 0.0, 0.0, 0.0))], 0))  # no rotation
+    publisher.publish(encode_transform(upside_down._replace(rotation=(0.0, 0.0, 0.0, 0.0)), 0))  # no rotation
     for _ in range(3):
         peer.send_angle(stamp, 0.1)
         send_force(peer, stamp, "load_cell", (0.0, 0.0, 700.0))
@@ -130,7 +130,7 @@ def test_a_replay_says_where_the_bags_frames_are(peer: Peer, tmp_path: Path) -> 
             writer.add_topic(topic, kind)
         for one in walk(20):
             writer.write(one.topic if one.topic != FORCE else "/joint_reaction_force", one.log_time, one.data)
-        writer.write(TF_STATIC, 0, encode_transforms([mounted], 0))
+        writer.write(TF_STATIC, 0, encode_transform(mounted, 0))
     told: list[Transform] = []
     peer.node.create_subscription(
         messages.TFMessage, "/tf_static", lambda data: told.extend(decode_transforms(data)), LATCHED, raw=True

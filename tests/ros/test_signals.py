@@ -44,7 +44,7 @@ def test_a_signal_completes_the_files(peer: Peer, start_node: Start, tmp_path: P
     assert recorded == [contact.penetration_depth for contact in peer.contacts]
 
 
-@pytest.mark.parametrize(("children", "signals"), [(1, 1), (1, 2), (2, 1), (2, 2)])
+@pytest.mark.parametrize(("children", "signals"), [(1, 2), (2, 1)])
 def test_a_node_that_compiles_ends_without_a_kernel(
     start_node: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, children: int, signals: int,
     request: pytest.FixtureRequest,
