@@ -356,7 +356,6 @@ class ContactHealth(Health):
         """Sentences about the compartments whose depth or gap was implausible since the last report."""
         sentences: list[str] = []
         for compartment in self._contacts.compartments:
-            doubts = compartment.doubts
-            if self.more(f"{compartment.topic} implausible", doubts.too_deep + doubts.flown + doubts.off):
-                sentences += filter(None, (doubts.about_place, doubts.about_depth, doubts.about_gap))
+            if self.more(f"{compartment.topic} implausible", compartment.doubts.implausible):
+                sentences += compartment.doubts.about_answers
         return sentences

@@ -100,35 +100,24 @@ class Doubts:
         return self.inputs.ticks
 
     @property
-    def about_depth(self) -> str:
-        """Sentence about implausible depths; empty if there are none."""
-        if not self.too_deep:
-            return ""
-        limit = f", {self.limit}" if self.limit else ""
-        return f"{self.too_deep} of {self.ticks} ticks are up to {MM * self.deepest:.3g} mm deep{limit} (IMPLAUSIBLE)"
+    def implausible(self) -> int:
+        """Number of answers that were found to be implausible."""
+        return self.off + self.too_deep + self.flown
 
     @property
-    def about_gap(self) -> str:
-        """Sentence about implausible gaps; empty if there are none."""
-        if not self.flown:
-            return ""
-        return (
-            f"the femur is up to {MM * self.farthest:.4g} mm above the tibia, beyond {MM * FARTHEST_GAP:.3g} mm: "
-            f"{self.flown} of {self.ticks} ticks belong to this flight or its landing (IMPLAUSIBLE); does the load "
-            "pull, "
-            "by its sign or by the share of the compartment?"
-        )
-
-    @property
-    def about_place(self) -> str:
-        """Sentence about contacts that are on no plateau; empty if there are none."""
-        if not self.off:
-            return ""
-        return (
+    def about_answers(self) -> list[str]:
+        """Sentences about contacts on no plateau, implausible depths and implausible gaps."""
+        limit, of = f", {self.limit}" if self.limit else "", f"of {self.ticks} ticks"
+        told = {
             f"the contact is up to {MM * self.off_by:.3g} mm ahead of the tibia's origin or behind it, outside any "
-            f"plateau, in {self.off} of {self.ticks} ticks (IMPLAUSIBLE): is the femur's profile in the femur's axes, "
-            "with the origin in the knee (fit-profile --origin)?"
-        )
+            f"plateau, in {self.off} {of} (IMPLAUSIBLE): is the femur's profile in the femur's axes, with the origin "
+            "in the knee (fit-profile --origin)?": self.off,
+            f"{self.too_deep} {of} are up to {MM * self.deepest:.3g} mm deep{limit} (IMPLAUSIBLE)": self.too_deep,
+            f"the femur is up to {MM * self.farthest:.4g} mm above the tibia, beyond {MM * FARTHEST_GAP:.3g} mm: "
+            f"{self.flown} {of} belong to this flight or its landing (IMPLAUSIBLE); does the load pull, by its sign or "
+            "by the share of the compartment?": self.flown,
+        }
+        return [sentence for sentence, number in told.items() if number]
 
     @property
     def about_inputs(self) -> list[str]:
@@ -139,9 +128,10 @@ class Doubts:
     @property
     def sentences(self) -> list[str]:
         """All sentences: about parameters, depths, gaps and inputs."""
-        gap = "" if self.inputs.pulls else self.about_gap  # whose cause is told
-        found = (*self.about_parameters, self.about_place, self.about_depth, gap, *self.about_inputs)
-        return [sentence for sentence in found if sentence]
+        answers = self.about_answers
+        if self.flown and self.inputs.pulls:  # the cause of the gap is told
+            answers.pop()
+        return [*self.about_parameters, *answers, *self.about_inputs]
 
 
 @dataclass
