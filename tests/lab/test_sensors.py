@@ -17,7 +17,6 @@ from knee_contact_ros.lab.sweep import sweep
 from knee_contact_ros.offline.notebooks import solve
 from knee_contact_ros.streams.messages import JOINT_STATE, WRENCH
 from knee_contact_ros.streams.topics import LOAD_INPUTS, MESSAGE_TYPES
-from tests import ROOT
 from tests.helpers.needs import TRIALS, needs_trials
 from tests.lab.opensim.storages import write_storage
 from tests.lab.opensim.test_command import origin
@@ -477,13 +476,6 @@ def test_columns_in_two_files_are_asked_for(importing: Importing, capsys: pytest
     assert "a.csv and b.csv both have goniometer_deg; say which with angle.file" in capsys.readouterr().err
     named = MAP.replace("unit: deg}", "unit: deg, file: 'a*'}", 1).replace("  unit: N", "  unit: N\n  file: b.csv")
     assert importing(None, named, files=both) == 0
-
-
-def test_the_map_of_the_page_is_one(importing: Importing) -> None:
-    page = (ROOT / "docs" / "how-to" / "import-data.md").read_text(encoding="utf-8")
-    (shown,) = re.findall("```yaml\n(time: .*?)```", page, re.DOTALL)
-    assert importing(cells(), shown, files=("cells.csv", write_csv(Path("motion.csv"), motion()))) == 0
-    assert len(solve(Path("bag"))) == 720
 
 
 @needs_trials
