@@ -5,14 +5,12 @@ from __future__ import annotations
 import os
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple
 
-import numpy as np
 import pytest
 
-from knee_contact_ros.model import compiler, error_estimate
-from knee_contact_ros.model.compiler import in_kernel
 from tests import ROOT
 
 CONSTANT = "FACTOR = 3.0\n"
@@ -111,42 +109,26 @@ def test_it_is_compiled_once_and_again_when_any_source_beside_it_changes(folders
     assert path in folders.kept()
 
 
-def damage(folders: Folders) -> None:
-    (path,) = folders.kept()
+def damage(path: Path) -> None:
     data = bytearray(path.read_bytes())
     data[-100] ^= 1
     path.write_bytes(data)
 
 
-def truncate(folders: Folders) -> None:
-    (path,) = folders.kept()
-    path.write_bytes(path.read_bytes()[:1000])
-
-
-def empty(folders: Folders) -> None:
-    folders.kept()[0].write_bytes(b"")
-
-
-def open_to_others(folders: Folders) -> None:
-    folders.kept()[0].chmod(0o666)
-
-
-def link(folders: Folders) -> None:
-    (path,) = folders.kept()
-    path.symlink_to(path.rename(folders.home / "elsewhere"))
-
-
-def give_away(folders: Folders) -> None:
-    os.chown(folders.kept()[0], 12345, 12345)
+HARMS: list[Callable[[Path], object]] = [
+    damage, lambda path: path.write_bytes(path.read_bytes()[:1000]), lambda path: path.write_bytes(b""),
+    lambda path: path.chmod(0o666), lambda path: path.symlink_to(path.rename(path.parents[3] / "home" / "elsewhere")),
+    *[lambda path: os.chown(path, 12345, 12345)] * (os.geteuid() == 0),  # who is not root cannot
+]  # fmt: skip
+"""Damage, a part, nothing, a file that others can write, a link, and one that belongs to another user"""
 
 
 def test_a_file_that_cannot_be_trusted_costs_one_warning(folders: Folders) -> None:
     whole = folders.use()
-    harms = [damage, truncate, empty, open_to_others, link]
-    for harm in harms + [give_away] * (os.geteuid() == 0):  # who is not root cannot
-        harm(folders)
+    for number, harm in enumerate(HARMS):
+        harm(folders.kept()[0])
         again = folders.use()
-        assert (again.answer, again.compiled) == (whole.answer, True), harm
+        assert (again.answer, again.compiled) == (whole.answer, True), number
         (line,) = again.warnings
         assert line.startswith(f"knee_contact_ros: compiled code: {folders.package}")
         assert line.endswith("; compiled again")
@@ -192,24 +174,3 @@ def test_without_numba_one_line_says_so(begin: str, folders: Folders) -> None:
     assert not outcome.compiled
     (line,) = outcome.warnings
     assert line.startswith("knee_contact_ros: Numba cannot be used (")
-
-
-@in_kernel
-def carried(error: error_estimate.Error, numbers: np.ndarray, answers: np.ndarray) -> None:  # type: ignore[type-arg]
-    """Call functions of the model's own with many values."""
-    for i in range(len(numbers)):
-        error = error_estimate_over_step(error, numbers[i], 1e4, 2e4, 30.0, 2.0, 1e-3)
-        answers[i] = error.height + error.hh
-
-
-error_estimate_over_step = error_estimate.over_step
-
-
-def test_functions_of_the_model_give_the_same_bits_and_refuse_other_types(tmp_path: Path) -> None:
-    numbers, answers, plain = np.geomspace(1.0, 1e9, 200), np.zeros(200), np.zeros(200)
-    start = error_estimate.Error(1e-6, 1e-3, 1e-12, 1e-9, 1e-6)
-    twin = compiler.twin(carried)
-    twin(start, numbers, answers)
-    carried(start, numbers, plain)
-    assert answers.tobytes() == plain.tobytes()
-    assert error_estimate.over_step.__class__.__name__ == "function"

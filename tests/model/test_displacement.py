@@ -12,13 +12,11 @@ from scipy.optimize import brentq
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS
 from knee_contact_ros.model.types import ContactState, Fidelity, Status
-from tests.helpers.scenes import DAMPING, LAYER_DEPTH, RADIUS, STIFFNESS, law, model
+from tests.helpers.scenes import DAMPING, RADIUS, STIFFNESS, law, model
 from tests.model.scenes import ellipse, signed
 
 TIME = np.arange(0.0, 0.1, 0.001)
 NONE = np.zeros_like(TIME)
-TURNS = 1.0 + 0.4 * np.sin(30.0 * TIME)
-AHEAD = 0.012 * TURNS
 """x [m] by the mechanism `FORWARDS`"""
 
 
@@ -67,36 +65,6 @@ def test_depth_and_rate_are_those_prescribed() -> None:
     assert (series.evaluations[depth <= 0.0] == 0).all()
 
 
-def test_a_law_that_may_pull_pulls() -> None:
-    depth = 3e-4 - 1e-3 * TIME * 100.0 * np.exp(-TIME)
-    free, held = (led(allow_tension=may).run(TIME, NONE, NONE, pressed(depth)) for may in (False, True))
-    assert held.contact_force.min() < 0.0 == free.contact_force.min()
-
-
-def test_a_turning_profile_presses_though_the_axis_stays() -> None:
-    geometry = ellipse(320)
-    angle = 1.2 * np.sin(20.0 * TIME)
-    height = np.full_like(TIME, geometry.support(0.0)[0] - 1e-4)
-    series = model(law("hertz"), height_prescribed=True, geometry=geometry).run(TIME, angle, NONE, height)
-    h, slopes = np.array([geometry.support(value) for value in angle]).T
-    # What is tabulated of h' is off by 1e-16 m, and of h by that over a cell
-    assert signed(series) == pytest.approx(h - height, abs=1e-16)
-    assert series.penetration_rate[1:] == pytest.approx(slopes[1:] * rates(angle), abs=1e-14)  # times 24 rad/s
-
-
-def test_the_heights_of_a_force_driven_run_give_its_forces() -> None:
-    time = np.arange(0.0, 0.2, 2e-4)
-    angle, load = 0.3 + 0.5 * np.sin(6.0 * time), 700.0 + 400.0 * np.sin(20.0 * time)
-    forced = model(law("kelvin_voigt"), 1e-10).run(time, angle, load)
-    series = led().run(time, angle, load, forced.femoral_height)
-    assert series.penetration_depth == pytest.approx(forced.penetration_depth, abs=1e-17)  # rounding of 34 mm
-    # The height is linear between ticks: its velocity is the mean one of the tick and not that at its end.
-    late = series.penetration_rate[1:] - forced.penetration_rate[1:]
-    assert np.abs(late).max() <= np.abs(np.diff(forced.penetration_rate)).max()
-    # 1e-10 m of tolerance x 3e6 N/m
-    assert series.contact_force[1:] == pytest.approx(forced.contact_force[1:] + DAMPING * late, abs=3e-4)
-
-
 @pytest.mark.parametrize("name", ["hunt_crossley", "flores"])
 def test_the_speed_at_touch_is_remembered(name: str) -> None:
     speed, knee = 0.035, led(name, least_impact_speed=1e-3)
@@ -129,18 +97,6 @@ def test_the_impact_speed_is_that_of_the_touch_and_not_of_the_ticks_end(name: st
     end = knee.run([0.0, duration], [begin, begin + turn], [0.0, 0.0], [height, height])[-1]
     expected = contact_law.force_at(geometry.support(begin + turn)[0] - height, rate, speed)[0]
     assert end.contact_force == pytest.approx(expected, rel=1e-11)  # h to 1e-16 m at a depth of 1 mm
-
-
-@pytest.mark.parametrize("past", [-1e-4, 1e-4])
-def test_the_second_layer_begins_at_its_depth(past: float) -> None:
-    depth, speed = LAYER_DEPTH * (1.0 + past), 0.1
-    heights = pressed(np.array([depth - 1e-3 * speed, depth]))
-    end = led("two_layer_viscoelastic").run([0.0, 1e-3], [0.0, 0.0], [0.0, 0.0], heights)[-1]
-    spring = STIFFNESS * min(depth, LAYER_DEPTH) ** 1.5 + 3.112e9 * max(depth - LAYER_DEPTH, 0.0) ** 1.5
-    dashpot = DAMPING * speed if past > 0.0 else 0.0  # 500 N, in the second layer only
-    # Rounding of heights of 34 mm times the slope (3e-12 N) and, over a tick, times the dashpot (7e-11 N)
-    assert end.contact_force == pytest.approx(spring + dashpot, abs=1e-9)
-    assert end.contact_state == (ContactState.BONE if past > 0.0 else ContactState.CARTILAGE)
 
 
 def test_the_drives_are_not_mixed_up() -> None:

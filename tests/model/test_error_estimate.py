@@ -95,24 +95,6 @@ def test_what_is_published_of_an_error(found: float, expected: float) -> None:
 FLORES = model(law("flores"), 1e-10, mass=MASS)
 
 
-@pytest.mark.parametrize(("depth", "rate", "duration", "least"), [
-    (3e-4, 0.3, 1e-9, 1.0),  # hardly any time goes by: the force differs at once, and the depth not yet
-    (1e-4, 0.4, 3e-4, 0.0),
-    (1e-4, 0.4, 6e-4, 0.0),  # near the bottom the damping ends; what it has done to the femur stays
-    (3e-4, -0.3, 0.05, 0.0),  # lets go at a speed that its impact has set, and flies
-])  # fmt: skip
-def test_a_doubtful_impact_speed_puts_the_contact_in_doubt(
-    depth: float, rate: float, duration: float, least: float
-) -> None:
-    doubt = 5e-4 if duration > 0.01 else 0.02
-    doubtful = thrown(FLORES, depth, rate, duration, IMPACT=0.5, IMPACT_ERROR=doubt)
-    one, other = (thrown(FLORES, depth, rate, duration, IMPACT=speed) for speed in (0.5, 0.5 + doubt))
-    assert doubtful.contact_force == one.contact_force
-    assert one.error_estimate < 1e-10 or duration > 0.01
-    assert least <= abs(other.contact_force - one.contact_force) <= doubtful.force_error_estimate
-    assert (1e-14 if least else 1e-8) < abs(signed(other) - signed(one)) + 1e-13 * least <= doubtful.error_estimate
-
-
 def test_a_femur_that_lands_late_lands_at_another_speed() -> None:
     """The load has pressed it on for that time, and damping that remembers the impact goes by it ever after."""
     doubtful = thrown(FLORES, -1e-4, 0.05, 2e-3, load=200.0, E_HEIGHT=1e-6)

@@ -77,12 +77,6 @@ def test_two_thousand_gaits_are_not_doubted() -> None:
         assert told(time, angle, 0.25 * load) == [], seed  # half of it borne by an exoskeleton
 
 
-@pytest.mark.parametrize("load", [np.full(300, 30.0), np.full(300, -45.0)])
-def test_a_leg_that_hangs_or_sits_is_not_doubted(load: np.ndarray) -> None:
-    time = 0.01 * np.arange(300)
-    assert told(time, np.radians(80.0 + 20.0 * np.sin(time)), load) == []
-
-
 def axes(forces: np.ndarray, frame: str = "") -> str:
     """What is said of forces [N], the same of all at once and one by one."""
     whole, each = Axes(frame), Axes(frame)

@@ -16,8 +16,6 @@ from knee_contact_ros.model.laws import (
     Layer,
     check,
     hertz_stiffness,
-    law_force,
-    layer_at,
     relative_radius,
 )
 from tests import ROOT
@@ -93,36 +91,6 @@ def test_values_of_the_formulas(
 ) -> None:
     # rounding of a power, and of the depth in the second layer against that of the whole contact
     assert law(name, **changes).layers[number].force_at(depth, rate)[0] == pytest.approx(force, rel=1e-12)
-
-
-@pytest.mark.parametrize("name", LOSSES)
-def test_an_impact_sets_the_damping_down_to_the_least_speed(name: str) -> None:
-    (layer,), loss = law(name).layers, LOSSES[name][1]
-    damping = [layer.force_at(1e-4, 0.0, speed)[2] for speed in (2.0, FLOOR, 0.0, 1e-300, -1.0)]
-    assert damping == pytest.approx([KELVIN * loss / speed for speed in (2.0, *4 * (FLOOR,))], rel=1e-13)  # rounding
-    # It pulls when it parts faster than it can.
-    fastest = 2.0 / loss
-    assert layer.force_at(1e-4, -0.999 * fastest, 2.0)[0] > 0.0
-    force, over_depth, over_rate = layer.force_at(1e-4, -2.0 * fastest, 2.0)
-    assert (force, over_depth) == pytest.approx((-KELVIN, 1.5 * force / 1e-4), rel=1e-13)
-    assert over_rate > 0.0
-
-
-@pytest.mark.parametrize("name", CONTACT_LAWS)
-def test_only_some_laws_remember_the_impact(name: str) -> None:
-    assert law(name).remembers_impact == (name in LOSSES)
-    slow, fast = (law(name).force_at(7e-4, 0.1, speed) for speed in (0.0, 2.0))
-    assert (slow != fast) == (name in LOSSES)
-
-
-def test_a_depth_is_in_the_layer_that_begins_there() -> None:
-    rows = law("two_layer_viscoelastic").rows
-    begins = [(-1e-9, 0), (0.0, 1), (1e-9, 1), (LAYER_DEPTH - 1e-9, 1), (LAYER_DEPTH, 2), (1e3, 2)]
-    assert [layer_at(rows, depth) for depth, _ in begins] == [layer for _, layer in begins]
-    # On the beginning of a layer the force is that of the layer before.
-    assert law_force(rows, 0.0, 0.1, 0.0) == (0.0, 0.0, 0.0)
-    assert law_force(rows, LAYER_DEPTH, 0.1, 0.0)[2] == 0.0
-    assert law_force(rows, LAYER_DEPTH + 1e-12, 0.1, 0.0)[2] == DAMPING
 
 
 def test_the_elastic_foundation_is_the_sum_of_its_springs() -> None:

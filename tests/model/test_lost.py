@@ -88,23 +88,6 @@ def test_what_is_ok_after_a_given_up_tick_is_right() -> None:
     assert back > 0.5 * seen  # loads of up to 8 kN end at once: a fall of seconds, and its landings
 
 
-@pytest.mark.parametrize("tolerance", [1e-7, 1e-8, 1e-9])
-def test_a_damped_contact_forgets_under_a_steady_load(tolerance: float) -> None:
-    """One tick is given up, whose load jumps: it is lost for longer than its swing lasts, and not for long."""
-    load = np.where(np.arange(1500) < 10, 300.0, 900.0)
-    time = 1e-3 * np.arange(1500)
-    knee = model(law("kelvin_voigt"), tolerance, budget=48)
-    series = fast(knee).run(time, 0.0 * time, load)
-    exact = fast(replace(knee, budget=0)).run(time, 0.0 * time, load)
-    given_up = np.flatnonzero(lost(series)) + 1
-    assert len(given_up) > 0
-    forgotten = given_up[-1] + int(np.argmax(series.status[given_up[-1] :] == Status.OK))
-    assert 10 < forgotten - given_up[-1] < 1000
-    assert (series.status[forgotten:] == Status.OK).all()
-    assert (series.status[given_up[0] : forgotten] & Status.NOT_CONVERGED != 0).all()
-    assert np.abs(signed(series) - signed(exact))[forgotten:].max() <= tolerance
-
-
 @pytest.mark.parametrize("name", [name for name in CONTACT_LAWS if name != "kelvin_voigt"])
 def test_what_an_undamped_or_remembering_contact_has_lost_stays_lost(name: str) -> None:
     seen = 0
@@ -115,22 +98,6 @@ def test_what_an_undamped_or_remembering_contact_has_lost_stays_lost(name: str) 
             seen += 1
             assert (series.status[1:][int(np.argmax(lost(series))) :] & Status.NOT_CONVERGED != 0).all()
     assert seen > 0
-
-
-@pytest.mark.parametrize("budget", [100, 150, 200])
-def test_a_budget_at_a_pull_and_a_live_change_are_not_right_and_wrong(budget: int) -> None:
-    """The femur is thrown off by a load of 2 Hz that pulls; the damping falls at the deepest pull, and rises again."""
-    time = np.round(np.arange(1200) * 1e-3, 9)
-    load = 1000.0 * (1.0 + 1.2 * np.sin(math.tau * 2.0 * time))
-    streams = [fast(model(law("kelvin_voigt"), tolerance, budget=limit)).stream() for tolerance, limit in
-               ((1e-6, budget), (1e-10, 0))]  # fmt: skip
-    for i, (t, newtons) in enumerate(zip(time.tolist(), load.tolist(), strict=True)):
-        if i in (375, 525):
-            damping = law("kelvin_voigt", damping=1000.0 if i == 375 else 5000.0)
-            for stream in streams:
-                stream.go_on_with(replace(stream.model, law=damping))
-        ours, exact = (stream.tick(t, 0.3, newtons) for stream in streams)
-        assert abs(signed(ours) - signed(exact)) <= 1e-6 or ours.status != Status.OK, i
 
 
 @pytest.mark.parametrize("seed", range(1_000_000, 1_000_020))
@@ -154,11 +121,3 @@ def test_what_changes_under_a_steady_load_is_soon_ok_again() -> None:
         if "damping" not in changes:
             assert abs(after[0].penetration_depth - before[-1].penetration_depth) > 1e-6
             assert abs(after[0].penetration_depth - after[-1].penetration_depth) > 1e-6  # it has not jumped there
-
-
-def test_a_stream_that_has_not_begun_changes_without_a_trace() -> None:
-    one, other = (fast(model(law("kelvin_voigt", stiffness=stiffness), 1e-6)) for stiffness in (7.9e7, 6.3e7))
-    late, stream = one.stream(), other.stream()
-    late.go_on_with(other)
-    for i in range(5):
-        assert late.tick(1e-3 * i, 0.1 * i, 700.0 + 50.0 * i) == stream.tick(1e-3 * i, 0.1 * i, 700.0 + 50.0 * i)

@@ -10,7 +10,7 @@ from scipy.interpolate import CubicSpline
 from scipy.spatial.transform import Rotation
 
 from knee_contact_ros.model import mechanisms
-from knee_contact_ros.model.mechanisms import MECHANISMS, START, STOP, hinge, parallel_mechanism, table
+from knee_contact_ros.model.mechanisms import START, STOP, hinge, parallel_mechanism, table
 
 KNOTS, VALUES = [-0.2, 0.0, 0.3, 0.5, 1.1, 1.9], [0.001, 0.0, 0.004, 0.0055, 0.003, -0.006]
 MANY = [hinge(0.003), table(KNOTS, VALUES), table([0.0, 1.0], [0.0, 0.01]), parallel_mechanism()]
@@ -37,11 +37,6 @@ def test_a_table_is_the_natural_spline_and_goes_on_straight(points: int) -> None
         slope = float(spline(inside, 1))
         goal = float(spline(inside)) + slope * (angle - inside)
         assert made.translation(angle) == pytest.approx((goal, slope), abs=1e-15)  # rounding errors of 0.02 m/rad
-
-
-def test_mechanisms_by_name() -> None:
-    assert set(MECHANISMS) == {"hinge", "ball_and_socket", "parallel_mechanism", "table"}
-    assert MECHANISMS["ball_and_socket"]().translation(0.7) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(

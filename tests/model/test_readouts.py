@@ -99,14 +99,6 @@ def test_loading_rate_is_the_slope_of_the_contact_force() -> None:
     assert np.isnan([rates[0], rates[3], rates[4]]).all()
 
 
-def test_apart_there_is_no_patch() -> None:
-    model = knee(contact__law="kelvin_voigt")
-    read = model.readouts(model.run([0.0, 0.1], [0.3, 0.3], [-50.0, -50.0]))
-    for name in ("half_width", "mean_pressure", "peak_pressure", "strain"):
-        assert (read[name] == 0.0).all()
-    assert len(model.readouts(blank(0))) == 0
-
-
 def test_radii_of_no_knee_give_no_readouts() -> None:
     model = knee(contact__law="kelvin_voigt", contact__femoral_radius=0.1)
     with pytest.raises(ValueError, match=r"contact\.femoral_radius must be below contact\.tibial_radius"):

@@ -7,7 +7,6 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from knee_contact_ros.model import statics
-from knee_contact_ros.model.knee import LARGEST_LOAD
 from knee_contact_ros.model.laws import CONTACT_LAWS
 from knee_contact_ros.model.surfaces import touch
 from tests.helpers.scenes import BODY_WEIGHT, law, model
@@ -55,13 +54,6 @@ def test_no_guess_is_too_far_and_no_load_is_none(name: str) -> None:
         assert evaluations <= statics.ANSWER + 2  # a layer, and the last correction
     for force in (0.0, -100.0):
         assert statics.static_depth(rows, force, 1e-3, 0.0, statics.NO_LIMIT) == (0.0, 0)
-
-
-def test_a_force_out_of_reach_is_answered_with_the_deepest() -> None:
-    assert statics.plain_static_depth(law("hertz", stiffness=1e-20).rows, 1e6) == statics.DEEPEST
-    # The softest law that the parameters allow, under the largest load that a sample may have
-    softest = law("hertz", stiffness=1.0, exponent=1.0)
-    assert statics.plain_static_depth(softest.rows, LARGEST_LOAD) == pytest.approx(LARGEST_LOAD, rel=1e-15)
 
 
 @pytest.mark.parametrize("kind", PAIRS)

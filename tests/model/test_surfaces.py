@@ -227,26 +227,6 @@ def test_two_equal_bumps_change_places_where_they_are_level(lean: float) -> None
     assert any(abs(one - kink + math.tau) < 1e-9 for one in kinks_between(pair, -5.5, -7.0))
 
 
-def test_kinks_are_where_the_lowest_point_leaps() -> None:
-    assert kinks_between(SCENES["circle plane"][0], -10.0, 10.0) == []
-    assert ellipse(160).on_plane.kinks == pytest.approx([math.pi], abs=1e-9)  # from end to end of the symmetric curve
-    x = np.linspace(-0.02, 0.02, 9)
-    level = [math.remainder(kink, math.pi) for kink in Profile(x, 0.0 * x - 0.03).on_plane.kinks.tolist()]
-    assert 1 <= len(level) <= 3  # by rounding a whole turn may count twice
-    assert level == pytest.approx([0.0] * len(level), abs=1e-9)
-    for seed in range(4):
-        turn, rng = np.linspace(-math.pi - 0.9, 0.9, 60)[:: 1 - 2 * (seed % 2)], np.random.default_rng(seed)
-        radius = RADIUS + rng.normal(0.0, 2e-4, 60)
-        profile, angles = Profile(radius * np.cos(turn), radius * np.sin(turn)), np.linspace(0.0, math.tau, 4001)
-        places = np.array([lowest_point(*profile.on_plane[1:4], angle)[2] for angle in angles.tolist()])
-        kinks = profile.on_plane.kinks
-        for i in np.flatnonzero(np.abs(np.diff(places)) > 2e-3):  # no glide of these curves is so quick
-            assert np.any((kinks >= angles[i] - 1e-9) & (kinks <= angles[i + 1] + 1e-9))
-        for kink in kinks.tolist():
-            before, behind = (profile.support(kink + side * 1e-10)[1] for side in (-1, 1))
-            assert behind > before  # h is a maximum of smooth functions: it can only bend upwards
-
-
 def test_figures_that_the_solver_reads() -> None:
     for name, (pair, _, _) in SCENES.items():
         tables = pair.surfaces
