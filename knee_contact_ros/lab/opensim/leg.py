@@ -111,7 +111,8 @@ def read_ground(loads: Path, data: Path, side: str) -> GroundFile:
     if not forces:
         named = some(list(dict.fromkeys(filter(None, bodies))))
         raise UsageError(f"{loads} applies no force to the {side} foot; its forces act on {named or 'nothing'}")
-    return GroundFile(table, tuple(forces), tuple(f"ground: what acts on {body} is left out" for body in elsewhere))
+    notes = tuple(f"ground: what acts on {body} is left out" for body in dict.fromkeys(elsewhere))
+    return GroundFile(table, tuple(forces), notes)
 
 
 def _stem(identifier: str, table: Table) -> str:
