@@ -371,9 +371,14 @@ class Fit:
         """Value that a likelihood ratio does not exceed with a probability, if the value held is the true one."""
         return float(chi2.ppf(level, 1) if self.knows_noise else f.ppf(level, 1, self.freedom))
 
+    @cached_property
+    def least_cost(self) -> float:
+        """Cost of the fit itself."""
+        return self.cost(self.place)
+
     def ratio(self, place: Floats) -> float:
         """Give the likelihood ratio of the fit to a place."""
-        return 2.0 * self.calibration * (self.cost(place) - self.cost(self.place))
+        return 2.0 * self.calibration * (self.cost(place) - self.least_cost)
 
     def searched(
         self, start: Floats, held: Sequence[int] = (), *, precision: float = PRECISION, tries: int = MOST_TRIES
