@@ -255,7 +255,8 @@ def _edge(x: Floats, deep: Floats) -> Floats:
     rows, inside = np.arange(len(x)), deep > 0.0
     inside[:, SAMPLES // 2] = True
     after = inside.argmax(axis=1)
-    over, under = np.maximum(deep[rows, after], 0.0), deep[rows, np.maximum(after - 1, 0)]
+    over = np.maximum(deep[rows, after], 0.0)
+    under = np.where(after > 0, deep[rows, after - 1], -np.inf)  # before the first point: it is the end
     return np.asarray(x[rows, after] + (x[:, 0] - x[:, 1]) * over / np.maximum(over - under, np.finfo(float).tiny))
 
 

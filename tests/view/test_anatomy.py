@@ -14,6 +14,7 @@ from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.view.anatomy import (
     DRAWN_THICKNESS,
+    REACH,
     SURFACE_POINTS,
     Anatomy,
     Picture,
@@ -154,7 +155,9 @@ def test_the_bones_touch_where_the_law_says_so(depth: float, touch: bool) -> Non
     assert Outline(picture.tibia_bone).contains_points(picture.femur_bone).any() == touch
 
 
-def test_there_is_no_overlap_apart() -> None:
+def test_there_is_no_overlap_apart_and_one_in_all_that_is_searched_if_the_surfaces_have_run_into_each_other() -> None:
+    whole = picture_of(load_model({}), 0.2, -0.03).overlap
+    assert np.ptp(whole[:, 0]) == pytest.approx(2.0 * REACH)
     picture = picture_of(load_model({}), 0.2, 0.035)
     assert picture.depth == pytest.approx(-1e-3)
     assert picture.overlap.shape == (0, 2)
