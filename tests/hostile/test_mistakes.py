@@ -6,7 +6,6 @@ What is right is not warned about. tests/ros/test_mistakes.py walks through the 
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,7 +13,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-import knee_contact_ros
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.gait_bag import Gait, Signal, write_bag
 from tests.lab.opensim.storages import write_model, write_storage
@@ -155,9 +153,6 @@ def test_what_is_right_is_not_warned_about(
     assert capsys.readouterr().err == ""
 
 
-RUN = {name: each for name, each in (ANGLES | TIMES | LOADS).items() if name != "columns swapped"}
-
-
 SURFACES: dict[str, tuple[Callable[..., Any], str, str]] = {
     "mm for m": (lambda p: 1e3 * p, "", "likely it is in mm"),
     "cm for mm": (lambda p: 1e2 * p, "--unit=mm", "measures"),
@@ -183,17 +178,3 @@ def test_a_surface_that_is_no_knees_is_refused(
     saved(Path("a.stl"), (change(points), triangles))
     assert main(["fit-profile", "a.stl", "--slice=-18", "--output=a.csv", *filter(None, [option])]) == 2
     assert re.search(words, capsys.readouterr().err)
-
-
-@pytest.mark.parametrize("name", RUN)
-def test_python_tells_it_too(name: str) -> None:
-    change, words = RUN[name]
-    model = knee_contact_ros.load_model(compiled=False)
-    with warnings.catch_warnings(record=True) as found:
-        warnings.simplefilter("always")
-        try:
-            time, angle, load = gait()
-            model.run(*change(time, angle, 0.5 * load))  # of a compartment
-        except ValueError as refused:
-            warnings.warn(str(refused), stacklevel=1)
-    assert any(re.search(words, str(each.message)) for each in found)

@@ -20,11 +20,9 @@ from rosbags.typesys import get_types_from_msg
 from knee_contact_ros.model.types import UNUSABLE, ContactState, Fidelity, Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.streams.topics import EACH_TICK
 from scripts.make_layouts import LANES, PLOTS, files
 from tests import ROOT
 
-FOXGLOVE_PANELS = {"Plot", "StateTransitions", "RawMessages", "DiagnosticSummary", "Tab"}
 MADE = dict(files())
 SERIES = sum(len(plot.curves) for plot in PLOTS) + len(LANES) + 1
 """With one for the joint"""
@@ -62,24 +60,22 @@ def is_number(kind: str) -> bool:
     return bool(re.fullmatch(r"u?int\d+|float\d+", kind))
 
 
-def test_foxglove_every_path_is_a_number_of_the_recording(config: Path, schemas: dict[str, tuple[str, str]]) -> None:
-    layout = json.loads((config / "foxglove" / "knee_contact.json").read_text())
-    assert layout == json.loads(MADE["foxglove/knee_contact.json"]), "make it again: python -m scripts.make_layouts"
-    series = [series for panel in layout["configById"].values() for series in panel.get("paths", [])]
+@pytest.mark.parametrize("name", MADE)
+def test_the_shipped_layouts_are_what_the_script_makes(config: Path, name: str) -> None:
+    assert (config / name).read_text() == MADE[name], "make it again: python -m scripts.make_layouts"
+
+
+def test_foxglove_every_path_is_a_number_of_the_recording(schemas: dict[str, tuple[str, str]]) -> None:
+    text = MADE["foxglove/knee_contact.json"]
+    panels = json.loads(text)["configById"]
+    assert {text.count(f'"{panel}"') for panel in panels} == {2}  # its settings, and its place
+    raw = [panel["topicPath"] for name, panel in panels.items() if name.startswith("RawMessages!")]
+    assert set(raw) <= set(schemas)
+    series = [series for panel in panels.values() for series in panel.get("paths", [])]
     assert len(series) == SERIES
     for value in (item["value"] for item in series):
         topic, _, field = value.removesuffix(".@log10").partition(".")
         assert is_number(kind_of(schemas[topic], field)), value
-        assert kind_of(schemas[topic], "header.stamp.sec") == "int32", value  # it is drawn at the header's stamp
-
-
-def test_foxglove_every_panel_is_shown_once(config: Path, schemas: dict[str, tuple[str, str]]) -> None:
-    text = (config / "foxglove" / "knee_contact.json").read_text()
-    panels = json.loads(text)["configById"]
-    assert {panel.split("!")[0] for panel in panels} == FOXGLOVE_PANELS
-    assert {text.count(f'"{panel}"') for panel in panels} == {2}  # its settings, and its place
-    raw = [panel["topicPath"] for name, panel in panels.items() if name.startswith("RawMessages!")]
-    assert set(raw) <= set(schemas)
 
 
 def test_a_recording_names_the_states_as_foxglove_reads_them(schemas: dict[str, tuple[str, str]]) -> None:
@@ -100,37 +96,19 @@ def test_a_recording_names_the_states_as_foxglove_reads_them(schemas: dict[str, 
     assert "# [m] >= 0; 0 when apart" in definition  # and the units
 
 
-def test_plotjuggler_every_curve_is_a_number_of_the_recording(
-    config: Path, schemas: dict[str, tuple[str, str]]
-) -> None:
-    text = (config / "plotjuggler" / "knee_contact.xml").read_text()
-    assert text == MADE["plotjuggler/knee_contact.xml"], "make it again: python -m scripts.make_layouts"
-    curves = [curve.attrib["name"] for curve in ET.fromstring(text).iter("curve")]  # noqa: S314  (our own file)
+def test_plotjuggler_every_curve_is_a_number_of_the_recording(schemas: dict[str, tuple[str, str]]) -> None:
+    old, new = (ET.fromstring(MADE[f"plotjuggler/knee_contact.{kind}"]) for kind in ("xml", "pj4.xml"))  # noqa: S314
+    curves = [curve.attrib["name"] for curve in old.iter("curve")]
     assert len(curves) == SERIES
+    assert [f"{curve.attrib['topic']}/{curve.attrib['field']}" for curve in new.iter("curve")] == curves
     for curve in curves:
         topic = max((topic for topic in schemas if curve.startswith(f"{topic}/")), key=len)
         field = curve.removeprefix(f"{topic}/").replace("/", ".")
-        if topic == "/joint_states":
-            assert field == "knee.position", curve
-        else:
-            assert is_number(kind_of(schemas[topic], field)), curve
+        assert field == "knee.position" if topic == "/joint_states" else is_number(kind_of(schemas[topic], field))
 
 
-def test_plotjuggler_4_has_the_same_curves_by_topic_and_field(config: Path) -> None:
-    text = (config / "plotjuggler" / "knee_contact.pj4.xml").read_text()
-    assert text == MADE["plotjuggler/knee_contact.pj4.xml"], "make it again: python -m scripts.make_layouts"
-    root, before = ET.fromstring(text), ET.fromstring(MADE["plotjuggler/knee_contact.xml"])  # noqa: S314  (our own)
-    assert root.attrib == {"format": "PlotJuggler", "pj4_version": "4", "binding": "generic"}
-    curves = [(curve.attrib["topic"], curve.attrib["field"]) for curve in root.iter("curve")]
-    assert [f"{topic}/{field}" for topic, field in curves] == [curve.attrib["name"] for curve in before.iter("curve")]
-    assert {topic for topic, _ in curves} == {f"/{topic}" for topic in EACH_TICK}
-    assert not list(root.iter("transform"))
-    titles = [area.attrib["name"] for area in root.iter("DockArea")]
-    assert {"Flexion angle [rad]", "Depth [m]", "Joint position [rad]"} <= set(titles)  # nothing converts them
-
-
-def test_plotjuggler_shows_degrees_and_millimetres(config: Path) -> None:
-    root = ET.parse(config / "plotjuggler" / "knee_contact.xml").getroot()  # noqa: S314  (our own file)
+def test_plotjuggler_shows_degrees_and_millimetres() -> None:
+    root = ET.fromstring(MADE["plotjuggler/knee_contact.xml"])  # noqa: S314  (our own file)
     shown = {}
     for curve in root.iter("curve"):
         (transform,) = curve
