@@ -115,7 +115,7 @@ LANES = (
 def checked(_context: click.Context, _parameter: click.Parameter, namespace: str) -> str:
     """Check the option `--namespace`."""
     if namespace and not re.fullmatch(r"/?[A-Za-z_]\w*(/[A-Za-z_]\w*)*/?", namespace, re.ASCII):
-        raise click.BadParameter(f"{namespace!r}: it must be a name, as left or robot/left")
+        raise click.BadParameter(f"{namespace!r}: it must be a name, such as left or robot/left")
     return namespace
 
 

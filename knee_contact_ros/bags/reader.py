@@ -352,7 +352,7 @@ def names_in_bag(remaps: Iterable[str] = (), namespace: str = "", inputs: Sequen
         UsageError: A rule is malformed, its FROM is no input or is repeated, or two inputs get the same name.
     """
     if namespace and not namespace.strip("/"):
-        raise UsageError(f"--namespace {namespace!r}: it must be a name, as left")
+        raise UsageError(f"--namespace {namespace!r}: it must be a name, such as left")
     names = {f"/{topic}": absolute(topic, namespace) for topic in (*inputs, DYNAMIC_JOINT_STATES)}
     if namespace:
         names[NAMESPACE] = namespace
@@ -596,12 +596,12 @@ def _names(folder: Path, listed_names: Sequence[str]) -> tuple[list[str], list[s
         return [*listed_names, *unlisted], [words] if unlisted else []
     names = sorted(path.name for path in folder.iterdir() if path.suffix in MAGICS)
     if not names:
-        raise UsageError(f"{folder} is no rosbag2 folder: it has no {METADATA} of use, and no files")
+        raise UsageError(f"{folder} is not a rosbag2 folder: it has no usable {METADATA}, and no files")
     begins = [name for name in names if not goes_on_with(folder / name)]
     is_one = len(set(map(_unnumbered, names))) == 1 and (len(begins) == 1 or all(map(NUMBERED.fullmatch, names)))
     if len(names) > 1 and not is_one:
         raise UsageError(
-            f"{folder} has more than one recording, and no {METADATA} of use that names one; "
+            f"{folder} has more than one recording, and no usable {METADATA} that names one; "
             f"give one of these files: {_first_of(names)}"
         )
     return sorted(names, key=_number), [f"{name} is missing" for name in listed_names]
@@ -711,7 +711,7 @@ class SqliteFile:
             raise ValueError("it is cut off")  # sqlite takes what is missing of the last page for zeros
         kinds = dict(query("SELECT name, type FROM sqlite_master").fetchall())
         if any(kinds.get(name, "table") != "table" for name in ("topics", "messages", "message_definitions")):
-            raise ValueError("its messages or topics are no table")  # a view may take forever to read
+            raise ValueError("its messages or topics cannot be read as a table")  # a view may take forever to read
         found = query(DEFINITIONS) if "message_definitions" in kinds else ()
         definitions = {str(name): definition_of(str(encoding), str(text).encode()) for name, encoding, text in found}
         counts = Counter[int]()

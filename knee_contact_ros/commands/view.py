@@ -75,7 +75,7 @@ def run_view(
     """
     addresses = [source for source in sources if source.startswith(SERVED)]
     if addresses and (len(addresses) < len(sources) or save or serve):
-        raise UsageError(f"{addresses[0]}: what is served can only be looked at, and not together with files")
+        raise UsageError(f"{addresses[0]}: a served scene can only be viewed, and not together with files")
     _refuse_in_vain(save, overwrite, (port, port + 1) if serve else ())
     if addresses:
         viewer.look(viewer.connect_command(addresses))
@@ -83,7 +83,7 @@ def run_view(
     if sources[0].endswith(".rrd"):
         drawn = Path(sources[0])
         if len(sources) > 1 or save:
-            raise UsageError(f"{drawn} is a Rerun file: it can be looked at or served, alone")
+            raise UsageError(f"{drawn} is a Rerun file: it can only be viewed or served, and only alone")
         if not drawn.is_file():
             raise UsageError(f"no Rerun file at {drawn}")
         _present(drawn, port if serve else None)
@@ -108,7 +108,7 @@ def _refuse_in_vain(save: Path | None, overwrite: bool, ports: Sequence[int]) ->
         UsageError: the file to write exists, one of the `ports` that will be served is taken, or there is no screen.
     """
     if save and ports:
-        raise UsageError("--save and --serve: one of them")
+        raise UsageError("--save and --serve cannot be given together")
     if save and not overwrite:
         refuse_existing(save)
     for port in ports:
@@ -162,7 +162,7 @@ def _knees(path: Path, answered: Sequence[tuple[Path, str, str]], parameters: Pa
     """
     provenance = read_provenance(path)
     if provenance is None:
-        say(f"{path} does not tell its parameters: drawn with those of --params", err=True)
+        say(f"{path} does not hold its parameters: drawn with those of --params", err=True)
     parameters = provenance.parameters if provenance else parameters
     texts = provenance.texts() if provenance else curve_texts(parameters, {})
     _, topics, names = zip(*answered, strict=True)

@@ -89,7 +89,7 @@ def align(files: Sequence[Path], maps: Sequence[Path], output: Path, longest_lag
     """
     sensors = read_map(maps)
     if sensors.reference is None:
-        raise UsageError(f"map {maps[-1]}: reference: is missing, the angle that `angle` is held against")
+        raise UsageError(f"map {maps[-1]}: reference: is missing: the angle that `angle` is compared with")
     if output.exists() and not overwrite:
         raise UsageError(f"{output} exists already; give another --output, or --overwrite")
     sensor, reference = read_channels(files, sensors, ("angle", "reference")).values()
@@ -179,7 +179,7 @@ def aligned(sensor: Series, reference: Series, longest: float, max_gap: float) -
         why = "are both of one knee, in one time?"
         if against >= ALIKE:
             why = f"but in opposite directions with {against:.2f}: is a sign turned?"
-        raise UsageError(f"{both} go together with r = {correlations[at]:.2f} at best; {why}")
+        raise UsageError(f"{both} correlate with r = {correlations[at]:.2f} at best; {why}")
     if at in (0, len(lags) - 1):
         raise UsageError(f"{both} fit best at the longest lag tried, {lags[at]:g} s: see --longest-lag")
     within = float(lags[at - 1]) - 4.0 * pair.step, float(lags[at + 1]) + 4.0 * pair.step

@@ -319,7 +319,7 @@ def check_output(folder: Path, overwrite: bool) -> None:
         UsageError: the folder exists, or its name ends with `.mcap`.
     """
     if folder.suffix == MCAP:
-        raise UsageError(f"--output {folder}: a bag's folder is written; give its name without {MCAP}")
+        raise UsageError(f"--output {folder}: a bag is written as a folder; give its name without {MCAP}")
     if not folder.exists():
         return
     if not overwrite:
@@ -328,7 +328,7 @@ def check_output(folder: Path, overwrite: bool) -> None:
         raise UsageError(f"{folder} is a file and not a bag's folder; it is not replaced")
     others = [path.name for path in folder.iterdir() if path.suffix not in {MCAP, ".yaml"}]
     if others:
-        raise UsageError(f"{folder} is no bag's folder, as it has {others[0]}, and is not replaced")
+        raise UsageError(f"{folder} is not a bag's folder, because it has {others[0]}, and is not replaced")
 
 
 def digest(path: Path) -> str:

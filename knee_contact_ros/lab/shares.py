@@ -114,7 +114,7 @@ def run_fit_share(
     trials = [read_trial(paths, time, terms, degrees, weight) for paths, weight in zip(files, weights, strict=True)]
     for one, other in combinations(trials, 2):
         if np.array_equal(one.load, other.load) and np.array_equal(one.medial, other.medial):
-            fault = f"trials {one.name} and {other.name} are the same: each is left out in turn, and must be a new one"
+            fault = f"trials {one.name} and {other.name} are the same, and each is left out in turn"
             raise UsageError(f"--trial: {fault}")
     found = chosen(trials, form)
     text = _csv(found, trials, source)

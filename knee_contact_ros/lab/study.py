@@ -426,7 +426,7 @@ def compute_block(block: Block) -> Answered:
         UsageError: the bag cannot be used, or this is another version of the model.
     """
     if block.model != what_answers():
-        raise UsageError(f"{_worker()}: another version of knee_contact_ros than here; install the same")
+        raise UsageError(f"{_worker()}: has another version of knee_contact_ros; install the same one")
     knees = _knees(*block.inputs)
     compiled = worth_compiling(block.number * len(knees.recording.steps))
     computed = compute(knees, block.cases, series=block.series, compiled=compiled)
@@ -440,7 +440,7 @@ def compute_block(block: Block) -> Answered:
 def _knees(place: str, digest: str, parameters: Parameters, files: tuple[tuple[str, str], ...]) -> Knees:
     with here(place) as (path, found):
         if found != digest:
-            raise UsageError(f"bag {place}: {_worker()} finds another content than the client")
+            raise UsageError(f"bag {place}: {_worker()} finds different content from the client's")
         known = dict(files)
         return Knees(read_recording(path, parameters, file_texts(parameters, known))[0], parameters, known)
 
@@ -550,7 +550,7 @@ class Shards:
             except Exception as error:  # a boundary: damaged files raise what they like
                 why = reason(error).splitlines()[0]
                 raise UsageError(
-                    f"output {self.url}: {name} is damaged, or none of a study's results ({why}): move it away, and "
+                    f"output {self.url}: {name} is damaged, or is not a result of a study ({why}): move it away, and "
                     "its cases are computed again"
                 ) from None
         return pd.concat(parts[1:] or parts).drop_duplicates("case").set_index("case")
@@ -653,10 +653,10 @@ def computed_by(client: Any, blocks: Iterator[Block]) -> Iterator[tuple[Block, A
         raise
     except KilledWorker:
         where = f"{len(block.keys)} cases of bag {block.bag}"
-        raise IncompleteError(f"workers died repeatedly at {where}: of too little memory? {REST}") from None
+        raise IncompleteError(f"workers died repeatedly at {where}: is there too little memory? {REST}") from None
     except Exception as error:  # a boundary: whatever a worker may lack or meet; or the scheduler is gone
         if future is None or future.status != "error":
-            raise IncompleteError(f"the scheduler is gone; {REST}") from None
+            raise IncompleteError(f"the scheduler no longer answers; {REST}") from None
         failure = f"{type(error).__name__}: {reason(error)}"
         raise IncompleteError(f"bag {block.bag}: a worker failed: {failure}; {REST}") from None
 
@@ -693,7 +693,7 @@ def run_study(
     groups, shards = groups_of(study), Shards(output)
     known, count, failed, damage = set(shards.read().index), 0, 0, dict[str, None]()
     if study.series and set(shards.names()) - set(shards.names(SERIES)):
-        raise UsageError(f"output {output}: holds cases without their series; begin a new folder")
+        raise UsageError(f"output {output}: holds cases without their series; use a new folder")
     blocks = blocks_of(study, groups, known)
     if first := next(blocks, None):
         with workers_of(workers, scheduler) as client:

@@ -251,7 +251,7 @@ def propagated(
         width = 2.0 - sum(end is rows for end in ends)
         if not width:
             raise UsageError(
-                f"uncertainty: {deviation.name}: {deviation.text} leaves the range of what it is of both ways"
+                f"uncertainty: {deviation.name}: {deviation.text} exceeds the allowed range in both directions"
             )
         for one, below, above in zip(found, *ends, strict=True):
             depth, force = ((above[name] - below[name]) / width for name in DEPTH_AND_FORCE)

@@ -165,7 +165,7 @@ class Inputs:
             how = "throughout" if most <= 0.0 else "for the most part"
             return (
                 f"the load was negative {how} ({least:.0f} to {most:.0f} N): compression is force.y < 0 "
-                "in joint_reaction_force; is its sign that of another convention?"
+                "in joint_reaction_force; does your sensor use the opposite sign?"
             )
         if self._long and max(-least, most) < LEAST_LOAD:
             if least != most or least:

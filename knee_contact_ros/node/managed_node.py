@@ -173,7 +173,7 @@ def run_nodes(arguments: list[str], kinds: Sequence[NodeKind]) -> int:
     except RuntimeError as error:  # rclpy's own errors derive from it
         raise UsageError(f"ROS arguments: {str(error).splitlines()[0]}") from None
     except UnicodeEncodeError as error:  # bytes that are no text
-        raise UsageError(f"ROS arguments: {error.object!r} is no UTF-8") from None
+        raise UsageError(f"ROS arguments: {error.object!r} is not UTF-8") from None
     stop, nodes = Stop(), list[ManagedNode]()
     try:
         with joining():

@@ -176,7 +176,7 @@ def _add_nodes(sections: Sections, content: Pairs, before: str) -> None:
             raise UsageError(f"{where} must map names to values, got {str(value)[:80]}")
         if name == PARAMETERS:
             if not all(map(TOKEN.fullmatch, before.removeprefix("/").split("/"))):
-                raise UsageError(f"{before!r} is no name of a node")
+                raise UsageError(f"{before!r} is not the name of a node")
             _add_values(sections.setdefault(before, []), value)
         else:
             _add_nodes(sections, value, before + name if not before or before.endswith("/") else f"{before}/{name}")

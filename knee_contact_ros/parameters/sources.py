@@ -72,7 +72,7 @@ def source_of(text: str, own_type: str) -> Source:
 def _field(text: str, units: Mapping[str, float]) -> Field:
     match = FIELD.fullmatch(text.strip())
     if not match:
-        raise ValueError(f"{text.strip()!r} is no field; allowed: {FORM}")
+        raise ValueError(f"{text.strip()!r} is not a field; allowed: {FORM}")
     sign, path, unit = match.groups()
     try:
         factor = units[unit] if unit in units else float(unit or 1.0)

@@ -105,7 +105,7 @@ class Converter:
         except RefusedSampleError as refused:
             return messages.refusal(refused)
         except Exception as error:  # whatever broken bytes provoke
-            text = f"{self._source.topic}: {len(data)} bytes are no {self._source.type}: {error}"
+            text = f"{self._source.topic}: {len(data)} bytes are not a {self._source.type}: {error}"
             return messages.refusal(RefusedSampleError("undecodable", text))
 
     def _converted(self, data: bytes, arrived: int) -> bytes:

@@ -60,7 +60,7 @@ def decode_transforms(data: bytes) -> list[Transform]:
         message: Any = typestore().deserialize_cdr(data, TF_MESSAGE)
         return [_transform(one.header.frame_id, one.child_frame_id, one.transform) for one in message.transforms]
     except Exception as error:  # whatever broken bytes provoke
-        raise ValueError(f"{len(data)} bytes are no {TF_MESSAGE} ({' '.join(str(error).split())})") from None
+        raise ValueError(f"{len(data)} bytes are not a {TF_MESSAGE} ({' '.join(str(error).split())})") from None
 
 
 def encode_transform(transform: Transform, stamp: int) -> bytes:
@@ -112,7 +112,7 @@ class StaticTransforms:
             raise ValueError(f"{label}: it has no meaning")
         length = sum(part * part for part in rotation)
         if not (all(abs(part) <= FARTHEST for part in translation) and abs(length - 1.0) < UNIT):
-            raise ValueError(f"{label}: {translation}, {rotation} are no pose")
+            raise ValueError(f"{label}: {translation}, {rotation} are not a pose")
         news = self._known.get(child) != transform
         self._known[child] = transform
         return news

@@ -115,7 +115,7 @@ class Layout:
         """Length [B] of a message without trailing bytes"""
         trailing = len(data) - self._end
         if not 0 <= trailing <= MOST_TRAILING:
-            raise ValueError("truncated, or something behind the message")
+            raise ValueError("it is truncated, or more bytes follow it")
         self.numbers_in: Callable[[tuple[Any, ...]], tuple[tuple[float, ...], ...]] = itemgetter(*self._slots)
         """Takes the numbers of each field out of the parts of a message"""
         self._pick = itemgetter(0, *self.known)
@@ -129,7 +129,7 @@ class Layout:
         """Layout in which such messages are written"""
         self.is_written = False
         """Whether `written` takes the parts of a message as they came: not of the other byte order, nor of a text that
-        is no UTF-8"""
+        is not UTF-8"""
 
     @property
     def numbers(self) -> np.dtype[Any]:
@@ -436,7 +436,9 @@ def as_joint_state(data: bytes, wanted: Collection[str] = ()) -> bytes:
     try:
         message: Any = _types().deserialize_cdr(data, DYNAMIC_JOINT_STATE)
     except Exception as error:  # whatever broken bytes provoke
-        raise RefusedSampleError("undecodable", f"{len(data)} bytes are no {DYNAMIC_JOINT_STATE} ({error})") from None
+        raise RefusedSampleError(
+            "undecodable", f"{len(data)} bytes are not a {DYNAMIC_JOINT_STATE} ({error})"
+        ) from None
     positions: dict[str, float] = {}
     joints, each = message.joint_names, message.interface_values
     if len(joints) != len(each):

@@ -69,7 +69,7 @@ def write_peak(recording: Path, output: Path) -> str:
         output: the PNG; one that exists is replaced.
 
     Raises:
-        UsageError: matplotlib is not installed, or the recording has no answers or does not tell its parameters.
+        UsageError: matplotlib is not installed, or the recording has no answers or does not hold its parameters.
     """
     require(EXTRA, "matplotlib")
     topics = answer_topics(recording)
@@ -77,7 +77,7 @@ def write_peak(recording: Path, output: Path) -> str:
         raise UsageError(f"recording {recording} has no answers (knee_contact_ros/msg/KneeContact)")
     provenance = read_provenance(recording)
     if provenance is None:
-        raise UsageError(f"recording {recording} does not tell its parameters")
+        raise UsageError(f"recording {recording} does not hold its parameters")
     known = provenance.parameters
     model = build_model(known, curves=provenance.texts())
     name, words = ("contact_force", "contact force") if model.height_prescribed else ("load", "load")

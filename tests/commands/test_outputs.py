@@ -65,7 +65,7 @@ def test_solve_leaves_a_file_and_nothing_beside(
     )
     assert main(["solve", str(tmp_path), "--output", str(tmp_path / "c.mcap")]) == 2
     assert capsys.readouterr().err == (
-        f"knee-contact: {tmp_path} has more than one recording, and no metadata.yaml of use that names one; "
+        f"knee-contact: {tmp_path} has more than one recording, and no usable metadata.yaml that names one; "
         "give one of these files: a.mcap, b.mcap\n"
     )
 

@@ -173,7 +173,7 @@ def test_at_the_end_of_a_range_one_side_is_taken(resting: Path) -> None:
     assert force == pytest.approx(0.01 * LOAD, rel=1e-9)  # from 0.99 to 1 only; the depth is solved to 1e-12 of it
     assert (depth > 0.0).all()
     for name, size, unit in (("load.share", 2.0, ""), ("flexion_angle", 100.0, " rad")):
-        with pytest.raises(UsageError, match=f"{name}: {size:g}{unit} leaves the range of what it is of both ways"):
+        with pytest.raises(UsageError, match=f"{name}: {size:g}{unit} exceeds the allowed range in both directions"):
             of(resting, {name: size}, **{"load.share": 1.0})
 
 

@@ -24,7 +24,7 @@ REFUSED = [
     ("node", "-p contact.dampin:=1.0", "unknown parameter contact.dampin; did you mean contact.damping?"),
     ("node", "-p femur.geometry:=profile -p femur.profile:=nowhere.csv", "cannot read nowhere.csv"),
     ("node", "--params-file /nowhere.yaml", "/nowhere.yaml: cannot read the parameter file"),
-    ("node", "-p record.path:=/tmp/kn\udce9e.mcap", r"'record.path:=/tmp/kn\udce9e.mcap' is no UTF-8"),
+    ("node", "-p record.path:=/tmp/kn\udce9e.mcap", r"'record.path:=/tmp/kn\udce9e.mcap' is not UTF-8"),
     ("node", "-p 'knee.source:=/a geometry_msgs/Vector3Stamped vector.w'", "Vector3 has no field 'w'; it has x, y, z"),
     ("node", "-p 'knee.source:=/a exo_msgs/State angle'", "exo_msgs/msg/State needs the ROS 2 package exo_msgs"),
     ("node", "-p 'knee.source:=/a std_msgs/Float65 data'", "definition of std_msgs/msg/Float65 cannot be read"),

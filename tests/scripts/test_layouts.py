@@ -131,4 +131,4 @@ def test_a_namespace_by_the_script(tmp_path: Path) -> None:
     assert all(path.startswith("/robot/left/") for each in paths for path in each)
     refused = subprocess.run([*run, "1st"], capture_output=True, text=True, check=False, cwd=ROOT)
     assert refused.returncode == 2
-    assert "'1st': it must be a name, as left or robot/left" in refused.stderr
+    assert "'1st': it must be a name, such as left or robot/left" in refused.stderr

@@ -163,4 +163,4 @@ def test_a_namespace_by_the_script(tmp_path: Path) -> None:
     assert {entity.startswith("/left/") for entity, _, _ in sources(tmp_path / "x.rbl")} == {True}
     said = subprocess.run([*command, "--namespace", "le ft"], capture_output=True, text=True, check=False, cwd=ROOT)
     assert said.returncode == 2
-    assert "'le ft': it must be a name, as left or robot/left" in said.stderr
+    assert "'le ft': it must be a name, such as left or robot/left" in said.stderr

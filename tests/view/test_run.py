@@ -105,7 +105,7 @@ def test_namespaces_are_knees(
     arguments = ["--params", "osteoarthritis.yaml", "--save", str(tmp_path / "out.rrd")]
     assert main(["view", *map(str, paths), *arguments]) == 0
     assert {entity.split("/")[1] for entity in entities(tmp_path / "out.rrd")} == roots
-    assert f"{files[0]}.mcap does not tell its parameters: drawn with those of --params" in capsys.readouterr().err
+    assert f"{files[0]}.mcap does not hold its parameters: drawn with those of --params" in capsys.readouterr().err
 
 
 def test_what_happened_to_the_node_is_seen_where_it_happened(right_bag: Path, config: Path, tmp_path: Path) -> None:
@@ -136,9 +136,9 @@ def test_what_happened_to_the_node_is_seen_where_it_happened(right_bag: Path, co
         (["RECORDING"], "no screen for a viewer (DISPLAY is not set); say --save OUT.rrd or --serve"),
         (["RECORDING", "--save", "old.rrd"], "old.rrd exists already"),
         (["RECORDING", "--save", "text.mcap/out.rrd"], "text.mcap/out.rrd"),
-        (["RECORDING", "--save", "out.rrd", "--serve"], "--save and --serve: one of them"),
+        (["RECORDING", "--save", "out.rrd", "--serve"], "--save and --serve cannot be given together"),
         (["RECORDING", "--save", "out.rrd", "--params", "none.yaml"], "none.yaml"),
-        (["RECORDING", "rerun+http://127.0.0.1:1/proxy"], "can only be looked at"),
+        (["RECORDING", "rerun+http://127.0.0.1:1/proxy"], "can only be viewed"),
         (["RECORDING", "--serve", "--port", "80"], "1024"),
         (["nothing.rrd", "--serve"], "no Rerun file at nothing.rrd"),
         (["RECORDING", "RECORDING", "--save", "out.rrd"], "is given twice"),

@@ -161,10 +161,12 @@ def unknowns_of(free: Free, names: Sequence[str], parameters: NodeSection, sourc
         if name not in names:
             near = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
             hint = f"did you mean {near[0]}?" if near else f"allowed are {', '.join(names)}"
-            raise UsageError(f"--free {name or repr(name)}: it is no parameter that can be fitted to {source}; {hint}")
+            raise UsageError(
+                f"--free {name or repr(name)}: it is not a parameter that can be fitted to {source}; {hint}"
+            )
         found[name] = _unknown(name, ends, known[name], float(values[name]))
     if not found:
-        raise UsageError(f"calibrate: no parameter is free; as --free {names[0]}")
+        raise UsageError(f"calibrate: no parameter is free; name one, such as --free {names[0]}")
     return tuple(found.values())
 
 
@@ -176,7 +178,7 @@ def _unknown(name: str, ends: Any, declared: Declaration, start: float) -> Unkno
         low = high = math.nan
     if not least <= low < high <= most:
         given = ":".join(map(str, ends)) if isinstance(ends, Sequence) else repr(ends)
-        raise UsageError(f"--free {name}: range {given} is not allowed; two numbers that grow, within {least:g} to "
+        raise UsageError(f"--free {name}: range {given} is not allowed; two increasing numbers within {least:g} to "
                          f"{most:g}, as {least:g}:{most:g}")  # fmt: skip
     if not low <= start <= high:
         raise UsageError(f"--free {name}: it starts from {start:g}, outside of {low:g} to {high:g}; give another value "

@@ -85,7 +85,7 @@ def referenced(
     for one, other in combinations(range(len(bags)), 2):
         if digests[one] == digests[other]:
             fault = f"bags {bags[one]} and {bags[other]} are the same"
-            raise UsageError(f"{fault}: each is left out in turn, and must be a new one")
+            raise UsageError(f"{fault}: each bag is left out in turn, so each must be a different one")
     topic, left_out = names.get(OWN_NAME, OWN_NAME), Counter[str]()
     samples, columns, counts, doubts = list[Sensed](), list[Floats](), list[tuple[str, int]](), list[str]()
     max_gap = round(parameters.pairing.max_gap * NANOSECONDS)

@@ -60,7 +60,7 @@ def import_opensim(
     chosen, given = tuple(filter(None, steps.split(","))), [f"--{name}" for name, path in files.items() if path]
     if setup:
         if given:
-            raise UsageError(f"{given[0]} and --setup exclude each other: OpenSim's run gives its own")
+            raise UsageError(f"{given[0]} and --setup cannot be given together: OpenSim's run makes its own")
         import_run(setup, chosen, work, settings, outputs(side, output, settings, overwrite), ground)
         return
     if ground is not None:
@@ -128,7 +128,7 @@ def outputs(side: str, output: Path, settings: Settings, overwrite: bool) -> dic
     """
     both = side == "both"
     if both and (settings.joint or settings.coordinate):
-        raise UsageError("--joint and --coordinate name one knee's; give --side right or left with them")
+        raise UsageError("--joint and --coordinate belong to one knee; give --side right or left with them")
     bags = {name: output.with_name(f"{output.name}_{name}") for name in (RIGHT, LEFT)} if both else {side: output}
     for bag in bags.values():
         gait_bag.check_output(bag, overwrite)

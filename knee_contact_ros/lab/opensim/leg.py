@@ -100,7 +100,7 @@ def read_ground(loads: Path, data: Path, side: str) -> GroundFile:
             continue
         for tag in ("force_expressed_in_body", "point_expressed_in_body"):
             if text_in(element, tag) not in GROUND:
-                raise UsageError(f"{where}: {tag} is {text_in(element, tag)}, and must be ground")
+                raise UsageError(f"{where}: {tag} is {text_in(element, tag)}, but must be ground")
         force = FootForce(*(_stem(text_in(element, f"{what}_identifier"), table) for what in FootForce._fields))
         if not force.force or not force.point:
             raise UsageError(f"{where} has no {'point' if force.force else 'force'}_identifier")
@@ -243,7 +243,7 @@ def leg_joints(model: Path, side: str, coordinate: str | None) -> list[str]:
     ):  # fmt: skip
         if len(set(fitting)) != 1:
             having = f"the joints {', '.join(dict.fromkeys(fitting))}" if fitting else "no joint"
-            raise UsageError(f"{model} has {having} of the {what}, and one is needed")
+            raise UsageError(f"{model} has {having} of the {what}; exactly one is needed")
         found.append(fitting[0])
     return found
 
@@ -292,7 +292,9 @@ def tibia_in(
     frames = [tibia, ("frame", reaction.frame), ("child", reaction.joint)]
     found = frames_of(table, degrees, model, frames, work)
     if not is_part(found.names[0], TIBIA):
-        raise UsageError(f"{model}: {reaction.joint} joins {found.names[0]} to its parent, and must join the tibia")
+        raise UsageError(
+            f"{model}: {reaction.joint} joins {found.names[0]} to its parent, but must join the tibia to it"
+        )
     if found.unknown:
         raise UsageError(
             f"{kinematics.path} has no coordinate {some(found.unknown)} of {model.name}, by which {found.names[0]} "

@@ -174,7 +174,9 @@ def find_reactions(table: Table, side: str, joint: str | None) -> list[Reaction]
     there += dict.fromkeys(Reaction(match["joint"], TIBIA[0], GROUND, match["path"])
                            for match in map(MOCO.fullmatch, table.names) if match)  # fmt: skip
     if not there:
-        raise UsageError(f"{table.path} has no reaction <joint>_on_<body>_in_<frame>_fx ..., but {some(table.names)}")
+        raise UsageError(
+            f"{table.path} has no reaction <joint>_on_<body>_in_<frame>_fx ...; it has {some(table.names)}"
+        )
     joints = list(dict.fromkeys(reaction.joint for reaction in there))
     if joint is not None and joint not in joints:
         raise UsageError(f"{table.path} has no joint {joint} (--joint); it has {some(joints)}")

@@ -80,9 +80,9 @@ def read_xml(path: Path, root: str | None = None) -> ET.Element:
     except OSError as error:
         raise UsageError(f"cannot read {path}: {error.strerror}") from None
     except ET.ParseError as error:
-        raise UsageError(f"{path} is no OpenSim document: {error}") from None
+        raise UsageError(f"{path} is not an OpenSim document: {error}") from None
     if root is not None and document.find(root) is None:
-        raise UsageError(f"{path} is no OpenSim {root.lower()} file")
+        raise UsageError(f"{path} is not an OpenSim {root.lower()} file")
     return document
 
 
@@ -123,7 +123,9 @@ def plan(paths: Sequence[Path], steps: Sequence[str]) -> tuple[Path, list[Setup]
         raise UsageError(f"--steps: there is no {unknown[0]}; there are {', '.join(CHOOSABLE)}")
     wanted = list(steps) or [step for step in CHOOSABLE if step in there and (step != STATIC or CMC not in there)]
     if (CMC in wanted) == (STATIC in wanted):
-        raise UsageError(f"--steps {','.join(wanted)}: one of cmc and static must be among them, as forces come of it")
+        raise UsageError(
+            f"--steps {','.join(wanted)}: one of cmc and static must be among them, because it computes the forces"
+        )
     if missing := [step for step in wanted if step not in there and not (step == STATIC and CMC in there)]:
         raise UsageError(f"--setup {paths[0]}: there is no set-up file for {missing[0]}; there are {', '.join(there)}")
     require("opensim", "opensim")
@@ -153,7 +155,7 @@ def common_folder(setups: Sequence[Setup]) -> Path:
     for setup in setups:
         for name in ("", *setup.needs()):
             if name.startswith("/") or "\\" in name:
-                raise UsageError(f"{setup.path} names {name}; files must be named from its folder, with /")
+                raise UsageError(f"{setup.path} names {name}; write file names relative to its folder, with /")
             places.add(absolute(setup.folder / name).parent if name else absolute(setup.folder))
     folder = Path(os.path.commonpath(places))
     if folder in {Path(folder.anchor), Path.home()}:

@@ -58,7 +58,7 @@ def read_label_map(path: Path) -> LabelMap:
     values = found.values
     values = values.reshape(values.shape[:3]) if values.ndim > 3 and set(values.shape[3:]) == {1} else values
     if values.ndim != 3 or not values.size or abs(np.linalg.det(found.affine)) < 1e-12:
-        raise UsageError(f"{path}: its voxels have the shape {values.shape}, and must span a space of 3 dimensions")
+        raise UsageError(f"{path}: its voxels have the shape {values.shape}; a map of three dimensions is needed")
     return found._replace(values=values)
 
 

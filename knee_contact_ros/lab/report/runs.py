@@ -423,7 +423,7 @@ def _uncertainty(
     for run in runs:
         if is_lateral(run.topic) and not has_both(parameters_in(basis)):
             raise UsageError(
-                f"recording {run.source} has answers of the lateral compartment and does not tell its parameters; "
+                f"recording {run.source} has answers of the lateral compartment and does not hold its parameters; "
                 f"load.compartment of --params is {run.parameters.load.compartment}, and must be both"
             )
     found = propagated(runs[0].source, basis, deviations, names, bar)

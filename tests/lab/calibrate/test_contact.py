@@ -177,10 +177,10 @@ def test_the_command_writes_parameters_that_others_take(tmp_path: Path, capsys: 
 FREE_DAMPING = ["--free", DAMPING]
 WRONG_OPTIONS = [
     (["--free", "contact.stifness"], "did you mean contact.stiffness?"),
-    (["--free", "contact.law"], "--free contact.law: it is no parameter that can be fitted to "),
+    (["--free", "contact.law"], "--free contact.law: it is not a parameter that can be fitted to "),
     (["--free", "tibia.radius"], "--free tibia.radius: around 0.095 it changes no measured value"),
     (["--free", "load.share"], "around 0.5 it changes no measured value (penetration_depth)"),
-    (["--free", "contact.damping=9:1"], "range 9:1 is not allowed; two numbers that grow, within 0 to 1e+09"),
+    (["--free", "contact.damping=9:1"], "range 9:1 is not allowed; two increasing numbers within 0 to 1e+09"),
     (["--free", "contact.damping=1:10"], "it starts from 5000, outside of 1 to 10; give another value or range"),
     ([*FREE_DAMPING, *FREE_DAMPING], "--free contact.damping: it is given twice"),
     ([*FREE_DAMPING, "--sigma", "gap=1e-6"], "--sigma gap: it was not measured; measured are penetr"),
@@ -223,7 +223,7 @@ def test_what_is_wrong_is_told_in_one_line(
 
 def test_python_names_its_arguments() -> None:
     for free, more, options, words in (
-        (["contact.dampin"], {}, {}, r"^free contact\.dampin: it is no parameter"),
+        (["contact.dampin"], {}, {}, r"^free contact\.dampin: it is not a parameter"),
         ([DAMPING], {}, {"sigma": {"gap": 1.0}}, r"^sigma gap: it was not measured"),
         ([DAMPING], {"load": np.ones((1, 200))}, {}, r"^table: column load has shape \(1, 200\)"),
         *(([DAMPING], {}, wrong, "is not allowed") for wrong in ({"loss": "cubic"}, {"level": 1.0}, {"starts": 0})),

@@ -88,7 +88,7 @@ def test_of_several_bags_each_is_left_out_and_the_gain_is_told(
     assert run(*bags, "--no-intervals", *words, *(f"-p{name}:={value}" for name, value in BODY.items())) == 0
     assert "constants of the other bags" in capsys.readouterr().out
     assert run(bags[0], bags[1], bags[0], *words, "--overwrite") == 2
-    assert "are the same: each is left out in turn" in capsys.readouterr().err
+    assert "are the same: each bag is left out in turn" in capsys.readouterr().err
     assert run(bags[0], table, *words) == 2
     assert "table.csv: it is not a bag; several bags can be given, but only one table" in capsys.readouterr().err
 
@@ -188,7 +188,7 @@ CASES = [
     ({EPOCH + STEP: 500.0}, FREE, [],
      "1 values can be fitted, for 3 parameters; more are needed than parameters are free"),
     (WHOLE, ["person.ton"], [], "trial.mcap; did you mean person.tone?"),
-    (WHOLE, ["contact.stiffness"], [], "--free contact.stiffness: it is no parameter that can be fitted to bag"),
+    (WHOLE, ["contact.stiffness"], [], "--free contact.stiffness: it is not a parameter that can be fitted to bag"),
     (WHOLE, [], [], "Missing option '--free'"),
     (WHOLE, [TONE], ["--params", "healthy"], "no parameters for node knee_load; found /**/knee_contact"),
     (WHOLE, [TONE], ["-p", "person.ton:=1"], "unknown parameter person.ton; did you mean person.tone?"),
@@ -208,5 +208,5 @@ def test_what_is_wrong_is_told_in_one_line(
     assert reason in line
     assert list(tmp_path.iterdir()) == [bag]
     if free == ["person.ton"]:
-        with pytest.raises(UsageError, match=r"^free person\.ton: it is no parameter"):
+        with pytest.raises(UsageError, match=r"^free person\.ton: it is not a parameter"):
             calibrate(bag, None, free)

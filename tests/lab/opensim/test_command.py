@@ -85,7 +85,7 @@ def test_a_bag_is_replaced_only_when_asked_and_nothing_else_ever(
     assert (bag / "walk_0.mcap").read_bytes() != before
     (bag / "thesis.docx").touch()
     assert main([*arguments, "--overwrite"]) == 2
-    assert "no bag's folder, as it has thesis.docx, and is not replaced" in capsys.readouterr().err
+    assert "not a bag's folder, because it has thesis.docx, and is not replaced" in capsys.readouterr().err
     assert (bag / "thesis.docx").exists()
 
 
@@ -101,11 +101,11 @@ ONE_SIDE = ["--kinematics", "q.sto", "--reactions", "jr.sto", "--side", "right",
         ([*ONE_SIDE, "--rate", "-1"], "-1.0 is not in the range 0.0<=x<=10000.0"),
         ([*ONE_SIDE, "--rate", "nan"], "--rate nan: it must be a finite number"),
         ([*ONE_SIDE, "--speeds", "none.sto"], "cannot read none.sto: No such file"),
-        ([*ONE_SIDE, "--setup", "."], "--kinematics and --setup exclude each other"),
+        ([*ONE_SIDE, "--setup", "."], "--kinematics and --setup cannot be given together"),
         ([*ONE_SIDE, "--steps", "ik"], "--steps and --work need --setup"),
         (["--kinematics", "q.sto", *ONE_SIDE[4:]], "--reactions FILE is missing; or give --setup FOLDER"),
         ([*ONE_SIDE, "--side", "both", "--joint", "knee_r"], "give --side right or left with them"),
-        ([*ONE_SIDE, "--output", "walk.mcap"], "a bag's folder is written; give its name without .mcap"),
+        ([*ONE_SIDE, "--output", "walk.mcap"], "a bag is written as a folder; give its name without .mcap"),
         ([*ONE_SIDE, "--output", "jr.sto", "--overwrite"], "is a file and not a bag's folder"),
         ([*ONE_SIDE[:4], *ONE_SIDE[6:]], "--side"),
         ([*ONE_SIDE, "--ground", "late.xml"], "--ground needs --model M.osim, to find the ankle"),

@@ -89,9 +89,9 @@ def test_the_data_lie_beside_their_loads_or_where_a_tool_runs(data: Path) -> Non
 REFUSED_LOADS = [
     (external("calcn_l"), r"applies no force to the right foot; its forces act on calcn_l"),
     (external("calcn_r", more="<force_expressed_in_body>calcn_r</force_expressed_in_body>"),
-     "force 'calcn_r': force_expressed_in_body is calcn_r, and must be ground"),
+     "force 'calcn_r': force_expressed_in_body is calcn_r, but must be ground"),
     (external("calcn_r", more="<point_expressed_in_body>calcn_r</point_expressed_in_body>"),
-     "point_expressed_in_body is calcn_r, and must be ground"),
+     "point_expressed_in_body is calcn_r, but must be ground"),
     (external("calcn_r").replace("ground_force_p", ""), "has no point_identifier"),
     (external("calcn_r", stem="2_force_"), "has no column 2_force_vx, 2_force_vy, 2_force_vz, 2_force_px"),
     (external("calcn_r", torque="t"), "has no column tx, ty, tz; it has ground_force_vx"),
@@ -247,7 +247,7 @@ def test_the_knee_is_the_same_as_without(results: list[str], loads: list[str], t
 def test_the_joints_are_found_by_their_names_and_the_knees_angle(tmp_path: Path) -> None:
     model = write_model(tmp_path / "m.osim")
     assert leg.leg_joints(model, "left", "knee_angle_l") == ["hip_l", "walker_knee_l", "ankle_l"]
-    with pytest.raises(UsageError, match=r"m\.osim has no joint of the coordinate knee_angle_x, and one is needed"):
+    with pytest.raises(UsageError, match=r"m\.osim has no joint of the coordinate knee_angle_x; exactly one is needed"):
         leg.leg_joints(model, "left", "knee_angle_x")
     write_model(model, [("ankle_a_r", "a"), ("ankle_b_r", "b"), ("hip_r", "hip"), ("knee_r", "knee")])
     with pytest.raises(UsageError, match="has the joints ankle_a_r, ankle_b_r of the right ankle"):

@@ -72,11 +72,11 @@ def test_steps_run_in_their_order(folder: Path, steps: list[str], planned: list[
         ("", "", ["grf.xml"], "no set-up file of a scale, IK, RRA, CMC or static optimization tool"),
         ("", "", ["ik.xml", "cmc.xml"], "no set-up file for scale; there are ik, cmc"),
         ("ik2.xml", SETUPS["ik.xml"], ["."], r"ik\.xml and ik2\.xml are both for ik; give the files"),
-        ("scale.xml", "<ScaleTool><model_file>/data/g.osim</model_file></ScaleTool>", ["."], "from its folder, with /"),
-        ("scale.xml", "<ScaleTool><model_file>C:\\g.osim</model_file></ScaleTool>", ["."], "from its folder, with /"),
+        ("scale.xml", "<ScaleTool><model_file>/data/g.osim</model_file></ScaleTool>", ["."], "relative to its folder, with /"),
+        ("scale.xml", "<ScaleTool><model_file>C:\\g.osim</model_file></ScaleTool>", ["."], "relative to its folder, with /"),
         ("scale.xml", f"<ScaleTool><model_file>{'../' * 30}g.osim</model_file></ScaleTool>", ["."],
          "are all over /; put them into a folder of their own"),
-        ("scale.xml", "no xml", ["."], r"scale\.xml is no OpenSim document"),
+        ("scale.xml", "no xml", ["."], r"scale\.xml is not an OpenSim document"),
     ],
 )  # fmt: skip
 def test_set_up_files_that_cannot_be(folder: Path, name: str, content: str, paths: list[str], says: str) -> None:

@@ -309,7 +309,7 @@ def test_a_model_tells_sign_and_weight(tmp_path: Path) -> None:
     assert gait.angle.values[:, 0].min() > 0.0
     assert gait.weight == pytest.approx(72.6 * 9.80665)
     for text, says in (
-        ("<a>", r"m\.osim is no OpenSim document"),
+        ("<a>", r"m\.osim is not an OpenSim document"),
         ("<a><Model/></a>", r"\(--model\) has no coordinate"),
     ):
         model.write_text(text)

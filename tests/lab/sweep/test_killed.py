@@ -91,7 +91,7 @@ def test_a_killed_scheduler(asked: Path, expected: pd.DataFrame, own: Cluster, t
     assert (client.returncode, said) == (1, "")
     waits = f"knee-contact: warning: scheduler {own.address}: it has no workers yet; waiting\n"
     assert errors.removeprefix(waits) == (
-        "knee-contact: the scheduler is gone; finished cases are kept; the same command computes the rest\n"
+        "knee-contact: the scheduler no longer answers; finished cases are kept; the same command computes the rest\n"
     )
     assert len(table(out)) < CASES
     own.start_scheduler()

@@ -109,7 +109,7 @@ def test_series_of_both_compartments(address: str, right_bag: Path, tmp_path: Pa
             assert (own["stamp"].to_numpy() == np.asarray(alone["stamp"])).all()
         assert row["lateral_peak_force"] == medial.lateral.contact_force.max()
     computed(study(right_bag, grid=GRID), tmp_path / "without", scheduler=address)
-    with pytest.raises(UsageError, match="holds cases without their series; begin a new folder"):
+    with pytest.raises(UsageError, match="holds cases without their series; use a new folder"):
         computed(study(right_bag, grid=GRID, series=True), tmp_path / "without", scheduler=address)
 
 
@@ -180,7 +180,7 @@ def test_a_folder_of_others_a_foreign_table_and_a_damaged_one(right_bag: Path, a
     pd.DataFrame({"a": [1]}).to_parquet(foreign)
     for name, content, said in (
         ("holiday.jpg", b"", r"holds holiday\.jpg, which is not a result of a study"),
-        ("cases-mine.parquet", foreign.read_bytes(), r"cases-mine\.parquet is damaged, or none of a study's results"),
+        ("cases-mine.parquet", foreign.read_bytes(), r"cases-mine\.parquet is damaged, or is not a result of a study"),
         *((first.name, whole[:size], f"{first.name} is damaged") for size in (0, 100, len(whole) // 2)),
     ):
         (out / name).write_bytes(content)
