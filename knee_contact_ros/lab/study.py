@@ -426,7 +426,7 @@ def compute_block(block: Block) -> Answered:
         UsageError: the bag cannot be used, or this is another version of the model.
     """
     if block.model != what_answers():
-        raise UsageError(f"{_worker()}: has another version of knee_contact_ros; install the same one")
+        raise UsageError(f"{_worker()} has another version of knee_contact_ros; install the same one")
     knees = _knees(*block.inputs)
     compiled = worth_compiling(block.number * len(knees.recording.steps))
     computed = compute(knees, block.cases, series=block.series, compiled=compiled)
