@@ -154,7 +154,7 @@ def divide(_block: Any) -> float:
 @pytest.mark.parametrize(
     ("patched", "output", "error", "said"),
     [
-        (("what_answers", lambda: "another"), "out", UsageError, r"worker tcp://127\.0\.0\.1:\d+ has another version of"),
+        (("what_answers", lambda: "another"), "out", UsageError, r"worker tcp://127\.0\.0\.1:\d+ has another version"),
         (("bag_digest", lambda _path: "another"), "out", UsageError, r"worker tcp://\S+ finds different content"),
         (("compute_block", divide), "out", IncompleteError, "a worker failed: ZeroDivisionError: "),
         (("LEAST", 8), "nothing://out", UsageError, "output nothing://out: "),
