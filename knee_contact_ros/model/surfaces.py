@@ -121,9 +121,8 @@ class Surfaces(NamedTuple):
     """Upper bound of the mechanism's |dx/dangle| [m/rad]"""
     largest_bend: float
     """Upper bound of the mechanism's |d²x/dangle²| [m/rad²]"""
-    convex: float
     concave: float
-    """Bounds of the tibia's curvature [1/m]: the lower one <= 0, the upper one >= 0"""
+    """Upper bound of the tibia's curvature [1/m], >= 0"""
 
 
 @inlined
@@ -350,8 +349,8 @@ class Plane:
 
     slope: float = 0.0
     """Slope [rad], > 0 if its anterior edge is the higher one; less than a quarter turn"""
-    curvatures = (0.0, 0.0)
-    """Bounds of the curvature [1/m]: the lower one <= 0, the upper one >= 0"""
+    curvature = 0.0
+    """Upper bound of the curvature [1/m], >= 0: how hollow it is"""
 
     def __str__(self) -> str:
         return "plane"
@@ -383,9 +382,9 @@ class Cup:
         return "circle"
 
     @property
-    def curvatures(self) -> tuple[float, float]:
-        """Bounds of the curvature [1/m]."""
-        return 0.0, 1.0 / self.radius
+    def curvature(self) -> float:
+        """Upper bound of the curvature [1/m]."""
+        return 1.0 / self.radius
 
     @cached_property
     def pieces(self) -> Floats:
@@ -447,13 +446,12 @@ class Plateau:
         return "profile"
 
     @property
-    def curvatures(self) -> tuple[float, float]:
-        """Bounds of the curvature [1/m]."""
+    def curvature(self) -> float:
+        """Upper bound of the curvature [1/m]."""
         (_, _, c1, c2, c3), width = self.pieces[1:, :5].T, np.diff(self.pieces[1:, 0], append=self.pieces[-1, 0])
         bends = np.stack([2.0 * c2, 2.0 * c2 + 6.0 * c3 * width])
         flattest = np.maximum(np.abs(c1) - np.abs(bends).max(axis=0) * width, 0.0)
-        curvatures = bends / (1.0 + flattest**2) ** 1.5
-        return min(0.0, float(curvatures.min())), max(0.0, float(curvatures.max()))
+        return max(0.0, float((bends / (1.0 + flattest**2) ** 1.5).max()))
 
     def outline(self, reach: float) -> Floats:
         """Return points along the measured surface, shape (n, 2) [m], to `reach` [m] on both sides at most."""
@@ -529,7 +527,7 @@ class ContactPair:
             table = _starts(femur, pieces, mechanism)
             # One kink is that of an open curve's two ends; a hollow narrower than the femur holds it on two edges.
             leaps = isinstance(femur, Profile) and len(femur.on_plane.kinks) > 1
-            non_convex = leaps or tibia.curvatures[1] > 1.0 / femur.support(0.0)[0]
+            non_convex = leaps or tibia.curvature > 1.0 / femur.support(0.0)[0]
         return Surfaces(
             kind=kind, slope=slope, sine=math.sin(slope), cosine=math.cos(slope),
             femoral_radius=float(femur.radius) if isinstance(femur, Circle) else 0.0,
@@ -538,7 +536,7 @@ class ContactPair:
             kinks=np.sort((table.kinks + slope) % math.tau), pieces=mechanism.pieces,
             tibia=np.ascontiguousarray(pieces), non_convex=float(non_convex), knot_spacing=femur.knot_spacing,
             largest_radius=femur.largest_radius, largest_slope=mechanism.largest_slope,
-            largest_bend=mechanism.largest_bend, convex=tibia.curvatures[0], concave=tibia.curvatures[1],
+            largest_bend=mechanism.largest_bend, concave=tibia.curvature,
         )  # fmt: skip
 
     def table(self) -> dict[str, Floats]:
