@@ -647,27 +647,18 @@ def put_metadata(folder: Path, content: dict[str, Any]) -> None:
     Raises:
         OSError: The file cannot be written; an earlier one is unchanged.
     """
-    metadata = folder / METADATA
-    if not _is_of_another_bag(metadata, content["relative_file_paths"][0]):
-        partial = partial_name(metadata.with_name(f"{METADATA}.{os.getpid()}"))  # others may write one meanwhile
-        output_files.write_new(partial, to_yaml({"rosbag2_bagfile_information": content}).encode())
-        partial.replace(metadata)
-        sync_folder(folder)
-
-
-def _is_of_another_bag(metadata: Path, first: str) -> bool:
-    """Whether there is a `metadata.yaml` that is unreadable, or not one of ours whose first file is `first`.
-
-    It is not parsed, which takes as long as writing it; the list of files stands near its beginning.
-    """
-    if not os.path.lexists(metadata):
-        return False
+    metadata, first = folder / METADATA, to_yaml({"": {"relative_file_paths": content["relative_file_paths"][:1]}})
     try:
-        with open_regular(metadata) as file:
-            beginning = file.read(LARGEST_METADATA)
+        with open_regular(metadata) as file:  # not parsed, which takes as long as writing it
+            is_ours = first.encode().partition(b"\n")[2] in file.read(LARGEST_METADATA)
     except OSError:
-        return True
-    return to_yaml({"": {"relative_file_paths": [first]}}).encode().partition(b"\n")[2] not in beginning
+        is_ours = not os.path.lexists(metadata)
+    if not is_ours:
+        return
+    partial = partial_name(metadata.with_name(f"{METADATA}.{os.getpid()}"))  # others may write one meanwhile
+    output_files.write_new(partial, to_yaml({"rosbag2_bagfile_information": content}).encode())
+    partial.replace(metadata)
+    sync_folder(folder)
 
 
 def to_yaml(content: Any) -> str:
