@@ -122,9 +122,11 @@ def load_parameters(source: Any, schema: Any = Parameters, namespace: str = "") 
         return source
     merged: dict[str, Any] = {}
     sections: Sections = {}  # of files in a row, which ROS takes together
+    alone: dict[str, Any] = {}
     for part in source if isinstance(source, Sequence) and not isinstance(source, str) else [source]:
         if isinstance(part, (str, Path)) and part != "":
-            values_set_in(part, schema, namespace)
+            given = values_set_in(part, schema, namespace)
+            alone |= _profiles_alone(given)
             read_sections(parameter_file(str(part)), sections)
             continue
         merged, sections = merged | values_for(sections, _node(schema, namespace)), {}
@@ -132,10 +134,22 @@ def load_parameters(source: Any, schema: Any = Parameters, namespace: str = "") 
             merged |= flat_parameters(part)
         elif isinstance(part, Mapping):
             of_nodes = as_sections(part)
-            merged |= dotted(part) if of_nodes is None else _own_values(of_nodes, "the mapping", schema, namespace)
+            given = dotted(part) if of_nodes is None else _own_values(of_nodes, "the mapping", schema, namespace)
+            alone |= _profiles_alone(given)
+            merged |= given
         else:
             raise UsageError(f"parameters: {short(repr(part))} is not allowed; {ALLOWED}")
-    return _validated(merged | values_for(sections, _node(schema, namespace)), "", schema)
+    merged |= values_for(sections, _node(schema, namespace))
+    for bone, profile in alone.items():
+        if merged.get(f"{bone}.geometry") != "profile":
+            raise UsageError(f"parameter {bone}.profile: {profile!r} is not used; set {bone}.geometry to profile, too")
+    return _validated(merged, "", schema)
+
+
+def _profiles_alone(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Profiles, by bone, in dotted values that do not say whether the bone's geometry is one."""
+    given = {bone: values.get(f"{bone}.profile") for bone in ("femur", "tibia") if f"{bone}.geometry" not in values}
+    return {bone: profile for bone, profile in given.items() if profile}
 
 
 def values_set_in(name: str | Path, schema: type[NodeSection] = Parameters, namespace: str = "") -> dict[str, Any]:

@@ -147,3 +147,10 @@ def test_bad_curves_are_refused(tmp_path: Path, values: dict[str, str], content:
     assert str(caught.value).startswith(f"parameter {list(values)[1]}: ")
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_a_profile_that_nothing_uses_is_refused(config: Path) -> None:
+    """One that a file of both leaves behind, where a circle is asked for, is no mistake."""
+    with pytest.raises(UsageError, match=r"femur\.profile: 'x\.csv' is not used; set femur\.geometry to profile"):
+        load_parameters([config / "healthy.yaml", {"femur.profile": "x.csv"}])
+    assert load_parameters([config / "mri_femur.yaml", {"femur.geometry": "circle"}]).femur.geometry == "circle"
