@@ -105,11 +105,11 @@ def test_mass_and_height_are_fitted_if_asked(tmp_path: Path) -> None:
 def test_standing_tells_one_number_and_that_is_told_by_name(tmp_path: Path) -> None:
     bag = trial(tmp_path, 2, standing=True)
     all_three, pair = fitted(bag), fitted(bag, [FREE[0], TONE], {"person.co_contraction": 0.35})
-    for found, words in (
-        (pair, "person.moment_arm_scale and person.tone trade off: person.moment_arm_scale 10 % up with person.tone"),
-        (all_three, "person.moment_arm_scale and person.co_contraction and person.tone trade off"),
-    ):
-        assert any(each.startswith(words) and "cannot tell them apart" in each for each in found.warnings)
+    words = "person.moment_arm_scale and person.tone trade off: person.moment_arm_scale 10 % up with person.tone"
+    assert any(each.startswith(words) and "cannot tell them apart" in each for each in pair.warnings)
+    # Of three that make one number two directions are free, and any two of them may be told.
+    trades = [each for each in all_three.warnings if "trade off" in each and "cannot tell them apart" in each]
+    assert all(any(name in each for each in trades) for name in FREE)
     bag.unlink()
     assert fitted(trial(tmp_path, 2)).warnings == ()
 
