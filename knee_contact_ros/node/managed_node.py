@@ -25,7 +25,7 @@ from knee_contact_ros.node.session import Session
 from knee_contact_ros.parameters.files import check_file
 from knee_contact_ros.streams.topics import INPUTS
 from knee_contact_ros.streams.watch import unanswered_sentence
-from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.errors import UsageError, listed
 from knee_contact_ros.system.files import parameter_file
 from knee_contact_ros.system.ros import executor_of, joining, resolved
 
@@ -107,7 +107,9 @@ class ManagedNode(LifecycleNode):
             try:
                 self.session.start()
             except Exception as error:  # rclpy has many kinds
-                self.get_logger().error(f"cannot listen: {' '.join(str(error).split())}")
+                given = listed(sorted(given_by_user(self)))
+                why = f"{' '.join(str(error).split()) or repr(error)}{f'; does {given} fit?' if given else ''}"
+                self.get_logger().error(f"cannot listen: {why}")
                 return TransitionCallbackReturn.ERROR
             topics = " and ".join(resolved(self, stream.topic) for stream in self.session.inputs)
             self.get_logger().info(f"active, listening to {topics}")

@@ -8,7 +8,6 @@ import signal
 import time
 import tracemalloc
 from collections.abc import Callable
-from multiprocessing.connection import Connection
 from pathlib import Path
 from typing import Any
 
@@ -27,7 +26,6 @@ from tests.helpers.sinks import (
     NOTHING_LEFT,
     MayWait,
     Started,
-    answer,
     close,
     pid,
     put,
@@ -102,23 +100,6 @@ def test_an_output_that_exists_is_left_alone_and_names_go_on(started: Started, t
         f"{drawn} is a recording that was cut off: `rerun rrd merge {drawn} -o OUT.rrd` makes it whole",
         f"something took the name {tmp_path / 'knee_2.mcap'} meanwhile: the recording is {tmp_path / 'knee_2_1.mcap'}",
     ]
-
-
-def test_the_last_words_of_a_process_are_heard_though_nothing_can_be_sent_to_it(
-    started: Started, monkeypatch: Any
-) -> None:
-    def send_when_it_is_gone(sink: SinkProcess, connection: Connection) -> int:
-        assert sink.process
-        sink.process.wait()  # it ends between two looks at what it says
-        return send(sink, connection)
-
-    send = SinkProcess._send_batch
-    monkeypatch.setattr(SinkProcess, "_send_batch", send_when_it_is_gone)
-    sink = started.unawaited("knee_contact_ros.nowhere")
-    sink.put(answer(0))
-    wait_until(sink.is_over)
-    words = "ModuleNotFoundError: No module named 'knee_contact_ros.nowhere'"
-    assert [said.partition(";")[0] for said in started.told] == [f"output cannot be opened: {words}"]
 
 
 def test_a_process_that_does_not_start_is_told(started: Started, tmp_path: Path, monkeypatch: Any) -> None:
