@@ -39,7 +39,7 @@ def test_errors_are_printable_lines() -> None:
 def test_what_is_told_has_no_escape_codes(old_recording: Path, capsys: pytest.CaptureFixture[str]) -> None:
     say(EVIL, err=True)
     warn([EVIL])
-    show_recovery(Recovery([TopicCount(EVIL, EVIL, 1, 2)], None, 1, 1, [EVIL]), EVIL)
+    show_recovery(Recovery([TopicCount(EVIL, EVIL, 1, 2)], (0, 1), 1, 1, [EVIL]), EVIL)
     show_summary(read_summary(old_recording, 737.0), {"parameters": EVIL}, {"Recording": EVIL})
     told = capsys.readouterr()
     assert (told.out + told.err).replace("\n", "").isprintable()
