@@ -11,7 +11,7 @@ from collections.abc import Callable
 import numpy as np
 from lifecycle_msgs.msg import Transition
 
-from tests.hostile.test_mistakes import RUN
+from tests.hostile.test_mistakes import WAYS, by_bag
 from tests.model.test_inputs import Columns, gait
 from tests.ros.conftest import NodeProcess, Peer, change_state
 
@@ -43,6 +43,6 @@ def test_each_mistake_is_told_live(peer: Peer, start_node: Callable[..., NodePro
     silent = {"knee_contact: answers", "knee_contact: joint_states", "knee_contact: joint_reaction_force"}
     told = {words for part, words in peer.problems.items() if part not in silent}
     assert {words for words in told if "the node is behind" not in words} == {"ok"}  # as it is on a busy machine
-    for change, words in list(RUN.values())[::4]:  # a few of each kind: who looks at them is tested without ROS
+    for change, words in list(WAYS[by_bag].values())[::4]:  # a few of each kind
         walk(peer, *change(*right))
         peer.wait_until(lambda words=words: re.search(words, "; ".join(peer.problems.values())))
