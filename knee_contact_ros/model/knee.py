@@ -18,7 +18,7 @@ from knee_contact_ros.model.laws import ContactLaw, check, hertz
 from knee_contact_ros.model.mechanisms import MECHANISMS
 from knee_contact_ros.model.readouts import ContactPatch, Readings, uncertainty
 from knee_contact_ros.model.solver import Knee
-from knee_contact_ros.model.statics import NO_LIMIT, START_HEIGHT, plain_static_depth, static_contact
+from knee_contact_ros.model.statics import plain_static_depth
 from knee_contact_ros.model.surfaces import Circle, Closest, ContactPair, Plane
 from knee_contact_ros.model.types import NANOSECOND, ROW, Contact, Floats, Rows, blank
 
@@ -286,14 +286,12 @@ class Stream:
             return
         state[ticks.TRY_STEP] = math.inf
         if self._knee.level == ticks.QUASI_STATIC:
-            height, _, _, stiffness, damping, cosine, _ = static_contact(
-                self._knee.surfaces, self._knee.law, float(state[ticks.ANGLE]), float(state[ticks.LOAD]), START_HEIGHT,
-                0.0, 0.0, NO_LIMIT,
-            )  # fmt: skip
-            state[ticks.E_HEIGHT] += height - state[ticks.HEIGHT]
-            state[ticks.HEIGHT] = height
-            state[ticks.STIFFNESS] = cosine * cosine * stiffness
-            state[ticks.SLOPE_DAMPING] = cosine * cosine * damping
+            rest = np.zeros(ticks.STATE_SIZE)
+            sample = np.array([[0.0, state[ticks.ANGLE], state[ticks.LOAD], math.nan]])
+            self._run(self._knee._replace(budget=MOST_BUDGET), rest, sample, *as_the_kernel_sees(blank(1)))
+            state[ticks.E_HEIGHT] += rest[ticks.HEIGHT] - state[ticks.HEIGHT]
+            for place in (ticks.HEIGHT, ticks.STIFFNESS, ticks.SLOPE_DAMPING):
+                state[place] = rest[place]
 
     def lose(self) -> None:
         """Doubt the state after the first tick: what follows is `NOT_CONVERGED` until the contact has forgotten it.
