@@ -30,10 +30,10 @@ FIXED = {
 MS = 1_000_000
 
 
-def walk(dice: random.Random, path: Path) -> None:
+def walk(dice: random.Random, path: Path, compiled: bool = False) -> None:
     """Record a run whose sensors have a latency, with changes and late samples."""
     parameters = load_parameters({name: dice.choice(values) for name, values in FIXED.items()})
-    pipeline, latency = ContactStream(parameters, compiled=False), dice.choice([0, 3, 30, 55])
+    pipeline, latency = ContactStream(parameters, compiled=compiled), dice.choice([0, 3, 30, 55])
     events = [(5 * i + dice.choice([0, 0, 0, 7]), i, "angle") for i in range(80)]
     events += [(5 * i + latency, i, "force") for i in range(80)]
     events += [(dice.randint(0, 400), 0, "change") for _ in range(dice.randint(1, 6))]
