@@ -844,7 +844,8 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
                 held, unknown = holding(k, c, mass), UNKNOWN_IMPLICIT if step.implicit else UNKNOWN
                 error = over_step(error, begin.stiffness, k, stage.stiffness, c, mass, h)
                 error = with_step(error, rough * step.height_error, rough * step.velocity_error, unknown, held)
-                error = curved(error, max(begin.depth, stage.depth), k, c, mass, h)
+                in_layer = max(begin.depth, stage.depth) - float(knee.law[layer, BEGIN])
+                error = curved(error, in_layer, k, c, mass, h)
                 if step.implicit:
                     crept, swung = unresolved(tick, begin, step, tick.load + tick.load_rate * s, mass, h)
                     if crept + swung > 0.0:  # at an unknown phase, a swing is a height as well as a velocity
@@ -912,7 +913,13 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
             error = with_bound(error, height, velocity)
         held = holding(stage.stiffness, stage.damping, mass)
         estimate = reach(error, held)
-        force_estimate = force_reach(error, stage.stiffness, stage.damping, 0.0, held) / stage.cosine + doubt
+        beside = layer  # the layer that the exact contact may be in
+        if float(knee.law[layer + 1, BEGIN]) - stage.depth <= estimate:
+            beside = layer + 1
+        elif layer - 1 > APART and stage.depth - float(knee.law[layer, BEGIN]) <= estimate:
+            beside = layer - 1
+        left_out = (float(knee.law[beside, DAMPING]) - float(knee.law[layer, DAMPING])) * stage.rate
+        force_estimate = force_reach(error, stage.stiffness, stage.damping, abs(left_out), held) / stage.cosine + doubt
         force = stage.force if knee.allow_tension else max(stage.force, 0.0)
     femur = Femur(y, v, error, try_step, impact, impact_error)
     return Result(femur, stage, force, estimate, force_estimate, used, s >= duration and abs(y) < math.inf)
