@@ -42,8 +42,8 @@ sensor_map_option = path_option(
     "--ground",
     is_flag=False,
     flag_value="",
-    metavar="[GRF.xml]",
-    help="External loads. The bag then also gets hip, ankle and ground_reaction_force for "
+    metavar="[GRF.xml|GRF.mot]",
+    help="External loads or ground reactions. The bag then also gets hip, ankle and ground_reaction_force for "
     "estimate-load. Needs --model and the extra opensim. With --setup you may leave out the file.",
 )
 @click.option(

@@ -36,7 +36,7 @@ class Files(NamedTuple):
     speeds: Path | None = None
     model: Path | None = None
     ground: Path | None = None
-    """External loads file; None: no leg's sensors are simulated"""
+    """External loads file, or ground reactions with names that tell the foot; None: no leg's sensors are simulated"""
     ground_data: Path | None = None
     """File with the numbers of `ground`"""
 

@@ -1,11 +1,12 @@
 """Simulated sensors of a leg: hip and ankle angles by OpenSim's kinematics, and the ground's force about the ankle.
 
-The columns of ground reactions that act on a foot are found by OpenSim's external loads.
+The columns of ground reactions that act on a foot are found by OpenSim's external loads, or by their names.
 """
 
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
@@ -18,6 +19,7 @@ from knee_contact_ros.lab.opensim import child, pipeline
 from knee_contact_ros.lab.opensim.results import (
     FEMUR,
     LEFT,
+    RIGHT,
     SIDE_WORDS,
     TIBIA,
     Pose,
@@ -26,7 +28,7 @@ from knee_contact_ros.lab.opensim.results import (
     is_part,
     words,
 )
-from knee_contact_ros.lab.opensim.setup_files import NOTHING, read_xml, text_in
+from knee_contact_ros.lab.opensim.setup_files import NOTHING, XML, read_xml, text_in
 from knee_contact_ros.lab.tables import Floats, Stamps, Table, read_storage, some
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
@@ -36,6 +38,10 @@ GROUND = {"ground", "/ground", *NOTHING}
 """Names of the ground frame, which is also meant where none is named"""
 FOOT = ("foot", "calc", "talus", "toe", "heel", "mtp", "midfoot", "forefoot", "hindfoot")
 """Beginnings of words in names of the bodies of a foot"""
+FORCE = re.compile(r"(.*force.*_)vx", re.IGNORECASE)
+"""Name of a force's first column, as `ground_force_vx`, `1_ground_force_vx`, `ground_force_r_vx`"""
+EXAMPLES = {"ground_force_": RIGHT, "1_ground_force_": LEFT}
+"""Side of each force plate in OpenSim's own examples, which name no foot"""
 IN_THE_AIR = 10.0
 """Vertical force [N] below which a foot is in the air: plates are noisy, and have no centre of pressure then"""
 
@@ -77,20 +83,22 @@ class Frames(NamedTuple):
     """Coordinates that move the first two frames against each other, and are not in the kinematics"""
 
 
-def read_ground(loads: Path, data: Path, side: str) -> GroundFile:
-    """Read the forces that an external loads file applies to bodies of the right or left foot; `data` has the numbers.
+def read_ground(ground: Path, data: Path, side: str) -> GroundFile:
+    """Read the forces on the right or left foot; `data` is the file that `data_file` finds.
 
-    A force must have a force and a point, expressed in ground. As for OpenSim, an identifier may be the beginning of
-    three names.
+    External loads name the body of a force, which must have a force and a point, expressed in ground. As for OpenSim,
+    an identifier may be the beginning of three names.
 
     Raises:
-        UsageError: a file cannot be read, no force acts on the foot, or a column is missing.
+        UsageError: a file cannot be read, it is not clear which forces act on the foot, or a column is missing.
     """
     table, forces = read_storage(data), list[FootForce]()
+    if ground.suffix.lower() != XML:
+        return GroundFile(table, (_complete(_by_names(table, side), table),), ())
     bodies: list[str] = []
     elsewhere: list[str] = []
-    for element in read_xml(loads, "ExternalLoads").iter("ExternalForce"):
-        body, where = text_in(element, "applied_to_body"), f"{loads}: the force {element.get('name', '')!r}"
+    for element in read_xml(ground, "ExternalLoads").iter("ExternalForce"):
+        body, where = text_in(element, "applied_to_body"), f"{ground}: the force {element.get('name', '')!r}"
         bodies.append(body)
         off = text_in(element, "isDisabled").lower() == "true" or text_in(element, "appliesForce").lower() == "false"
         if off or not body:
@@ -104,15 +112,19 @@ def read_ground(loads: Path, data: Path, side: str) -> GroundFile:
         force = FootForce(*(_stem(text_in(element, f"{what}_identifier"), table) for what in FootForce._fields))
         if not force.force or not force.point:
             raise UsageError(f"{where} has no {'point' if force.force else 'force'}_identifier")
-        missing = [name + axis for name in force if name for axis in "xyz" if name + axis not in table.names]
-        if missing:
-            raise UsageError(f"{table.path} has no column {', '.join(missing)}; it has {some(table.names)}")
-        forces.append(force)
+        forces.append(_complete(force, table))
     if not forces:
         named = some(list(dict.fromkeys(filter(None, bodies))))
-        raise UsageError(f"{loads} applies no force to the {side} foot; its forces act on {named or 'nothing'}")
+        raise UsageError(f"{ground} applies no force to the {side} foot; its forces act on {named or 'nothing'}")
     notes = tuple(f"ground: what acts on {body} is left out" for body in dict.fromkeys(elsewhere))
     return GroundFile(table, tuple(forces), notes)
+
+
+def _complete(force: FootForce, table: Table) -> FootForce:
+    missing = [name + axis for name in force if name for axis in "xyz" if name + axis not in table.names]
+    if missing:
+        raise UsageError(f"{table.path} has no column {', '.join(missing)}; it has {some(table.names)}")
+    return force
 
 
 def _stem(identifier: str, table: Table) -> str:
@@ -127,6 +139,24 @@ def _stem(identifier: str, table: Table) -> str:
 def is_foot(body: str, side: str) -> bool:
     """Whether a body belongs to the foot of a side, by its name."""
     return is_part(body, FOOT) and bool(words(body) & SIDE_WORDS[side])
+
+
+def _by_names(table: Table, side: str) -> FootForce:
+    """Find the only force whose columns name the foot, or have the names that OpenSim's examples have for it."""
+    stems = [match[1] for match in map(FORCE.fullmatch, table.names) if match]
+    if not stems:
+        raise UsageError(f"{table.path} has no ground force, as ground_force_vx, but {some(table.names)}")
+    fitting = [stem for stem in stems if words(stem) & SIDE_WORDS[side]]
+    if set(stems) == set(EXAMPLES):
+        fitting = [stem for stem in stems if EXAMPLES[stem] == side]
+    if len(fitting) != 1:
+        raise UsageError(
+            f"{table.path}: which of {some([f'{stem}vx' for stem in stems])} is of the {side} foot? "
+            "Give the external loads file (.xml) in its place"
+        )
+    stem = fitting[0]
+    torques = [stem.replace("force", turn) + end for turn in ("torque", "moment") for end in ("", "m")]
+    return FootForce(f"{stem}v", f"{stem}p", next((name for name in torques if f"{name}y" in table.names), ""))
 
 
 def during(ground: GroundFile, stamps: Stamps) -> GroundFile:

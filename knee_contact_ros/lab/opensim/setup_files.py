@@ -92,15 +92,15 @@ def text_in(element: ET.Element, tag: str) -> str:
 
 
 def data_file(ground: Path, folder: Path | None = None) -> Path:
-    """Find the file with the numbers that an external loads file names.
+    """Find the file with the numbers: `ground` itself, or the one that it names if it is an external loads file.
 
-    It lies beside that, or is named from `folder`, in which a tool of OpenSim runs with it.
+    That file lies beside it, or is named from `folder`, in which a tool of OpenSim runs with it.
 
     Raises:
-        UsageError: this is no external loads file, or it names no file, or one that is not there.
+        UsageError: the external loads file names no file, or one that is not there.
     """
     if ground.suffix.lower() != XML:
-        raise UsageError(f"--ground {ground}: give external loads ({XML}), which say what acts on which foot")
+        return ground
     name = text_in(read_xml(ground, "ExternalLoads"), ".//datafile")
     if name in NOTHING:
         raise UsageError(f"{ground} names no datafile, which has the numbers")

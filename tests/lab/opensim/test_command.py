@@ -112,7 +112,7 @@ ONE_SIDE = ["--kinematics", "q.sto", "--reactions", "jr.sto", "--side", "right",
         ([*ONE_SIDE, "--ground", *MODEL], "--ground FILE is missing; it is found only with --setup"),
         ([*ONE_SIDE, "--ground", "late.xml", *MODEL], MISSING),
         ([*ONE_SIDE, "--ground", "none.xml", *MODEL], "cannot read none.xml"),
-        ([*ONE_SIDE, "--ground", "late.mot", *MODEL], "--ground late.mot: give external loads (.xml)"),
+        ([*ONE_SIDE, "--ground", "late.mot", *MODEL], "late.mot spans 10 to 11 s, and the kinematics 0 to 1.2 s"),
         ([*ONE_SIDE, "--ground", "late.xml", *MODEL], "late.mot spans 10 to 11 s, and the kinematics 0 to 1.2 s"),
     ],
 )

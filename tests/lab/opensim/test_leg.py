@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -79,9 +81,7 @@ def test_the_data_lie_beside_their_loads_or_where_a_tool_runs(data: Path) -> Non
     loads = write_loads(data.parent / "loads" / "grf.xml", "grf.mot", [external("calcn_r")])
     with pytest.raises(UsageError, match=r"grf\.xml names the datafile grf\.mot, which is not there"):
         data_file(loads)
-    assert data_file(loads, data.parent) == data
-    with pytest.raises(UsageError, match=r"--ground .*grf\.mot: give external loads \(\.xml\)"):
-        data_file(data)
+    assert data_file(loads, data.parent) == data_file(data) == data
     with pytest.raises(UsageError, match="names no datafile, which has the numbers"):
         data_file(write_loads(loads, "", []))
 
@@ -96,6 +96,28 @@ REFUSED_LOADS = [
     (external("calcn_r", stem="2_force_"), "has no column 2_force_vx, 2_force_vy, 2_force_vz, 2_force_px"),
     (external("calcn_r", torque="t"), "has no column tx, ty, tz; it has ground_force_vx"),
 ]  # fmt: skip
+
+
+PLATES = [
+    (("ground_force_", "1_ground_force_"), ("ground_torque_", "1_ground_torque_"), (0, 1)),
+    (("ground_force_l_", "ground_force_r_"), ("ground_moment_l_m", "ground_moment_r_m"), (1, 0)),
+    (("left_ground_force_", "right_ground_force_"), ("", ""), (1, 0)),
+    (tuple(f"ground_force_{n}_" for n in range(3)), ("",) * 3, r"which of ground_force_0_vx, .* of the right foot\?"),
+    (("f_",), ("",), "has no ground force, as ground_force_vx, but f_vx"),
+]
+
+
+@pytest.mark.parametrize(("stems", "torques", "found"), PLATES)
+def test_names_of_columns_tell_the_foot_or_it_is_asked_for(
+    tmp_path: Path, stems: Any, torques: Any, found: Any
+) -> None:
+    data = write_plates(tmp_path / "grf.mot", *map(plate, stems, torques))
+    if isinstance(found, str):
+        assert re.search(found, str(outcome(read_ground, data, data, "right")))
+        return
+    for side, number in zip(("right", "left"), found, strict=True):
+        force = FootForce(f"{stems[number]}v", f"{stems[number]}p", torques[number])
+        assert read_ground(data, data, side).forces == (force,)
 
 
 def test_an_identifier_may_be_the_beginning_of_three_names(data: Path) -> None:
