@@ -96,7 +96,7 @@ LAUNCH_ROUNDING = 2e-12
 AIRBORNE = 1.25
 """Safety factor on the published error of a flight: it is that of one velocity, and not a mean over many steps"""
 LOOKS, MAX_LOOKS = 16, 4096
-"""Least number of looks in a flight through overlapping surfaces, and the largest one in any flight"""
+"""Least number of looks in a flight through overlapping surfaces, and the largest one of all flights of a tick"""
 GRAZE = 1e-5
 """Part of the tolerance by which a point may graze the other surface unseen between two looks at a flight"""
 FINEST = 1e-6
@@ -787,7 +787,7 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
     y, v, error, try_step = start.height, start.velocity, start.error, start.try_step
     impact, impact_error = start.impact_speed, start.impact_error
     latest, landing_rate = 0.0, 0.0  # the last touch: when the exact femur has touched too, and its rate [m/s]
-    s, until, following, used, events, given_up = 0.0, 0.0, 0.0, 0, 0, False
+    s, until, following, used, looked, events, given_up = 0.0, 0.0, 0.0, 0, 0, 0, False
     layer, pressing, rough = APART, False, 1.0
     stage = stage_at(knee, tick, APART, 0.0, 0.0, y, v)
     while s < duration and not given_up:
@@ -825,9 +825,12 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
             if given_up:
                 break
         else:
-            limit = MAX_LOOKS if layer == APART else min(MAX_LOOKS, most - used - STEP_COST)
+            limit = MAX_LOOKS - looked if layer == APART else min(MAX_LOOKS, most - used - STEP_COST)
             low, high, before, boundary, looks = fly(knee, tick, layer, touched, s, y, v, h, begin, limit)
-            used += looks if layer > APART else 0
+            if layer > APART:
+                used += looks
+            else:
+                looked += looks
             if looks >= limit:
                 break
             if boundary == NOWHERE:

@@ -50,6 +50,8 @@ STEEPEST = 1.4
 """Largest slope angle [rad] of a tibia that is looked for contacts"""
 MOST_STEPS, MOST_HALVES = 40, 80
 """Largest numbers of Newton's steps and of halves"""
+FAR = 1.0
+"""Height [m] beyond which no contact is searched: only an iterate that has run off is there"""
 GRID, LEANS, FINE, PARTS = 2048, 61, 16384, 8
 """Numbers of places of the envelopes, of slopes of the tibia, of its points, and of points in a femoral segment"""
 ARC_POINTS, BALLS, SAFE = 1201, 6, 0.9
@@ -193,7 +195,7 @@ def common_normal(
             if found or steps == MOST_STEPS:
                 norm = math.sqrt(square)
                 depth = (slope * dx - dy) / norm
-                if trusted or (found and depth < tibia[j, 5]):
+                if trusted or (found and depth < tibia[j, 5]) or abs(height) > FAR:
                     break
                 i, u = int(surfaces.starts[k, 0]), float(surfaces.starts[k, 1])
                 i, u, j, place = searched(cubics, tibia, sine, cosine, x, height, i, u)
