@@ -429,8 +429,8 @@ class FidelityParameters(Section):
 
     level: Annotated[str, BeforeValidator(_level_of_today), one_of(*LEVELS)] = "auto"
     """equations that a tick solves; auto: dynamic"""
-    tolerance: float = Field(1.0e-6, ge=1e-12, le=1e-3)
-    """[m] wanted error of the penetration depth"""
+    tolerance: float = Field(1.0e-6, ge=1e-10, le=1e-3)
+    """[m] wanted error of the penetration depth; below 1e-10 m rounding can be larger than the estimates"""
     force_tolerance: Annotated[float, off_or_at_least(1e-9)] = Field(0.0, le=1e6)
     """[N] wanted error of the contact force; 0: off"""
     budget: Annotated[int, off_or_at_least(100, "a hundred thousand", "an integer")] = BUDGET

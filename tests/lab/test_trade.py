@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,9 +37,8 @@ def test_errors_are_those_against_the_tightest_run(found: Trade, arthritic: Resu
     assert found.ticks == len(arthritic)
 
     def run(level: str, tolerance: float) -> Results:
-        fidelity = {"fidelity.level": level, "fidelity.tolerance": tolerance}
-        model = load_model(["osteoarthritis", "mri_knee", fidelity])
-        return model.run(arthritic.time, arthritic.flexion_angle, arthritic.load)
+        model = load_model(["osteoarthritis", "mri_knee", {"fidelity.level": level}])
+        return replace(model, tolerance=tolerance).run(arthritic.time, arthritic.flexion_angle, arthritic.load)
 
     exact = run("dynamic", REFERENCE)
     for level, tolerance in (("quasi_static", 1e-4), ("dynamic", 1e-6), ("dynamic", 1e-9)):
@@ -51,7 +51,7 @@ def test_errors_are_those_against_the_tightest_run(found: Trade, arthritic: Resu
         assert setting.flagged == np.mean((own.status & Status.NOT_CONVERGED) != 0)
         assert setting.microseconds > 0.0
     assert found.reference_error < of(found, "dynamic", 1e-9).depth
-    loaded = load_model(["osteoarthritis", "mri_knee", {"fidelity.tolerance": 1e-12}]).run(
+    loaded = replace(load_model(["osteoarthritis", "mri_knee"]), tolerance=REFERENCE).run(
         arthritic.time, arthritic.flexion_angle, 1.01 * arthritic.load
     )
     worth = np.abs(loaded.penetration_depth - exact.penetration_depth).max()  # in contact throughout
