@@ -51,7 +51,7 @@ def test_messages_that_are_no_table_are_not_computed(database: Path) -> None:
         connection.execute("ALTER TABLE messages RENAME TO others")
         endless = "WITH RECURSIVE n(i) AS (SELECT 1 UNION ALL SELECT i + 1 FROM n) SELECT i, 1, i, x'00' FROM n"
         connection.execute(f"CREATE VIEW messages (id, topic_id, timestamp, data) AS {endless}")
-    with pytest.raises(UsageError, match="are no table"):
+    with pytest.raises(UsageError, match="cannot be read as a table"):
         read(database)
 
 

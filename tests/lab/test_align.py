@@ -72,10 +72,10 @@ def test_gaps_of_the_reference_tell_nothing() -> None:
 @pytest.mark.parametrize(
     ("sensor", "words"),
     [
-        (lambda t: -flexion(t), r"go together with r = .* but in opposite directions with 1\.00: is a sign turned\?"),
+        (lambda t: -flexion(t), r"correlate with r = .* but in opposite directions with 1\.00: is a sign turned\?"),
         (lambda t: np.random.default_rng(1).normal(size=len(t)), "are both of one knee, in one time"),
         (lambda t: flexion(t - 0.3), "fit best at the longest lag tried, 0.25 s|r = 0"),
-        (lambda t: np.zeros(len(t)), "go together with r = 0.00"),
+        (lambda t: np.zeros(len(t)), "correlate with r = 0.00"),
         (lambda t: np.degrees(flexion(t - 0.02)), r"moves 57\.3 times as far as .*: are both units right\?"),
         (lambda t: np.radians(flexion(t - 0.02)), r"moves 0\.0175 times as far as .*: are both units right\?"),
         (None, "have 0 rows in common"),

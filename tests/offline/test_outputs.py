@@ -103,7 +103,7 @@ MISSING: Make = lambda folder: folder / "missing"  # noqa: E731
 UNUSABLE: dict[str, list[tuple[Make, dict[str, Any], str]]] = {
     "solve": [
         (MISSING, {}, "no bag at"),
-        (lambda folder: folder, {}, "it has no metadata.yaml"),
+        (lambda folder: folder, {}, "it has no usable metadata.yaml"),
         (rows((0, 0.1, 1.0), joint="elbow"), {}, "no joint 'knee'; it has elbow"),
         (rows((0, float("nan"), 1.0)), {}, "is nan"),
         (rows(), {}, "no messages"),

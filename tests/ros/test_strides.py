@@ -48,6 +48,6 @@ def test_each_stride_is_told_once_with_the_numbers_of_python(peer: Peer, start_n
 
 @pytest.mark.parametrize(("now", "phase"), [(2.5, 0.5), (2.0, 0.0), (1.9, math.nan), (3600.0, math.nan)])
 def test_the_phase_is_not_told_where_stamps_have_jumped(now: float, phase: float) -> None:
-    stride = Stride(Span(10**9, 16 * 10**8, 2 * 10**9), 1.0, 1.0, 1.0, 1.0, 1.0, usable=True)
+    stride = Stride(Span(10**9, 16 * 10**8, 2 * 10**9), 1.0, 1.0, 1.0, 1.0, 1.0, usable=True, sliding_distance=0.0)
     message = deserialize_message(encode_stride(stride, "", round(now * 1e9)), JointState)
     assert message.position[message.name.index("phase")] == pytest.approx(phase, nan_ok=True)
