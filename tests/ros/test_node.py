@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
+from diagnostic_msgs.msg import DiagnosticArray
+from rosgraph_msgs.msg import Clock
 
 import knee_contact_ros
 from knee_contact_ros.bags.reader import read_bag
@@ -21,10 +23,11 @@ from knee_contact_ros.streams.topics import MESSAGE_TYPES, RECORDED
 from knee_contact_ros.system.processes import free_port
 from knee_contact_ros.system.ros import NO_EVENTS
 from tests.helpers.answers import FIELDS
+from tests.helpers.messages import RosMessages
 from tests.helpers.needs import needs_viewer
 from tests.helpers.sockets import internet_sockets
 from tests.ros.conftest import PATIENCE, NodeProcess, Peer, own_words, trigger
-from tests.ros.series import ANGLES, AXIAL, STAMPS, send_all
+from tests.ros.series import ANGLES, AXIAL, STAMPS, STEP, send_all
 
 Start = Callable[..., NodeProcess]
 
@@ -96,6 +99,25 @@ def test_a_silent_input_is_named(peer: Peer, start_node: Start) -> None:
     _, output = node.stop()
     assert "listening to /exo/joint_states and /joint_reaction_force" in output
     assert output.count("nothing received on /exo/joint_states") == 1
+
+
+def test_simulated_time_stamps_the_diagnostics_and_nothing_else(peer: Peer, start_node: Start) -> None:
+    """At first it stands still, which does not stop the node."""
+    start_node("-p", "use_sim_time:=true", "-p", "pairing.wait:=0.2")
+    peer.wait_for_node()
+    peer.send(0, 0.2, 1000.0)
+    peer.send_force(STEP, 1000.0)
+    peer.wait_until(lambda: len(peer.contacts) == len(peer.wrenches) == 2)
+    peer.wait_until(lambda: "knee_contact: ticks" in peer.diagnostics)
+    stamps: list[int] = []
+    peer.node.create_subscription(DiagnosticArray, "/diagnostics", lambda m: stamps.append(m.header.stamp.sec), 10)
+    clock = peer.node.create_publisher(Clock, "/clock", 10)
+    # Again and again: a sample goes nowhere if the node has yet to hear of this publisher.
+    peer.wait_until(lambda: clock.publish(Clock(clock=RosMessages.Time(sec=12_345))) or 12_345 in stamps)
+    peer.send(2 * STEP, 0.2, 1000.0)
+    peer.wait_until(lambda: len(peer.contacts) == len(peer.wrenches) == 3)
+    for answers in (peer.contacts, peer.wrenches):
+        assert [answer.header.stamp.nanosec for answer in answers] == [0, STEP, 2 * STEP]
 
 
 def test_a_node_without_standard_streams_computes(peer: Peer, tmp_path: Path) -> None:

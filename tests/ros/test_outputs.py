@@ -48,6 +48,18 @@ def begin_recording(peer: Peer, path: Path) -> tuple[bool, str]:
     return trigger(peer, "start_recording")
 
 
+def test_a_killed_node_leaves_a_complete_recording(peer: Peer, start_node: Start, tmp_path: Path) -> None:
+    """The recorder outlives it by as long as it takes to complete the file."""
+    node = start_node("-p", f"record.path:={tmp_path}/out.mcap")
+    peer.wait_for_node()
+    walk(peer, 0, 100)
+    (child,) = children(node)
+    peer.spin(0.1)
+    node.process.kill()
+    child.wait(30.0)
+    assert stamps(tmp_path / "out.mcap") == list(range(100))
+
+
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
 @pytest.mark.parametrize("output", ["recorder", pytest.param("viewer", marks=needs_viewer)])
 def test_an_output_that_dies_or_stalls_costs_no_answer(
