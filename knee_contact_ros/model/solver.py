@@ -672,9 +672,11 @@ def fly(
         if layer > APART:
             # The rate of the force follows from that of the depth and from its acceleration, which the load changes.
             pull, bent = (look.rate - low.rate) / dt, 0.5 * dt * tick.load_rate * knee.per_mass
-            change = low.stiffness * low.rate + low.damping * (pull - bent)
-            change *= look.stiffness * look.rate + look.damping * (pull + bent)
+            rising = low.stiffness * low.rate + low.damping * (pull - bent)
+            change = rising * (look.stiffness * look.rate + look.damping * (pull + bent))
             safe = finest or min(low.rate * look.rate, change) >= 0.0
+            if boundary == ABOVE and 2.0 * low.force * low.rate < rising * (low.depth - float(knee.law[layer, BEGIN])):
+                safe = finest  # it presses before the layer ends, where its force is 0 again
             if boundary != NOWHERE:  # the flight may begin on the boundary, and leave it first
                 safe = finest or (safe and inside_by(knee, layer, False, boundary, low) > 0.0)
         else:
