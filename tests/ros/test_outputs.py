@@ -119,14 +119,16 @@ def test_recordings_begin_and_end_on_demand_or_are_refused_with_the_reason(
         walk(peer, 40 + 50 * number, 20)
     wait_until((tmp_path / "b" / "out.mcap").exists)
     peer.wait_until(lambda: not children(node))  # the node may not have heard of that yet
+    stopped: list[psutil.Process] = []
     for number in range(MOST_ENDING):  # the names go on
         peer.wait_until(lambda: trigger(peer, "start_recording")[0])
         walk(peer, 200 + 10 * number, 10)
         peer.wait_until(lambda number=number: len(children(node)) == number + 1)  # it is started in the background
-        (child,) = [process for process in children(node) if process.status() != psutil.STATUS_STOPPED]
+        (child,) = [process for process in children(node) if process not in stopped]
         told = {"written": "10", "process": str(child.pid)}
         peer.wait_until(lambda told=told: told.items() <= peer.diagnostics.get("knee_contact: recorder", {}).items())
         child.suspend()
+        stopped.append(child)
         assert trigger(peer, "stop_recording")[0] is True
     many = f"{MOST_ENDING} recordings are still being completed; try again when one is complete"
     assert trigger(peer, "start_recording") == (False, many)

@@ -29,7 +29,7 @@ def asked(tmp_path_factory: pytest.TempPathFactory, right_bag: Path) -> Path:
     """A study of some seconds."""
     path = tmp_path_factory.mktemp("study") / "study.yaml"
     path.write_text(
-        f"bags: [{right_bag}]\nvalues: {{fidelity.level: dynamic, fidelity.tolerance: 1.0e-11}}\n"
+        f"bags: [{right_bag}]\nvalues: {{fidelity.level: dynamic, fidelity.tolerance: 1.0e-10}}\n"
         f"sample: {{n: {CASES}, method: sobol, ranges: {{contact.damping: [1.0e3, 1.0e4]}}}}\n"
     )
     return path
