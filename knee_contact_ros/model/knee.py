@@ -313,14 +313,12 @@ class Stream:
         """
         if not abs(time) < LARGEST_TIME:
             raise ValueError(f"time must be finite and below {LARGEST_TIME:g} s, got {time}")
-        self.advance(round(time / NANOSECOND), flexion_angle, load, femoral_height)
-        contact: Contact = np.frombuffer(self.answer.tobytes(), ROW)[0]  # all bytes of it; a copy leaves out padding
-        return contact
+        return self.tick_ns(round(time / NANOSECOND), flexion_angle, load, femoral_height)
 
     def tick_ns(self, stamp: int, flexion_angle: float, load: float, femoral_height: float | None = None) -> Contact:
         """Advance to an integer stamp [ns] and return the answer; otherwise as `tick`."""
         self.advance(stamp, flexion_angle, load, femoral_height)
-        contact: Contact = np.frombuffer(self.answer.tobytes(), ROW)[0]
+        contact: Contact = np.frombuffer(self.answer.tobytes(), ROW)[0]  # all bytes of it; a copy leaves out padding
         return contact
 
     def advance(self, stamp: int, flexion_angle: float, load: float, femoral_height: float | None = None) -> None:
