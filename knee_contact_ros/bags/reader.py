@@ -678,8 +678,7 @@ class SqliteFile:
         if log.exists() and log.stat().st_size:
             self.faults.append(f"{log.name} holds messages that were never merged: open the bag once with sqlite3")
         address = f"file:{quote(os.fsencode(path.absolute()))}?mode=ro&immutable=1"
-        # a replay reads ahead in another thread
-        self._database = sqlite3.connect(address, uri=True, check_same_thread=False)
+        self._database = sqlite3.connect(address, uri=True)
         self.close = self._database.close
         try:
             self._read()
