@@ -1,6 +1,6 @@
 """Gait events from flexion angle and load alone; no ground reaction is known here.
 
-Both are brought onto a grid of 200 Hz and smoothed (Gaussian, 20 ms), whatever the rate of the samples.
+Angle and load are brought onto a grid of 200 Hz and smoothed (Gaussian, 20 ms), whatever the rate of the samples.
 
 - **Heel strike**: 30 ms after the extension peak at the end of swing. That is a minimum of the angle to which it fell
   by 5° or more within 0.1 s, from which the knee flexes again by 3° or more, and at which the load rises: before,
@@ -25,6 +25,7 @@ is less certain, or missed.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -51,24 +52,22 @@ WEIGHTS = np.exp(-0.5 * (np.arange(-REACH, REACH + 1) / points(SMOOTHING)) ** 2)
 WEIGHTS /= WEIGHTS.sum()
 TURN, TURN_AT_END = math.radians(3.0), math.radians(0.5)
 """Angle [rad] by which the knee must turn back after an extremum; at the end of a run"""
-FALL, FALL_TIME = math.radians(5.0), 0.1
-"""Smallest extension of the knee [rad] before heel strike, within this time [s]"""
+FALL, FALL_TIME = math.radians(5.0), points(0.1)
+"""Smallest extension of the knee [rad] before heel strike, within this number of points"""
 SWING = math.radians(20.0)
 """Smallest flexion around toe-off [rad]"""
 RATE_OVER = points(0.02)
-"""Number of grid points on either side over which the flexion rate is taken"""
-LONGEST_TURN = 1.0
-"""Longest time [s] of a flexion around toe-off, and from its end, or from an extension peak, to the next turn"""
+"""Number of points on either side over which the flexion rate is taken"""
+LONGEST_TURN = points(1.0)
+"""Largest number of points of a flexion around toe-off, and from an extremum until the knee has turned back"""
 UNLOADED, LEAST_LOAD = 0.45, 0.5
 """Share of the stance's load below which the leg swings; smallest load of a stance [BW]"""
-LOADING_TIME = 0.4
-"""Time [s] of stance within which its load is looked for"""
-BEFORE_LANDING = (-0.25, -0.07)
-"""Times [s] after the extension peak between which the leg swings"""
-AFTER_LEAVING = (0.08, 0.2)
-"""Times [s] after the largest flexion rate between which the leg swings"""
-PEAK_LOAD, PEAK_DISTANCE, PEAK_PROMINENCE = 1.0, 0.25, 0.15
-"""Smallest load [BW] of a peak, smallest time [s] between two, smallest range [BW] of the load around"""
+LOADING_TIME = points(0.4)
+"""Number of points of stance within which its load is looked for"""
+BEFORE_LANDING, AFTER_LEAVING = (points(-0.25), points(-0.07)), (points(0.08), points(0.2))
+"""Points after the extension peak, and after the largest flexion rate, between which the leg swings"""
+PEAK_LOAD, PEAK_DISTANCE, PEAK_PROMINENCE = 1.0, points(0.25), 0.15
+"""Smallest load [BW] of a peak, smallest number of points between two, smallest range [BW] of the load around"""
 HEEL_STRIKE, TOE_OFF, LOAD_PEAK = "heel strike", "toe-off", "load peak"
 AFTER = {HEEL_STRIKE: 30_000_000, TOE_OFF: 25_000_000}
 """Time [ns] from the extension peak to heel strike, and from the largest flexion rate to toe-off"""
@@ -76,10 +75,10 @@ NEARBY = 50_000_000
 """Largest distance [ns] of the largest sample from a peak of the smoothed load"""
 GAP = 500_000_000
 """Largest time [ns] between two samples; beyond it everything starts anew"""
-KEPT = points(2.0 * LONGEST_TURN + LOADING_TIME) + 100
-"""Number of grid points that are kept, as decisions look back at them"""
-ANGLE, LOAD = 0, 1
-"""Columns of samples and grid points"""
+PAUSE = 50_000_000
+"""Shortest time [ns] between two looks at a stream"""
+KEPT = 3 * SECOND + GAP
+"""Time [ns] that samples are kept: an event is certain a second after it, and depends on the 1.5 s before it"""
 
 
 class GaitEvent(NamedTuple):
@@ -93,19 +92,10 @@ class GaitEvent(NamedTuple):
     """Description for a person, with units"""
 
 
-class Extremum(NamedTuple):
-    """Local extremum of a smoothed signal."""
-
-    place: int
-    """Grid point; of a plateau the first one"""
-    value: float
-    is_maximum: bool
-
-
 class GaitEvents:
     """Finds the events of a stream of any length in bounded memory.
 
-    The events do not depend on how the stream is cut into batches. Grid points are counted from the first one.
+    The events do not depend on how the stream is cut into batches.
     """
 
     def __init__(self, body_weight: float) -> None:
@@ -115,18 +105,13 @@ class GaitEvents:
 
     def _begin(self) -> None:
         self._stamps, self._samples = np.empty(0, np.int64), np.empty((0, 2))
-        self._first = self._origin = 0  # stamps of the first sample and the first grid point
-        self._points, self._next, self._begun = np.empty((0, 2)), 0, False  # points that the filter still needs
-        self._smooth, self._start = np.empty((0, 2)), 0  # smoothed points, and the number of the first one
-        self._moved: list[tuple[int, float, int]] = []  # of each signal: where it moved last, its value, and which way
-        self._latest: Extremum | None = None  # of the angle, and where it turned before that
-        self._since = 0
-        self._waiting: list[tuple[int, str, int, int]] = []  # last point to wait for, kind, extremum, turn before it
+        self._looked, self._open = -SECOND, 0  # stamp of the last look; the grid point before which all is decided
+        self._told = set[tuple[str, int]]()  # kind and extremum of events after it
 
     def add(self, stamps: Stamps, flexion_angle: Floats, load: Floats) -> list[GaitEvent]:
-        """Take samples; return the events that have become certain, in the order in which they did.
+        """Take samples; return the events that have become certain, sorted.
 
-        That is up to two seconds after an event's stamp, so an earlier one of another kind may come later. Where stamps
+        That is up to one second after an event's stamp, so an earlier one of another kind may come later. Where stamps
         do not increase, or leave a gap of more than half a second, everything starts anew.
 
         Args:
@@ -134,171 +119,144 @@ class GaitEvents:
             flexion_angle: Flexion angles [rad], shape (n,), finite.
             load: Loads of the compartment [N], compression positive, shape (n,), finite.
         """
-        if not len(stamps):
-            return []
         samples, events = np.column_stack((flexion_angle, load / self._body_weight)), list[GaitEvent]()
-        steps = np.diff(stamps, prepend=self._stamps[-1] if len(self._stamps) else stamps[0] - 1)
+        steps = np.diff(stamps, prepend=self._stamps[-1:] if len(self._stamps) else stamps[:1] - 1)
         cuts = np.flatnonzero((steps <= 0) | (steps > GAP)).tolist()
         for begin, end in zip([0, *cuts], [*cuts, len(stamps)], strict=True):
             if begin in cuts:
                 events += self.finish()
-            if end > begin:
-                events += self._take(stamps[begin:end], samples[begin:end])
+            if begin < end:
+                self._stamps = np.append(self._stamps, stamps[begin:end])
+                self._samples = np.concatenate((self._samples, samples[begin:end]))
+                if self._stamps[-1] - self._looked >= PAUSE:
+                    events += self._found(ended=False)
         return events
 
     def finish(self) -> list[GaitEvent]:
         """End the stream; return the events that this makes certain. Samples after it start a new stream."""
-        if self._begun:
-            self._smoothed(2.0 * self._points[-1:] - self._points[-2 : -2 - REACH : -1])
-            latest, value = self._latest, float(self._smooth[-1, ANGLE])
-            if latest and (latest.value - value) * (1.0 if latest.is_maximum else -1.0) >= TURN_AT_END:
-                self._turned(latest, self._end - 1)
-        events = self._decided(ended=True)
+        events = self._found(ended=True)
         self._begin()
         return events
 
-    @property
-    def _end(self) -> int:
-        """Number of the point behind the last smoothed one."""
-        return self._start + len(self._smooth)
-
-    def _take(self, stamps: Stamps, samples: Floats) -> list[GaitEvent]:
-        """Take samples without a gap."""
+    def _found(self, *, ended: bool) -> list[GaitEvent]:
+        """Give the events that are certain now and were not before, sorted; forget old samples."""
         if not len(self._stamps):
-            self._first, self._origin = int(stamps[0]), -(-int(stamps[0]) // PERIOD) * PERIOD
-        self._stamps, self._samples = np.append(self._stamps, stamps), np.concatenate((self._samples, samples))
-        since = self._stamps - self._origin
-        at = np.arange(self._next, int(since[-1]) // PERIOD + 1)
-        self._next += len(at)
-        self._smoothed(np.column_stack([np.interp(PERIOD * at, since, column) for column in self._samples.T]))
-        return self._decided(ended=False)
+            return []
+        window = Window(self._stamps, self._samples, self._body_weight, ended=ended)
+        new = {key: event for key, event in window.events(self._open) if key not in self._told}
+        self._looked, self._open = int(self._stamps[-1]), window.end - LONGEST_TURN - 1
+        self._told = {key for key in (*self._told, *new) if key[1] >= self._open}
+        old = np.searchsorted(self._stamps, self._looked - KEPT)
+        self._stamps, self._samples = self._stamps[old:], self._samples[old:]
+        return sorted(new.values())
 
-    def _smoothed(self, grid: Floats) -> None:
-        """Filter new grid points, and look for extrema in the smoothed ones.
+
+class Window:
+    """Samples without a gap, on the grid and smoothed."""
+
+    def __init__(self, stamps: Stamps, samples: Floats, body_weight: float, *, ended: bool) -> None:
+        """Filter samples, flexion angle [rad] and load [BW], shape (n, 2); `ended`: no more will come.
 
         Beyond the ends the signals are continued by their mirror images through the ends.
         """
-        waiting = np.concatenate((self._points, grid))
-        if not self._begun and len(waiting) > REACH:
-            waiting, self._begun = np.concatenate((2.0 * waiting[:1] - waiting[REACH:0:-1], waiting)), True
-        ready = len(waiting) - 2 * REACH if self._begun else 0
-        self._points = waiting[max(ready, 0) :]
-        if ready <= 0:
-            return
-        new, begin = np.zeros((ready, 2)), self._end
-        for place, weight in enumerate(WEIGHTS):
-            new += weight * waiting[place : place + ready]
-        self._smooth = np.concatenate((self._smooth, new))
-        self._moved = self._moved or [(0, value, 0) for value in new[0].tolist()]
-        for index, values in enumerate(new.tolist(), begin):
-            for column, value in enumerate(values):
-                place, before, way = self._moved[column]
-                if value != before:
-                    now = 1 if value > before else -1
-                    if way * now < 0:
-                        self._extremum(column, Extremum(place, before, way > 0), index)
-                    self._moved[column] = index, value, now
+        self._stamps, self._samples, self._body_weight, self._ended = stamps, samples, body_weight, ended
+        self._origin = -(-int(stamps[0]) // PERIOD)
+        grid = PERIOD * np.arange(self._origin, int(stamps[-1]) // PERIOD + 1)
+        signals = [np.interp(grid - stamps[0], stamps - stamps[0], column) for column in samples.T]
+        smooth = np.zeros((2, len(grid)))
+        if len(grid):
+            padded = np.pad(signals, ((0, 0), (REACH, REACH)), "reflect", reflect_type="odd")
+            for place, weight in enumerate(WEIGHTS):
+                smooth += weight * padded[:, place : place + len(grid)]
+        self._angle, self._load = smooth if ended else smooth[:, :-REACH]
+        self._rates = np.full(len(self._angle), -np.inf)
+        self._rates[RATE_OVER:-RATE_OVER] = self._angle[2 * RATE_OVER :] - self._angle[: -2 * RATE_OVER]
 
-    def _extremum(self, column: int, found: Extremum, known: int) -> None:
-        """Note a possible load peak, or an extremum of the angle, from which it turned if it came back far enough."""
-        if column == LOAD:
-            if found.is_maximum:
-                self._waiting.append((found.place + points(PEAK_DISTANCE), LOAD_PEAK, found.place, 0))
-            return
-        latest = self._latest
-        if latest is None or latest.is_maximum == found.is_maximum:
-            if latest is None or (found.value > latest.value) == latest.is_maximum:
-                self._latest = found
-        elif abs(found.value - latest.value) >= TURN:
-            self._turned(latest, known)
-            self._latest, self._since = found, latest.place
+    @property
+    def end(self) -> int:
+        """Number of the grid point behind the last smoothed one."""
+        return self._origin + len(self._angle)
 
-    def _turned(self, at: Extremum, known: int) -> None:
-        """Note a possible step where the angle turned, which is known at a later point."""
-        if known - at.place <= points(LONGEST_TURN):
-            due, kind = max(known, at.place + points(LOADING_TIME)), TOE_OFF if at.is_maximum else HEEL_STRIKE
-            self._waiting.append((due, kind, at.place, self._since))
+    def events(self, begin: int) -> Iterator[tuple[tuple[str, int], GaitEvent]]:
+        """Yield certain events, each with its kind and the grid point of its extremum, which is not before `begin`."""
+        first = max(begin - self._origin, 0)
+        for kind, signal in ((HEEL_STRIKE, -self._angle), (TOE_OFF, self._angle), (LOAD_PEAK, self._load)):
+            wait = PEAK_DISTANCE if kind == LOAD_PEAK else LOADING_TIME
+            known = len(signal) if self._ended else len(signal) - wait
+            for at in maxima(signal[:known]).tolist():
+                if at >= first:
+                    event = self._load_peak(at) if kind == LOAD_PEAK else self._step(kind, signal, at)
+                    if event:
+                        yield (kind, self._origin + at), event
 
-    def _decided(self, *, ended: bool) -> list[GaitEvent]:
-        """Events that can be decided by now (all if no more points will come); forget old samples."""
-        due = sorted(each for each in self._waiting if ended or each[0] < self._end)
-        self._waiting = [each for each in self._waiting if not (ended or each[0] < self._end)]
-        found = [self._load_peak(place, ended=ended) if kind == LOAD_PEAK else self._step(kind, place, since)
-                 for _, kind, place, since in due]  # fmt: skip
-        old = max(len(self._smooth) - KEPT, 0)
-        self._smooth, self._start = self._smooth[old:], self._start + old
-        unused = int(np.searchsorted(self._stamps, self._origin + PERIOD * self._start))
-        self._stamps, self._samples = self._stamps[unused:], self._samples[unused:]
-        return [event for event in found if event]
-
-    def _between(self, column: int, first: int, last: int) -> Floats:
-        """Smoothed values from one point to another, both included, as far as there are any."""
-        return self._smooth[max(first - self._start, 0) : max(last + 1 - self._start, 0), column]
-
-    def _swings(self, at: int, times: tuple[float, float], stance: Floats) -> bool:
-        """Whether the leg is unloaded between two times [s] after a point, compared with the loads of its stance."""
-        first, last = (at + points(time) for time in times)
-        swing = self._between(LOAD, first, max(last, self._start))  # at the beginning one point must do
-        return bool(
-            len(swing) and len(stance) and stance.max() >= LEAST_LOAD and swing.max() <= UNLOADED * stance.max()
-        )
-
-    def _step(self, kind: str, place: int, since: int) -> GaitEvent | None:
-        """Heel strike or toe-off at an extremum of the angle, if it is one."""
-        peak = self._extension_peak(place) if kind == HEEL_STRIKE else self._flexion_rate_peak(place, since)
+    def _step(self, kind: str, signal: Floats, at: int) -> GaitEvent | None:
+        """Heel strike or toe-off at a maximum of extension or of flexion, if it is one."""
+        before = until_higher(signal[max(at - LONGEST_TURN, 0) : at][::-1], signal[at])
+        after = until_higher(signal[at + 1 : at + 1 + LONGEST_TURN], signal[at])
+        at_end = self._ended and at + LONGEST_TURN >= len(signal)
+        if signal[at] - after.min(initial=signal[at]) < (TURN_AT_END if at_end else TURN):
+            return None
+        peak, offset = self._extension(before, at) if kind == HEEL_STRIKE else self._flexion_rate(before, at)
         if peak is None:
             return None
-        stamp = min(self._origin + round(PERIOD * peak) + AFTER[kind], int(self._stamps[-1]))
-        nearest = min(round(stamp / PERIOD) - self._origin // PERIOD, self._end - 1)
-        angle = self._smooth[nearest - self._start, ANGLE]
+        stamp = min(PERIOD * (self._origin + peak) + round(PERIOD * offset) + AFTER[kind], int(self._stamps[-1]))
+        angle = self._angle[min(round(stamp / PERIOD) - self._origin, len(self._angle) - 1)]
         return GaitEvent(stamp, kind, f"{kind} at {np.degrees(angle):.0f}° of flexion")
 
-    def _extension_peak(self, at: int) -> float | None:
-        """Where the knee is straightest before a heel strike, if its smallest angle at a point is that."""
-        fall = self._between(ANGLE, at - points(FALL_TIME), at).max() - self._smooth[at - self._start, ANGLE]
-        stance = self._between(LOAD, at, at + points(LOADING_TIME))
+    def _extension(self, before: Floats, at: int) -> tuple[int | None, float]:
+        """Where the knee is straightest before a heel strike: the point, and the part of one from it; None: nowhere."""
+        fall = -self._angle[at] - before[:FALL_TIME].min(initial=-self._angle[at])
+        stance = self._load[at : at + LOADING_TIME + 1]
         if fall < FALL or not self._swings(at, BEFORE_LANDING, stance):
-            return None
-        return at + vertex(self._between(ANGLE, at - 1, at + 1))
+            return None, 0.0
+        return at, vertex(self._angle[at - 1 : at + 2])
 
-    def _flexion_rate_peak(self, at: int, since: int) -> float | None:
+    def _flexion_rate(self, before: Floats, at: int) -> tuple[int | None, float]:
         """Where the knee flexes most quickly before its largest angle, if the foot leaves the ground there."""
-        begin = max(since, at - points(LONGEST_TURN), self._start)
-        rise = self._between(ANGLE, begin, at)
-        if rise[-1] - rise[0] < SWING:
-            return None
-        begin = max(begin, self._start + RATE_OVER)
-        angle = self._between(ANGLE, begin - RATE_OVER, at + 1 + RATE_OVER)
-        rates = angle[2 * RATE_OVER :] - angle[: -2 * RATE_OVER]
-        quickest = begin + int(rates[: at + 1 - begin].argmax())
-        if quickest <= self._start + RATE_OVER:  # it may have been quicker before
-            return None
-        stance = self._between(LOAD, quickest - points(LOADING_TIME), quickest)
-        if not self._swings(quickest, AFTER_LEAVING, stance):
-            return None
-        around = self._between(ANGLE, quickest - 1 - RATE_OVER, quickest + 1 + RATE_OVER)
-        return quickest + vertex(around[2 * RATE_OVER :] - around[: -2 * RATE_OVER])
+        if self._angle[at] - before.min(initial=self._angle[at]) < SWING:
+            return None, 0.0
+        begin = at - 1 - int(before.argmin())
+        quickest = begin + int(self._rates[begin : at + 1].argmax())
+        stance = self._load[max(quickest - LOADING_TIME, 0) : quickest + 1]
+        if quickest <= RATE_OVER or not self._swings(quickest, AFTER_LEAVING, stance):  # or it was quicker before
+            return None, 0.0
+        return quickest, vertex(self._rates[quickest - 1 : quickest + 2])
 
-    def _load_peak(self, at: int, *, ended: bool) -> GaitEvent | None:
+    def _swings(self, at: int, times: tuple[int, int], stance: Floats) -> bool:
+        """Whether the leg is unloaded between two points after another, compared with the loads of its stance."""
+        first, last = max(at + times[0], 0), max(at + times[1], 0)  # at the beginning one point must do
+        swing = self._load[first : last + 1]
+        return bool(len(swing) and stance.max() >= LEAST_LOAD and swing.max() <= UNLOADED * stance.max())
+
+    def _load_peak(self, at: int) -> GaitEvent | None:
         """Load peak at the largest sample near a maximum of the smoothed load, if it is one of stance."""
-        reach = points(PEAK_DISTANCE)
-        before, after = self._between(LOAD, at - reach, at), self._between(LOAD, at, at + reach)
-        if before.argmax() < len(before) - 1 or after.max() > before[-1]:
+        around = self._load[max(at - PEAK_DISTANCE, 0) : at + PEAK_DISTANCE + 1]
+        if around.argmax() != min(at, PEAK_DISTANCE) or self._load[at] - around.min() < PEAK_PROMINENCE:
             return None
-        if before[-1] - min(before.min(), after.min()) < PEAK_PROMINENCE:
-            return None
-        stamp = self._origin + PERIOD * at
+        stamp = PERIOD * (self._origin + at)
         begin, end = np.searchsorted(self._stamps, (stamp - NEARBY, stamp + NEARBY + 1))
-        largest = int(begin + self._samples[begin:end, LOAD].argmax())
-        stamp, load = int(self._stamps[largest]), float(self._samples[largest, LOAD])
-        if load < PEAK_LOAD or stamp == self._first or (ended and largest == len(self._stamps) - 1):
+        largest = int(begin + self._samples[begin:end, 1].argmax())
+        load = float(self._samples[largest, 1])
+        if load < PEAK_LOAD or largest == 0 or (self._ended and largest == len(self._stamps) - 1):
             return None
-        return GaitEvent(stamp, LOAD_PEAK, f"load peak {load:.2f} BW ({load * self._body_weight:.1f} N)")
+        text = f"load peak {load:.2f} BW ({load * self._body_weight:.1f} N)"
+        return GaitEvent(int(self._stamps[largest]), LOAD_PEAK, text)
+
+
+def maxima(signal: Floats) -> NDArray[np.intp]:
+    """Places of the local maxima; of a plateau the first one."""
+    return 1 + np.flatnonzero((signal[1:-1] > signal[:-2]) & (signal[1:-1] >= signal[2:]))
+
+
+def until_higher(values: Floats, top: float) -> Floats:
+    """Values up to the first one that is higher than `top`."""
+    higher = np.flatnonzero(values > top)
+    return values[: higher[0]] if len(higher) else values
 
 
 def vertex(heights: Floats) -> float:
     """Place of the vertex of a parabola through three neighbours, from the middle one; 0 where one is missing."""
-    if len(heights) < 3:
+    if len(heights) < 3 or not np.isfinite(heights).all():
         return 0.0
     left, middle, right = heights.tolist()
     bend = left - 2.0 * middle + right

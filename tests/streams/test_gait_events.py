@@ -104,7 +104,7 @@ def test_batches_make_no_difference(cuts: list[int], noise: int, rate: float) ->
     load = load + 30.0 * noise * random.standard_normal(len(load))
     stamps[700:] -= 100_000_000 * (noise == 2)  # goes back
     stamps[900:] += 2_000_000_000 * (noise == 3)  # leaves a gap
-    assert found((stamps, angle, load), tuple(cuts)) == found((stamps, angle, load))
+    assert sorted(found((stamps, angle, load), tuple(cuts))) == sorted(found((stamps, angle, load)))
 
 
 @pytest.mark.parametrize("seed", range(20))
