@@ -223,11 +223,12 @@ class ContactSession(Session):
             self._markers.newest = None
 
     def _regular_acts(self) -> list[tuple[float, Callable[[], None]]]:
-        acts = (MARKER_PERIOD, self._markers.publish), (STRIDE_PERIOD, self._strides.publish)
+        acts = (MARKER_PERIOD, self._markers.publish), (STRIDE_PERIOD, self._strides.publish), (0.97, self.health.take)
         return [*super()._regular_acts(), *acts]
 
     def retune(self, parameters: Parameters, changes: dict[str, Any]) -> None:
         """Continue with changed parameters, and warn of those that are implausible; see `Session.retune`."""
+        self.health.take()  # by the limits that held for these answers
         known = self.pipeline.doubts_about_parameters
         super().retune(parameters, changes)
         for doubt in self.pipeline.doubts_about_parameters:
@@ -257,9 +258,7 @@ class ContactSession(Session):
             self._strides.rows.append(answer.row)
             self._strides.frame_id = pair.load.frame_id
         levels, flags = zip(*COUNTED.iter_unpack(answer.row), strict=True)
-        status = flags[0] | flags[-1]
-        late = latency + self.health.lag > self.parameters.deadline
-        self.health.answers.append((levels[-1], status, end - begin, late, time.monotonic()))
+        self.health.count(levels[-1], flags[0] | flags[-1], end - begin, latency)
 
 
 CONTACT_NODE = NodeKind(Parameters, LIVE, ContactSession)

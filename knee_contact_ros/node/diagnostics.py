@@ -6,7 +6,6 @@ import math
 import time
 from collections import Counter
 from enum import IntEnum
-from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -32,8 +31,6 @@ FROM_BOOT = 1e8
 """Difference [s] of stamps that only a clock that counts from boot makes"""
 LOG_PERIOD = 5.0
 """Shortest time [s] between two warnings of one kind in the log, as of refused samples"""
-HANDED_OVER = "handed over"
-"""Reliability of an input from another node in the process"""
 SILENCE = 5.0
 """Time [s] without a message of an input after which the log warns"""
 REMINDER_PERIOD = 30.0
@@ -64,7 +61,7 @@ def warned(*texts: str) -> Problem:
 
 
 class InputMeter:
-    """Measures rate, pauses and age of one input stream, and judges them."""
+    """Counts the messages of one input stream, and judges its rate and its pauses."""
 
     def __init__(
         self, warn_rate: float = 0.0, error_rate: float = 0.0, max_gap: float = math.inf, timeout: float = math.inf
@@ -80,48 +77,34 @@ class InputMeter:
         self.warn_rate, self.error_rate, self.max_gap, self.timeout = warn_rate, error_rate, max_gap, timeout
         self.received = 0
         """Number of messages that have come"""
-        self.arrivals: list[tuple[float, float, int | None]] = []
-        """Messages that are not counted yet: monotonic time and system's time [s], and the stamp [ns] if there is one.
-        A message costs an append; the rest is done once a second, for all (`take`)"""
-        self.last = 0.0
-        """Monotonic time [s] of the last message, or of the beginning"""
-        self.periods: list[float] = []
-        """Times [s] from message to message, since the last report"""
-        self._ages: list[float] = []  # [s] from stamps to arrivals by the system's clock, since the last report
         self.begin()
 
     def begin(self) -> None:
         """Start to measure: neither silence nor rate counts the time before."""
-        self.take()  # they stay in the total
         self.last = self._reported = time.monotonic()
-        self.periods, self._ages = [], []
+        self._pauses: list[float] = []  # [s] before each message since the last report
+        self._ages: list[float] = []  # [s] from their stamps to their arrivals, by the system's clock
 
-    def take(self) -> None:
-        """Count the messages that have arrived since the last call."""
-        arrived, self.arrivals = self.arrivals, []
-        times = [self.last, *(now for now, _, _ in arrived)]
-        self.received += len(arrived)
-        self.last = times[-1]
-        self.periods += [after - before for before, after in pairwise(times)]
-        self._ages += [clock - 1e-9 * stamp for _, clock, stamp in arrived if stamp is not None]
-
-    @property
-    def period(self) -> float:
-        """Mean time [s] from message to message since the last report; infinite if it is not known."""
-        return sum(self.periods) / len(self.periods) if self.periods else math.inf
+    def count(self, stamp: int | None) -> None:
+        """Count a message that has come now, with its stamp [ns] if it has one."""
+        now = time.monotonic()
+        self._pauses.append(now - self.last)
+        self.received, self.last = self.received + 1, now
+        if stamp is not None:
+            self._ages.append(time.time() - 1e-9 * stamp)
 
     def report(self) -> tuple[dict[str, str], Problem]:
         """Values for the time since the last report, and what is wrong."""
-        now = time.monotonic()
-        age, rate = now - self.last, len(self.periods) / max(now - self._reported, 1e-9)
+        now, number = time.monotonic(), len(self._pauses)
+        age, rate = now - self.last, number / max(now - self._reported, 1e-9)
         values = {"received": str(self.received), "rate [Hz]": f"{rate:.1f}"}
-        if self.periods:
-            values["longest pause [ms]"] = f"{1e3 * max(self.periods):.1f}"
+        if self._pauses:
+            values["longest pause [ms]"] = f"{1e3 * max(self._pauses):.1f}"
         if self._ages:
             values["message age mean [ms]"] = f"{1e3 * sum(self._ages) / len(self._ages):.3f}"
             values["message age max [ms]"] = f"{1e3 * max(self._ages):.3f}"
-        known = self.received > len(self.periods)  # the first messages came at some time of a second
-        self._reported, self.periods, self._ages = now, [], []
+        known = self.received > number  # the first messages came at some time of a second
+        self._reported, self._pauses, self._ages = now, [], []
         return values, first_of(
             (not self.received, STALE, "nothing received yet"),
             (age > self.timeout, STALE, f"timeout: silent for {age:.1f} s"),
@@ -132,7 +115,11 @@ class InputMeter:
 
 
 class Health:
-    """Counts ticks, faults and delays of a session, and reports them."""
+    """Counts ticks, faults and delays of a session, and reports them.
+
+    Everything is counted right after its message was handled: what is left to do once a second delays the messages
+    that come meanwhile.
+    """
 
     def __init__(
         self, node: LifecycleNode, parameters: Parameters | LoadParameters, pipeline: PairedStreams,
@@ -141,18 +128,27 @@ class Health:
         """Begin to count; `levels` are those of the answers, and `what` is the word for one."""
         self.node, self.parameters, self._pipeline, self._levels, self._what = node, parameters, pipeline, levels, what
         self.name = node.get_fully_qualified_name().removeprefix("/")  # in /diagnostics, which all knees share
-        self.answers: list[tuple[int, int, float, bool, float]] = []
-        """Answers that are not counted yet: level and status, computing time [s], whether it has missed its deadline,
-        and the monotonic time [s]"""
-        self.lag = 0.0
-        """Delay [s] of the session's timer when it came last: it waits in the same queue as samples do"""
-        self._timer_came, self._largest_lag = math.inf, 0.0
-        self._counts: Counter[str] = Counter()  # of ticks, by level and by status bit
-        self._missed = self._unusable = self._overruns = self._status = 0
-        self._last = -math.inf  # monotonic time [s] of the last tick
+        self._timer_came, self._lag, self._largest_lag = math.inf, 0.0, 0.0
+        self._counts: Counter[tuple[int, int]] = Counter()  # of answers, by level and status
+        self._missed = self._status = 0
+        self._last = -math.inf  # monotonic time [s] of the last answer
         self._durations: list[float] = []  # [s] since the last report
         self._reported: dict[str, int] = {}  # totals at the last report
         self._warned: dict[str, float] = {}  # monotonic times [s] of the last warnings
+
+    def count(self, level: int, status: int, duration: float, latency: float) -> None:
+        """Count an answer by its level and status.
+
+        Args:
+            level: Value of one of the levels.
+            status: Bits of `Status`.
+            duration: Computing time [s].
+            latency: Time [s] from the arrival of its force to its publication.
+        """
+        self._counts[level, status] += 1
+        self._durations.append(duration)
+        self._missed += latency + self._lag > self.parameters.deadline
+        self._status, self._last = status, time.monotonic()
 
     def more(self, name: str, total: int) -> int:
         """Part of a total that came since the last report."""
@@ -167,40 +163,24 @@ class Health:
             self.node.get_logger().warning(text)
 
     def start_timer(self) -> None:
-        """Begin to measure the delay of the timer."""
-        self.lag, self._timer_came = 0.0, time.monotonic()
+        """Begin to measure the delay of the session's timer."""
+        self._lag, self._timer_came = 0.0, time.monotonic()
 
     def note_timer(self, period: float) -> None:
-        """Take note that the timer has come, whose period [s] is given."""
+        """Take note that the timer has come, whose period [s] is given: it waits in the same queue as samples do."""
         last, self._timer_came = self._timer_came, time.monotonic()
-        self.lag = max(0.0, self._timer_came - last - period)
-        self._largest_lag = max(self._largest_lag, self.lag)
-
-    def take(self) -> None:
-        """Count the answers since the last report."""
-        answers, self.answers = self.answers, []
-        for level, status, duration, late, came in answers:
-            self._counts[f"{self._what} {self._levels(level).name}"] += 1
-            self._durations.append(duration)
-            self._missed += late
-            self._unusable += status & UNUSABLE != 0
-            self._status, self._last = status, came
-            if status:
-                self._counts.update(f"status {bit.name}" for bit in Status if status & bit)
+        self._lag = max(0.0, self._timer_came - last - period)
+        self._largest_lag = max(self._largest_lag, self._lag)
 
     def report(self, inputs: Inputs, outputs: Outputs) -> DiagnosticArray:
         """Report what has happened since the last report, inputs first; silent inputs are logged."""
-        self.take()
-        for stream in inputs:
-            stream.meter.take()
         self._log_silence(inputs)
-        period = inputs[1].meter.period
         entries = [
             self.usability(),
             *map(self._input, inputs, (self._pipeline.angles_seen, self._pipeline.forces_seen)),
             self._refused(),
             self.pairing(),
-            self.ticks(period),
+            self.ticks(),
             *self.special_entries(),
         ]
         for name, values, text, lost in outputs.reports():
@@ -224,7 +204,9 @@ class Health:
 
     def usability(self) -> Entry:
         """Entry that says whether the newest answer may be used for control; an old one may not."""
-        age, more = time.monotonic() - self._last, self.more("unusable", self._unusable)
+        age = time.monotonic() - self._last
+        unusable = sum(number for (_, status), number in self._counts.items() if status & UNUSABLE)
+        more = self.more("unusable", unusable)
         problem = first_of(
             (math.isinf(age), STALE, "no answer yet"),
             (age > self.parameters.diagnostics.timeout, STALE, f"no answer for {age:.1f} s"),
@@ -232,17 +214,17 @@ class Health:
         )
         bits = ", ".join(bit.name or "" for bit in Status if self._status & bit & UNUSABLE)
         why = problem[1] if problem[0] == STALE else bits
-        values = {"usable": "false" if why else "true", "because": why, "not usable": str(self._unusable)}
+        values = {"usable": "false" if why else "true", "because": why, "not usable": str(unusable)}
         return "answers", values, problem
 
     def _input(self, stream: Input, seen: Any) -> Entry:
         """Entry for an input; publishers that disagree are logged."""
-        values, problem = stream.meter.report()
+        (values, problem), publishers = stream.meter.report(), stream.publishers
         joint = self.parameters.knee.joint_name if seen is self._pipeline.angles_seen else ""
-        words = seen.sentence(f"{stream.publishers} publishers" if stream.publishers > 1 else "", joint)
+        words = seen.sentence(f"{publishers} publishers" if publishers > 1 else "", joint)
         self.warn(stream.topic, words)
         seen.forget()
-        values |= {"reliability": stream.reliability.replace("_", " "), "publishers": str(stream.publishers)}
+        values |= {"reliability": stream.reliability.replace("_", " "), "publishers": str(publishers)}
         return stream.topic, values, problem if problem[1] else warned(words)
 
     def _log_silence(self, inputs: Inputs) -> None:
@@ -250,8 +232,7 @@ class Health:
         if silent:
             names = " and ".join(resolved(self.node, stream.topic) for stream in silent)
             text = f"nothing received on {names} for {SILENCE:g} s or more"
-            others = [stream for stream in silent if stream.reliability != HANDED_OVER]
-            if any(stream.publishers and not stream.meter.received for stream in others):
+            if any(stream.publishers and not (stream.meter.received or stream.handed) for stream in silent):
                 text += (
                     ", although there is a publisher: it sends nothing, or it runs as another user, whose shared "
                     "memory cannot be read (FASTDDS_BUILTIN_TRANSPORTS=UDPv4 for both)"
@@ -293,17 +274,19 @@ class Health:
         self.warn("pairing", text, LOG_PERIOD)
         return "pairing", values, (ERROR, text) if lost else warned(text)
 
-    def ticks(self, period: float) -> Entry:
-        """Entry for the ticks, with forces a `period` [s] apart; a node that falls behind is logged too."""
+    def ticks(self) -> Entry:
+        """Entry for the ticks; a node that falls behind is logged too."""
         durations, self._durations = sorted(self._durations), []
         lag, self._largest_lag = 1e3 * self._largest_lag, 0.0
-        self._overruns += sum(duration > period for duration in durations)
-        total = sum(number for name, number in self._counts.items() if name.startswith(self._what))
-        values = {"ticks": str(total), "missed deadlines": str(self._missed), "overruns": str(self._overruns)}
+        values = {"ticks": str(self._counts.total()), "missed deadlines": str(self._missed)}
         if durations:
             values["tick time median [us]"] = f"{durations[len(durations) // 2] * 1e6:.0f}"
             values["tick time max [us]"] = f"{durations[-1] * 1e6:.0f}"
-        values |= {name: str(number) for name, number in self._counts.items()} | {"lag max [ms]": f"{lag:.1f}"}
+        named: Counter[str] = Counter()
+        for (level, status), number in self._counts.items():
+            named[f"{self._what} {self._levels(level).name}"] += number
+            named.update({f"status {bit.name}": number for bit in Status if status & bit})
+        values |= {name: str(number) for name, number in named.items()} | {"lag max [ms]": f"{lag:.1f}"}
         missed, doubts = self.more("missed", self._missed), self.doubts()
         behind = f"the node is behind by up to {lag:.0f} ms" if lag > 1e3 * self.parameters.deadline else ""
         self.warn("behind", behind, LOG_PERIOD)
@@ -323,8 +306,7 @@ class ContactHealth(Health):
         self._contacts = pipeline
 
     def take(self) -> None:
-        """Count the answers since the last report, and look for implausible ones among them."""
-        super().take()
+        """Look for implausible answers among those since the last call."""
         rows, self.rows = np.frombuffer(b"".join(self.rows), ROW).view(FLAT), []
         compartments = self._contacts.compartments
         for number, compartment in enumerate(compartments if len(rows) else ()):

@@ -18,7 +18,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from knee_contact_ros.node.diagnostics import HANDED_OVER, LOG_PERIOD, InputMeter, at_most_every
+from knee_contact_ros.node.diagnostics import LOG_PERIOD, InputMeter, at_most_every
 from knee_contact_ros.parameters.sources import Source
 from knee_contact_ros.streams.conversion import ANY, Convert
 from knee_contact_ros.streams.frames import TF_STATIC, ForceFrame, decode_transforms, encode_transform, isb_transform
@@ -54,34 +54,10 @@ class HandedInputs(NamedTuple):
     forces: HandOver
 
 
-class HandedStream:
-    """Input that comes from a node in the same process, not from its topic; used like an `InputStream`."""
-
-    reliability, publishers = HANDED_OVER, 1
-
-    def __init__(self, topic: str, on_data: Callable[[bytes], int | None], meter: InputMeter, source: HandOver) -> None:
-        """Take the messages of `source`: `on_data` gets the bytes of one and returns its stamp, `meter` counts it."""
-        self.topic, self.meter = topic, meter
-        self._on_data, self._source = on_data, source
-
-    def open(self) -> None:
-        """Begin to take messages."""
-        self._source.taker = self._on_message
-
-    def close(self) -> None:
-        """Take no more messages."""
-        self._source.taker = None
-
-    def adapt(self) -> None:
-        """Do nothing: there is no publisher to adapt to."""
-
-    def _on_message(self, data: bytes) -> None:
-        stamp = self._on_data(data)
-        self.meter.arrivals.append((time.monotonic(), time.time(), stamp))
-
-
-class InputStream:
+class Input:
     """Subscriptions to the bytes of a topic, or of all topics of a type whose names match a pattern.
+
+    Another node in the process may hand the messages over instead (`handed`).
 
     A reliable subscription gets nothing from a best-effort publisher, and a best-effort one may miss samples. So each
     begins as reliable, and becomes best effort when it meets a best-effort publisher, unless the user has decided.
@@ -89,15 +65,16 @@ class InputStream:
     """
 
     def __init__(
-        self, node: LifecycleNode, message_type: type, topic: str, on_data: Callable[[bytes], int | None],
-        qos_given: Collection[str], meter: InputMeter, convert: Convert | None = None,
+        self, node: LifecycleNode, topic: str, on_data: Callable[[bytes], int | None], meter: InputMeter,
+        message_type: Any = None, qos_given: Collection[str] = (), convert: Convert | None = None,
+        handed: HandOver | None = None,
     ) -> None:  # fmt: skip
         """Prepare a subscription: `on_data` gets the bytes of a message and returns its stamp, `meter` counts it.
 
         `qos_given` has the names of the QoS overrides that the user has given; `convert` turns messages of other types
         into those that `on_data` takes.
         """
-        self.topic, self.meter = topic, meter
+        self.topic, self.meter, self.handed = topic, meter, handed
         self._node, self._type, self._on_data, self._convert = node, message_type, on_data, convert
         self._subscriptions: dict[str, Any] = {}  # by topic
         self._best_effort, self._unheard = set[str](), set[str]()  # topics; the latter with a publisher we do not hear
@@ -107,8 +84,10 @@ class InputStream:
         self._decided_by_user = given in qos_given
 
     def open(self) -> None:
-        """Subscribe, or begin to look for topics."""
-        if self._matches:
+        """Subscribe, or begin to look for topics or to take what is handed over."""
+        if self.handed:
+            self.handed.taker = self._on_message
+        elif self._matches:
             self._due = 0.0
         else:
             self._subscribe(self.topic)
@@ -134,7 +113,9 @@ class InputStream:
         self._node.destroy_subscription(self._subscriptions.pop(topic))
 
     def close(self) -> None:
-        """End all subscriptions."""
+        """Take no more messages."""
+        if self.handed:
+            self.handed.taker = None
         self._due = math.inf
         self._unheard.clear()
         for topic in list(self._subscriptions):
@@ -143,13 +124,15 @@ class InputStream:
     @property
     def reliability(self) -> str:
         """Reliabilities of the subscriptions; empty if there are none."""
+        if self.handed:
+            return "handed over"
         found = {each.qos_profile.reliability.name.lower() for each in self._subscriptions.values()}
         return ", ".join(sorted(found))
 
     @property
     def publishers(self) -> int:
-        """Number of publishers that the subscriptions are matched with."""
-        return sum(each.get_publisher_count() for each in self._subscriptions.values())
+        """Number of publishers that are heard."""
+        return 1 if self.handed else sum(each.get_publisher_count() for each in self._subscriptions.values())
 
     def adapt(self) -> None:
         """Subscribe as best effort if a publisher could not be received; look for topics once a second.
@@ -187,8 +170,7 @@ class InputStream:
             self._subscribe(name)
 
     def _on_message(self, data: bytes) -> None:
-        stamp = self._on_data(data)
-        self.meter.arrivals.append((time.monotonic(), time.time(), stamp))
+        self.meter.count(self._on_data(data))
 
     def _on_other_message(self, data: bytes) -> None:
         assert self._convert is not None  # noqa: S101  (by `_subscribe`)
@@ -244,7 +226,6 @@ def installed_types(source: Source, by: str) -> Typestore:
     return store
 
 
-Input = InputStream | HandedStream
 Inputs = tuple[Input, Input]
 """Streams of angles and of forces"""
 

@@ -111,9 +111,7 @@ class LoadSession(Session):
         self._estimate.publish(estimate)
         self.outputs.put(self.pipeline.answer(pair, messages, latency))
         computed = self.pipeline.estimate
-        late = latency + self.health.lag > self.parameters.deadline
-        counted = (int(computed.level), computed.status, end - begin, late, time.monotonic())
-        self.health.answers.append(counted)
+        self.health.count(int(computed.level), computed.status, end - begin, latency)
 
 
 LOAD_NODE = NodeKind(LoadParameters, LIVE, LoadSession)

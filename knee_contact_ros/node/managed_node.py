@@ -146,7 +146,6 @@ class ManagedNode(LifecycleNode):
             self.complete = session.close()
             session.destroy_endpoints()
             self.get_logger().info(f"{session.pipeline.ticks} ticks, {session.pipeline.refused} samples refused")
-            session.inputs[1].meter.take()
             if unanswered := unanswered_sentence(session.pipeline, session.inputs[1].meter.received):
                 self.get_logger().warning(unanswered)
 

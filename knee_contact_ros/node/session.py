@@ -20,10 +20,8 @@ from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, TICK, TI
 from knee_contact_ros.node.diagnostics import LOG_PERIOD, STEADY, Health, InputMeter, at_most_every
 from knee_contact_ros.node.inputs import (
     HandedInputs,
-    HandedStream,
     Input,
     Inputs,
-    InputStream,
     StaticTransformTopic,
     installed_types,
     message_class,
@@ -78,25 +76,23 @@ class Session(ABC):
         Raises:
             UsageError: a type that the parameters name is not installed, or lacks a field.
         """
-        node, limits, max_gap = self.node, self.parameters.diagnostics, self.parameters.pairing.max_gap
+        limits, max_gap, by = self.parameters.diagnostics, self.parameters.pairing.max_gap, self.parameters.force_source
         angles, forces = self.parameters.inputs()
-        on_angle, on_force = converters(self.parameters, installed_types)
         angle_meter = InputMeter(limits.angle_warn_rate, limits.angle_error_rate, max_gap, limits.timeout)
         force_meter = InputMeter(limits.force_warn_rate, limits.force_error_rate, max_gap, limits.timeout)
-        by = self.parameters.force_source
-        first: Input
-        if handed and (angles.topic == JOINT_STATES or angles == handed.angles.source):
-            first = HandedStream(angles.topic, self._on_joint_state, angle_meter, handed.angles)
-        else:
-            kind, how = message_class(angles, "knee.source"), (qos_given, angle_meter, on_angle)
-            first = InputStream(node, kind, angles.topic, self._on_joint_state, *how)
-        if not handed:
-            kind, how = message_class(forces, by), (qos_given, force_meter, on_force)
-            return first, InputStream(node, kind, forces.topic, self._on_force, *how)
-        if forces != source_of(self.parameters.usual_forces, WRENCH_STAMPED):
+        convert_angle, convert_force = converters(self.parameters, installed_types)
+        first = self.node, angles.topic, self._on_joint_state, angle_meter
+        second = self.node, forces.topic, self._on_force, force_meter
+        if handed and forces != source_of(self.parameters.usual_forces, WRENCH_STAMPED):
             fault = f"parameter {by}: {forces.topic!r} is not allowed with --with-contact: the force comes from the"
             raise UsageError(f"{fault} load node; leave it out, or run `knee-contact node`")
-        return first, HandedStream(self.pipeline.force_topic, self._on_force, force_meter, handed.forces)
+        if handed and (angles.topic == JOINT_STATES or angles == handed.angles.source):
+            angle_input = Input(*first, handed=handed.angles)
+        else:
+            angle_input = Input(*first, message_class(angles, "knee.source"), qos_given, convert_angle)
+        if handed:
+            return angle_input, Input(*second, handed=handed.forces)
+        return angle_input, Input(*second, message_class(forces, by), qos_given, convert_force)
 
     def _offer(self, topics: Mapping[str, tuple[Any, int]]) -> None:
         """Advertise topics, each with its type and depth, and the diagnostics.
@@ -132,7 +128,7 @@ class Session(ABC):
 
     def start(self) -> None:
         """Open the inputs and the timers."""
-        # What is there now stays; what ticks leave behind is freed by reference counting, or once a second.
+        # What is there now stays; what ticks leave behind is freed by reference counting, or by the timer.
         gc.unfreeze()  # what an earlier session has left while another one streams
         gc.collect()
         gc.freeze()
@@ -152,8 +148,16 @@ class Session(ABC):
         return float(max(0.25 * self.parameters.pairing.wait, 0.01))
 
     def _regular_acts(self) -> list[tuple[float, Callable[[], None]]]:
-        """Functions that are called regularly, each with its period [s]."""
-        return [(self._wait_period, self._on_wait_timer), (DIAGNOSTICS_PERIOD, self._on_diagnostics_timer)]
+        """Functions that are called regularly, each with its period [s].
+
+        What is looked at about once a second has periods that differ: together it would delay the next samples.
+        """
+        return [
+            (self._wait_period, self._on_wait_timer),
+            (DIAGNOSTICS_PERIOD, self._on_diagnostics_timer),
+            (0.83 * DIAGNOSTICS_PERIOD, self.pipeline.angles_seen.look),
+            (0.91 * DIAGNOSTICS_PERIOD, self.pipeline.forces_seen.look),
+        ]
 
     def stop(self) -> None:
         """Close the inputs and the timers; answer what still waits."""
@@ -177,7 +181,6 @@ class Session(ABC):
 
     def retune(self, parameters: Any, changes: dict[str, Any]) -> None:
         """Continue with changed parameters; `changes` has the values that have changed, by dotted name."""
-        self.health.take()  # by the limits that held for these answers
         self.parameters = self.health.parameters = parameters
         self.pipeline.retune(parameters)
         self.outputs.put(Note(PARAMETERS_CHANGED, change_record(self.pipeline.ticks, changes)))
@@ -271,12 +274,13 @@ class Session(ABC):
         return self._described(self.parameters.model_copy(update=update))
 
     def _on_wait_timer(self) -> None:
-        """Answer loads whose angle is late; adapt to publishers that could not be received."""
+        """Answer loads whose angle is late; adapt to publishers that could not be received; free some memory."""
         self.health.note_timer(self._wait_period)
         arrived_by = time.perf_counter() - self.parameters.pairing.wait
         self._answer(self.pipeline.synchroniser.give_up(arrived_by))
         for stream in self.inputs:
             stream.adapt()
+        gc.collect(0)  # often and little: in a second there is much to look through
 
     def _answer(self, pairs: Sequence[PairedSample]) -> None:
         """Compute and publish ticks one after another."""
@@ -288,6 +292,5 @@ class Session(ABC):
             self.pipeline.last_refusal = ""
 
     def _on_diagnostics_timer(self) -> None:
-        """Publish the diagnostics, and free what reference counting does not."""
+        """Publish the diagnostics."""
         self._publishers[DIAGNOSTICS].publish(self.health.report(self.inputs, self.outputs))
-        gc.collect(0)

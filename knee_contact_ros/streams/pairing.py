@@ -600,8 +600,10 @@ class Publishers:
         self._found = np.concatenate([self._found, sizes[found]])[-MOST:]
 
     def sentence(self, several: str = "", joint: str = "") -> str:
-        """Sentence that publishers disagree, which are `several` if it is known; empty if they agree."""
-        self.look()
+        """Sentence that publishers disagree, which are `several` if it is known; empty if they agree.
+
+        It is about the samples up to the last `look`.
+        """
         found = self._found if several else self._found[self._found > UNSURE * self._difference]
         if len(found) < max(TOLD_FROM, OFTEN * min(self._samples, MOST)):
             return ""
@@ -613,8 +615,7 @@ class Publishers:
         return f"{often}: do two publishers send it, or is the sensor that noisy?"
 
     def forget(self) -> None:
-        """Forget what was found: once a second live, so that it is about now."""
-        self.look()
+        """Forget what was found: once a second live, so that a sentence is about now."""
         self._samples, self._found = 0, np.empty(0)
 
 
@@ -737,6 +738,8 @@ class PairedStreams(ABC):
 
     def finish(self) -> Iterator[Answer]:
         """Yield the answers to all that waits: no more samples will come."""
+        self.angles_seen.look()
+        self.forces_seen.look()
         return self._answers(self.synchroniser.finish())
 
     def reset(self) -> None:
