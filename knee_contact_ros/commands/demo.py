@@ -14,7 +14,7 @@ from __future__ import annotations
 import os
 import sys
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -24,17 +24,15 @@ import click
 import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
-from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64MultiArray
 
-from knee_contact_ros.bags.reader import OWN_NAMES, BagReader, RawMessage, answer_blocks, read_bag
+from knee_contact_ros.bags.reader import OWN_NAMES, BagReader, RawMessage, read_bag
 from knee_contact_ros.commands.player import Command, Player
 from knee_contact_ros.commands.replay import Replayer
 from knee_contact_ros.commands.tables import counts, show_summary
-from knee_contact_ros.model.types import Rows
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints
 from knee_contact_ros.offline.estimate_load import estimate_load
@@ -47,7 +45,6 @@ from knee_contact_ros.streams.messages import decode_joint_state, encode_joint_s
 from knee_contact_ros.streams.topics import (
     INPUTS,
     JOINT_REACTION_FORCE,
-    JOINT_STATES,
     KNEE_CONTACT,
     LOAD_ESTIMATE,
     LOAD_INPUTS,
@@ -92,8 +89,10 @@ NOT_KNOWN = (
 class Listener:
     """Counts published inputs and answers, and measures how long each answer took."""
 
-    force_topic: str
-    """Name of the topic of the forces, each of which has an answer"""
+    inputs: Sequence[str]
+    """Names of the topics that are played: angles, and forces, each of which has an answer"""
+    assisted: ActuatedJoint | None
+    """Joint whose effort is the companion's torque"""
     published: dict[int, float] = field(default_factory=dict)
     """Time [s] at which the force of a stamp [ns] was published"""
     latencies: list[float] = field(default_factory=list)
@@ -103,26 +102,35 @@ class Listener:
     heard: set[str] = field(default_factory=set)
     """Inputs of nodes that have a publisher, by their diagnostics, as `knee_contact: joint_states`"""
 
-    def on_published(self, message: RawMessage) -> None:
-        """Note the time at which an input was published, if it is a force."""
-        if message.topic == f"/{self.force_topic}":
+    def listen(self, node: Node) -> None:
+        """Subscribe to answers, to the companion's commands and to diagnostics.
+
+        A node may find a publisher later than the publisher finds the node: its diagnostics say when it has.
+        """
+
+        def on_contact(message: KneeContact) -> None:
+            if sent := self.published.get(stamp_to_ns(message.header.stamp)):
+                self.latencies.append(time.perf_counter() - sent)
+
+        def on_diagnostics(message: DiagnosticArray) -> None:
+            for status in message.status:
+                if any(value.key == "publishers" and value.value != "0" for value in status.values):
+                    self.heard.add(status.name)
+
+        for kind, topic, callback in (
+            (KneeContact, KNEE_CONTACT, on_contact), (DiagnosticArray, "/diagnostics", on_diagnostics),
+            (Float64MultiArray, COMPANION_COMMANDS, lambda message: self.torques.append(message.data[0])),
+        ):  # fmt: skip
+            node.create_subscription(kind, topic, callback, QoSProfile(depth=1000))
+
+    def publish(self, message: RawMessage, replayer: Replayer) -> None:
+        """Publish an input; note the time if it is a force, and add the companion's torque if it assists a joint."""
+        is_force = message.topic == f"/{self.inputs[1]}"
+        if self.assisted and not is_force:
+            message = message._replace(data=with_assistance(message.data, self.assisted, self.torques[-1]))
+        replayer.publish(message)
+        if is_force:
             self.published[stamp_in(message.data)] = time.perf_counter()
-
-    def on_contact(self, message: KneeContact) -> None:
-        """Note the latency of an answer."""
-        sent = self.published.get(stamp_to_ns(message.header.stamp))
-        if sent is not None:
-            self.latencies.append(time.perf_counter() - sent)
-
-    def on_command(self, message: Float64MultiArray) -> None:
-        """Note the torque that the companion commands."""
-        self.torques.append(message.data[0])
-
-    def on_diagnostics(self, message: DiagnosticArray) -> None:
-        """Note which inputs have a publisher: a node may find a publisher later than the publisher finds the node."""
-        for status in message.status:
-            if any(value.key == "publishers" and value.value != "0" for value in status.values):
-                self.heard.add(status.name)
 
     @property
     def missing(self) -> int:
@@ -155,35 +163,35 @@ def run_demo(
     doubts = ContactStream(parameters, compiled=False).doubts
     with BagInputs(bag, load or parameters, OWN_NAMES) as opened_bag:
         check_joints(opened_bag, parameters.joints() | (load.joints() if load else {}))
-
-    def changed(message: RawMessage) -> RawMessage:
-        if not load or not assisted or message.topic != f"/{JOINT_STATES}":
-            return message
-        return message._replace(data=with_assistance(message.data, load.knee, listener.torques[-1]))
-
     inputs = LOAD_INPUTS if load else INPUTS
-    heard = {f"knee_contact: {topic}" for topic in INPUTS} | {f"knee_load: {topic}" for topic in inputs if load}
-    listener, types = Listener(inputs[1]), {f"/{topic}": MESSAGE_TYPES[topic] for topic in inputs}
+    needed = {f"knee_contact: {topic}" for topic in INPUTS} | {f"knee_load: {topic}" for topic in inputs if load}
+    listener = Listener(inputs, load.knee if load and assisted else None)
+    types = {f"/{topic}": MESSAGE_TYPES[topic] for topic in inputs}
     with BagReader(bag, types) as reader, work_folder(output) as work, private_graph() as environment:
         os.environ.update(environment)
-        processes = [node_process(files, work, values=values)]
+        processes: list[AbstractContextManager[Child]] = [node_process(files, work, values=values)]
         if companion:
             processes.append(companion_process(work, {"force_limit": FORCE_LIMIT} if load else {}))
         if load:
-            processes.append(load_process(load_files, work, {"knee.assisted": "true"} if assisted else {}))
+            processes.append(node_process(load_files, work, values=assisted, load=True))
         with ExitStack() as opened:
             children = [opened.enter_context(process) for process in processes]
-            play(reader, rate, inputs, heard, companion, changed, listener, children)
+            play([*reader.raw_messages()], rate, listener, needed, companion, children)
         summary = read_summary(work / RECORDING.parent, parameters.body_weight, doubts)
         if not summary.ticks:
             raise UsageError(f"bag {bag}: the node has answered nothing; refused: {counts(summary.refused)}")
         rows = live_rows(listener, summary.ticks) | (load_rows(bag, load, work) if load else {})
         if load and assisted:
             rows |= assisted_rows(bag, load, parameters, work, summary.peaks["contact_force"].contact_force)
-        picture = draw_peak(work, output)
+        places = result_files(output, load is not None, companion)
+        try:
+            write_peak(work / RECORDING.parent, work / PICTURE)
+            places["Knee at the peak"] = str(output / PICTURE)
+        except UsageError as error:
+            places["No picture"] = str(error)
         for result in RESULTS:
             replace(work / result, output / result)
-    show_summary(summary, rows, result_files(output, load is not None, companion) | picture)
+    show_summary(summary, rows, places)
     warn(summary.sentences)
     if viewer():
         offer(output / RERUN_FILE)
@@ -194,7 +202,7 @@ def live_rows(listener: Listener, ticks: int) -> dict[str, str]:
     rows = {"dropped": str(len(listener.published) - ticks)}
     if listener.latencies:
         median, p99, most = np.percentile(listener.latencies, [50, 99, 100]) * 1e3
-        name = "latency" if listener.force_topic == JOINT_REACTION_FORCE else "sensors to contact"
+        name = "latency" if JOINT_REACTION_FORCE in listener.inputs else "sensors to contact"
         rows[name] = f"{median:.2f} ms median, {p99:.2f} ms p99, {most:.2f} ms max"
     if len(torques := listener.torques) > 1:
         highest = max(torques)
@@ -216,20 +224,12 @@ def result_files(output: Path, load: bool, companion: bool) -> dict[str, str]:
 
 
 def play(
-    reader: BagReader, rate: float, inputs: Sequence[str], heard: set[str], companion: bool,
-    changed: Callable[[RawMessage], RawMessage], listener: Listener, children: Sequence[Child],
+    messages: Sequence[RawMessage], rate: float, listener: Listener, needed: set[str], companion: bool,
+    children: Sequence[Child],
 ) -> None:  # fmt: skip
-    """Replay the bag, and collect the answers and the companion's commands.
+    """Replay messages at a rate, and let the `listener` collect the answers and the companion's commands.
 
-    Args:
-        reader: The bag.
-        rate: Seconds of the bag per second.
-        inputs: Names of the topics that are played.
-        heard: Inputs that must have a publisher before the bag is played, as in `Listener.heard`.
-        companion: Whether there is a companion to wait for.
-        changed: Function that returns an input as it is published.
-        listener: Gets what is published and heard.
-        children: Processes that must run.
+    It waits until the inputs `needed` have a publisher, as in `Listener.heard`, and the companion commands something.
 
     Raises:
         UsageError: the nodes did not appear in time, or a process has ended.
@@ -248,17 +248,14 @@ def play(
             child.check()
 
     try:
-        node.create_subscription(KneeContact, KNEE_CONTACT, listener.on_contact, QoSProfile(depth=1000))
-        node.create_subscription(Float64MultiArray, COMPANION_COMMANDS, listener.on_command, QoSProfile(depth=1000))
-        node.create_subscription(DiagnosticArray, "/diagnostics", listener.on_diagnostics, QoSProfile(depth=100))
-        messages = list(reader.raw_messages())
-        replayer = Replayer(node, inputs=inputs)
+        listener.listen(node)
+        replayer = Replayer(node, inputs=listener.inputs)
         with progress("Starting the node (a new kind of knee is compiled)"):
             deadline = time.monotonic() + NODE_START
             while not (
                 replayer.wait_for_subscribers(0.1, spin)
                 and node.count_publishers(KNEE_CONTACT)
-                and listener.heard >= heard
+                and listener.heard >= needed
                 and (not companion or len(listener.torques) > 1)
             ):
                 spin(0.1)
@@ -266,9 +263,8 @@ def play(
                 if time.monotonic() > deadline:
                     raise UsageError(f"the node did not appear within {NODE_START:g} s")
         with progress("Walking") as advance:
-            player = Player(lambda message: replayer.publish(changed(message)), spin, rate=rate)
-            for number, (message, _) in enumerate(player.play(messages), start=1):
-                listener.on_published(message)
+            for number, (message, _) in enumerate(Player(spin, rate=rate).play(messages), start=1):
+                listener.publish(message, replayer)
                 advance(number, len(messages))
         missing, since = listener.missing, time.monotonic()
         while missing and time.monotonic() - since < LAST_ANSWERS:
@@ -282,33 +278,29 @@ def play(
         rclpy.shutdown()
 
 
-def node_process(
-    parameter_files: list[Path], work: Path, patience: float = PATIENCE, values: Mapping[str, Any] | None = None
-) -> AbstractContextManager[Child]:
-    """Run the contact node in a process of its own, which records, and draws if Rerun is installed, in `work`.
-
-    `values` are further parameters, as ROS 2 spells them on the command line; for `patience` [s] see `child_process`.
-    """
-    outputs, more = {"record.path": work / RECORDING}, dict(values or {})
-    if viewer():
-        outputs["rerun.path"], more["rerun.mode"] = work / RERUN_FILE, '"file"'
-    return _node("the node", "node", parameter_files, outputs, more, work / NODE_LOG, patience)
-
-
-def load_process(files: list[Path], work: Path, values: Mapping[str, Any]) -> AbstractContextManager[Child]:
-    """Run the load node in a process of its own, which records in `work`; `values` are further parameters."""
-    return _node("the load node", "load", files, {"record.path": work / LOAD_RECORDING}, values, work / LOAD_LOG)
-
-
 @contextmanager
-def _node(
-    name: str, command: str, files: list[Path], outputs: Mapping[str, Path], values: Mapping[str, Any], log: Path,
-    patience: float = PATIENCE,
+def node_process(
+    files: list[Path], work: Path, patience: float = PATIENCE, values: Mapping[str, Any] | None = None,
+    load: bool = False,
 ) -> Iterator[Child]:  # fmt: skip
-    """Run a command that is a node, with parameter files, paths of outputs by parameter, and further parameters."""
+    """Run the contact node, or the `load` node, in a process of its own, with parameter files and further `values`.
+
+    It records in `work`, and the contact node also draws there if Rerun is installed; for `patience` [s] see
+    `child_process`.
+    """
+    name, command, log = ("the load node", "load", LOAD_LOG) if load else ("the node", "node", NODE_LOG)
+    outputs = {"record.path": work / (LOAD_RECORDING if load else RECORDING)}
+    mode = {}
+    if viewer() and not load:
+        outputs["rerun.path"], mode = work / RERUN_FILE, {"rerun.mode": '"file"'}
     paths = {name: f'"{path}"' for name, path in outputs.items()}
-    arguments = ["-m", "knee_contact_ros.commands.main", command, *ros_arguments(files, {**paths, **values})]
-    with child_process(name, arguments, log, patience) as node:
+    arguments = [
+        "-m",
+        "knee_contact_ros.commands.main",
+        command,
+        *ros_arguments(files, paths | mode | {**(values or {})}),
+    ]
+    with child_process(name, arguments, work / log, patience) as node:
         yield node
     deadline = time.monotonic() + patience  # a busy machine completes the files after their node has ended
     while any(partial_name(path).exists() for path in outputs.values()) and time.monotonic() < deadline:
@@ -330,15 +322,6 @@ def ros_arguments(files: Iterable[Path], values: Mapping[str, Any]) -> list[str]
     for name, value in values.items():
         arguments += ["-p", f"{name}:={value}"]
     return arguments
-
-
-def draw_peak(work: Path, output: Path) -> dict[str, str]:
-    """Draw the knee at the largest load; return the row with the picture's place, or with why there is none."""
-    try:
-        write_peak(work / RECORDING.parent, work / PICTURE)
-    except UsageError as error:
-        return {"No picture": str(error)}
-    return {"Knee at the peak": str(output / PICTURE)}
 
 
 def offer(scene: Path) -> None:
@@ -386,25 +369,14 @@ def load_rows(bag: Path, load: LoadParameters, work: Path) -> dict[str, str]:
 
 def assisted_rows(bag: Path, load: LoadParameters, parameters: Any, work: Path, most: float) -> dict[str, str]:
     """Return rows that compare the contact, `most` [N], with that of the same bag without assistance, offline."""
-    loads, blocks = work / "without_assistance.mcap", list[Rows]()
+    loads = work / "without_assistance.mcap"
     estimate_load(bag, load_parameters([load, {"knee.assisted": False}], LoadParameters), loads, lambda *_: None)
-    without = solve(loads, parameters, None, lambda *_: None, keep=lambda rows: blocks.append(rows[0]))
-    less = relief(np.concatenate(blocks), np.concatenate([*answer_blocks(work / RECORDING.parent)]))
-    alone = without.peaks["contact_force"].contact_force
+    alone = solve(loads, parameters, None, lambda *_: None).peaks["contact_force"].contact_force
     return {
         "gives way above": f"{FORCE_LIMIT:.0f} N of contact force",
         "largest contact": f"{alone:.1f} N without assistance, {most:.1f} N with it",
-        "at one moment": f"up to {max(less.max(), 0.0):.1f} N less with assistance, "
-        f"or {max(-less.min(), 0.0):.1f} N more",
         "warning": NOT_KNOWN,
     }
-
-
-def relief(without: Rows, assisted: Rows) -> NDArray[np.float64]:
-    """Return how much less the contact force [N] is with assistance, at the stamps that both answers have."""
-    _, first, second = np.intersect1d(without["stamp"], assisted["stamp"], return_indices=True)
-    less: NDArray[np.float64] = without["contact_force"][first] - assisted["contact_force"][second]
-    return less
 
 
 def with_assistance(data: bytes, knee: ActuatedJoint, torque: float) -> bytes:

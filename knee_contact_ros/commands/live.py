@@ -5,13 +5,21 @@ from __future__ import annotations
 import os
 import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
-from knee_contact_ros.commands.options import FILE, Output, find_parameters, names_in_bag_options, parameter_files
+from knee_contact_ros.commands.options import (
+    FILE,
+    Output,
+    find_parameters,
+    names_in_bag_options,
+    number_option,
+    parameter_files,
+    path_option,
+)
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import missing_middleware
 
@@ -21,7 +29,7 @@ CLOCK, NUMBER = "--clock", re.compile(r"[-+]?[\d.]+(e[-+]?\d+)?")
 
 
 @click.command()
-@click.option("--bag", type=FILE, metavar="BAG", help="[default: the right leg's gait]")
+@path_option("--bag", "BAG", "[default: the right leg's gait]")
 @parameter_files
 @click.option(
     "--from-sensors",
@@ -29,25 +37,15 @@ CLOCK, NUMBER = "--clock", re.compile(r"[-+]?[\d.]+(e[-+]?\d+)?")
     help="Play an encoder and an insole to the load node; the contact node answers its estimate. With --companion a "
     "controller assists the knee.",
 )
+@path_option(
+    "--load-params", "FILE", "Parameter file of the load node, for --from-sensors. [default: load/gait2354]",
+    "load_files", multiple=True,
+)  # fmt: skip
 @click.option(
-    "--load-params",
-    "load_files",
-    multiple=True,
-    type=FILE,
-    metavar="FILE",
-    help="Parameter file of the load node, for --from-sensors. [default: load/gait2354]",
-)
-@click.option(
-    "--output",
-    type=Output(folder=True),
-    default="knee_contact_demo",
-    show_default=True,
-    metavar="DIR",
+    "--output", type=Output(folder=True), default="knee_contact_demo", show_default=True, metavar="DIR",
     help="Folder for the results. Results of an earlier demo are replaced.",
-)
-@click.option(
-    "--rate", type=click.FloatRange(0.01, 100.0), default=1.0, show_default=True, help="Seconds of gait per second."
-)
+)  # fmt: skip
+@number_option("--rate", 0.01, 100.0, 1.0, "Seconds of gait per second.")
 @click.option(
     "--companion", is_flag=True, help="Also run the example of an assist controller, examples/assist_as_needed.py."
 )
@@ -99,22 +97,19 @@ def check_ros() -> None:
         ) from None
 
 
-def ros_command(options_metavar: str) -> Callable[[Callable[..., None]], click.Command]:
-    """Make a command that passes its arguments to ROS 2, even `-h`. `options_metavar` is for the help text."""
-    settings = {"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": list[str]()}
-    return click.command(context_settings=settings, add_help_option=False, options_metavar=options_metavar)
+class RosCommand(click.Command):
+    """Command that passes its arguments to ROS 2, even `-h` if it does not stand alone."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command, or print its help text if the only argument asks for it."""
+        if ctx.params["ros_arguments"] in (("--help",), ("-h",)):
+            click.echo(ctx.get_help())
+            return None
+        check_ros()
+        return super().invoke(ctx)
 
 
-def ready_for_ros(ros_arguments: tuple[str, ...]) -> bool:
-    """Check that ROS can be loaded; print the help text instead if the only argument asks for it."""
-    if ros_arguments in (("--help",), ("-h",)):
-        click.echo(click.get_current_context().get_help())
-        return False
-    check_ros()
-    return True
-
-
-def run(ros_arguments: tuple[str, ...], kinds: Sequence[Any]) -> None:
+def run_kinds(ros_arguments: tuple[str, ...], kinds: Sequence[Any]) -> None:
     """Run the nodes of some `kinds` until they end."""
     from knee_contact_ros.node.managed_node import run_nodes
 
@@ -122,20 +117,25 @@ def run(ros_arguments: tuple[str, ...], kinds: Sequence[Any]) -> None:
         sys.exit(code)
 
 
-@ros_command("[--ros-args ...]")
+PASSED_ON = {"ignore_unknown_options": True, "allow_extra_args": True, "help_option_names": list[str]()}
+
+
+@click.command(cls=RosCommand, context_settings=PASSED_ON, add_help_option=False, options_metavar="[--ros-args ...]")
 @click.argument("ros_arguments", nargs=-1, type=click.UNPROCESSED)
 def node(ros_arguments: tuple[str, ...]) -> None:
     """Run the ROS 2 node that computes the contact.
 
     It takes ordinary ROS 2 arguments: --ros-args --params-file FILE -p NAME:=VALUE -r FROM:=TO ...
     """
-    if ready_for_ros(ros_arguments):
-        from knee_contact_ros.node.contact_node import CONTACT_NODE
+    from knee_contact_ros.node.contact_node import CONTACT_NODE
 
-        run(ros_arguments, [CONTACT_NODE])
+    run_kinds(ros_arguments, [CONTACT_NODE])
 
 
-@ros_command("[--with-contact] [--ros-args ...]")
+@click.command(
+    cls=RosCommand, context_settings=PASSED_ON, add_help_option=False,
+    options_metavar="[--with-contact] [--ros-args ...]",
+)  # fmt: skip
 @click.option("--with-contact", is_flag=True, help="Run the contact node in the same process, which saves one message.")
 @click.argument("ros_arguments", nargs=-1, type=click.UNPROCESSED)
 def load(ros_arguments: tuple[str, ...], with_contact: bool) -> None:
@@ -144,10 +144,9 @@ def load(ros_arguments: tuple[str, ...], with_contact: bool) -> None:
     It listens to joint_states and ground_reaction_force, and publishes joint_reaction_force and load_estimate. It takes
     ordinary ROS 2 arguments: --ros-args --params-file FILE -p NAME:=VALUE -r FROM:=TO ...
     """
-    if ready_for_ros(ros_arguments):
-        from knee_contact_ros.node.load_node import LOAD_NODE, load_and_contact
+    from knee_contact_ros.node.load_node import LOAD_NODE, load_and_contact
 
-        run(ros_arguments, load_and_contact() if with_contact else [LOAD_NODE])
+    run_kinds(ros_arguments, load_and_contact() if with_contact else [LOAD_NODE])
 
 
 class OptionalClockRate(click.Command):
@@ -163,44 +162,19 @@ class OptionalClockRate(click.Command):
 
 @click.command(cls=OptionalClockRate)
 @click.argument("bag", type=FILE)
-@click.option(
-    "--rate", type=click.FloatRange(0.01, 100.0), default=1.0, show_default=True, help="Seconds of the bag per second."
-)
+@number_option("--rate", 0.01, 100.0, 1.0, "Seconds of the bag per second.")
 @click.option("--loop", is_flag=True, help="Start over at the end.")
-@click.option(
-    CLOCK,
-    type=click.FloatRange(0.0, 10_000.0),
-    metavar="[HZ]",
-    help="Publish /clock HZ times a second, or with every message without HZ.",
+@number_option(
+    CLOCK, 0.0, 10_000.0, None, "Publish /clock HZ times a second, or with every message without HZ.", "[HZ]"
 )
+@number_option("--start-offset", 0.0, 1e9, 0.0, "Skip the first SECONDS of the bag.", "SECONDS")
 @click.option(
-    "--start-offset",
-    type=click.FloatRange(0.0, 1e9),
-    default=0.0,
-    metavar="SECONDS",
-    help="Skip the first SECONDS of the bag.",
-)
-@click.option(
-    "--duration",
-    type=click.FloatRange(0.0, 1e9, min_open=True),
-    metavar="SECONDS",
+    "--duration", type=click.FloatRange(0.0, 1e9, min_open=True), metavar="SECONDS",
     help="Publish only SECONDS of the bag.",
-)
-@click.option(
-    "--delay",
-    type=click.FloatRange(0.0, 1e6),
-    default=0.0,
-    metavar="SECONDS",
-    help="Wait SECONDS before the first message.",
-)
+)  # fmt: skip
+@number_option("--delay", 0.0, 1e6, 0.0, "Wait SECONDS before the first message.", "SECONDS")
 @click.option("--start-paused", is_flag=True, help="Wait for a key before the first message.")
-@click.option(
-    "--wait",
-    type=click.FloatRange(0.0, 3600.0),
-    default=10.0,
-    show_default=True,
-    help="Wait for subscribers for at most this long [s].",
-)
+@number_option("--wait", 0.0, 3600.0, 10.0, "Wait for subscribers for at most this long [s].")
 @names_in_bag_options(
     "Publish into this namespace. Topics of the bag in this namespace are used if there are any, otherwise those "
     "without one."

@@ -14,12 +14,15 @@ from knee_contact_ros.commands.options import (
     DEFAULT_PARAMETERS,
     FILE,
     Output,
-    check_input,
     find_parameters,
+    input_path,
     names_in_bag_options,
+    output_option,
+    overwrite_option,
     parameter_files,
     parameter_files_option,
     parameter_values,
+    path_option,
 )
 from knee_contact_ros.system.errors import IncompleteError, ToldError, UsageError
 
@@ -68,14 +71,11 @@ def as_one(bags: Sequence[Path]) -> Iterator[Path]:
 @click.argument("bags", type=FILE, nargs=-1, metavar="[BAG]...")
 @parameter_files
 @parameter_values
-@click.option(
-    "--subject",
-    type=FILE,
-    metavar="FILE",
-    help="Subject file with body mass, profile, cartilage thickness and bag. --params and -p override it.",
+@path_option(
+    "--subject", "FILE", "Subject file: body mass, profile, cartilage thickness and bag. --params and -p override it."
 )
-@click.option("--output", type=Output(".mcap"), required=True, metavar="OUT.mcap", help="Recording to write.")
-@click.option("--overwrite", is_flag=True, help="Replace OUT.mcap if it exists.")
+@output_option("OUT.mcap", "Recording to write.", ".mcap")
+@overwrite_option("Replace OUT.mcap if it exists.")
 @names_in_bag_options()
 def solve(
     bags: tuple[Path, ...],
@@ -136,8 +136,8 @@ def solve(
 @click.argument("bag", type=FILE)
 @parameter_files_option(": load/insole, load/inverse_dynamics, load/gait2354", "the knee and a vertical force")
 @parameter_values
-@click.option("--output", type=Output(".mcap"), required=True, metavar="OUT.mcap", help="Bag to write.")
-@click.option("--overwrite", is_flag=True, help="Replace OUT.mcap if it exists.")
+@output_option("OUT.mcap", "Bag to write.", ".mcap")
+@overwrite_option("Replace OUT.mcap if it exists.")
 @names_in_bag_options()
 def estimate_load(
     bag: Path,
@@ -181,7 +181,7 @@ def estimate_load(
 @click.command()
 @click.argument("source", type=FILE, metavar="IN")
 @click.argument("output", type=Output(".mcap"), metavar="OUT.mcap")
-@click.option("--overwrite", is_flag=True, help="Replace OUT.mcap if it exists.")
+@overwrite_option("Replace OUT.mcap if it exists.")
 def recover(source: Path, output: Path, overwrite: bool) -> None:
     """Repair a recording that was cut off.
 
@@ -202,15 +202,12 @@ def recover(source: Path, output: Path, overwrite: bool) -> None:
 @parameter_files
 @parameter_values
 @click.option("--save", type=Output(".rrd"), metavar="OUT.rrd", help="Write a Rerun file instead of opening a window.")
-@click.option("--overwrite", is_flag=True, help="Replace OUT.rrd if it exists.")
+@overwrite_option("Replace OUT.rrd if it exists.")
 @click.option("--serve", is_flag=True, help="Serve the scene to browsers and viewers on this machine instead.")
 @click.option(
-    "--port",
-    type=click.IntRange(1024, 65534),
-    default=9876,
-    show_default=True,
+    "--port", type=click.IntRange(1024, 65534), default=9876, show_default=True,
     help="Port for --serve. The next port is used too.",
-)
+)  # fmt: skip
 def view(
     sources: tuple[str, ...],
     parameter_files: tuple[Path, ...],
@@ -229,7 +226,7 @@ def view(
     from knee_contact_ros.view.viewer import executable
 
     for source in sources:
-        check_input(Path(source))  # an address is no path that is there
+        input_path(source)  # an address is no path that is there
     executable()  # before what imports its library
     from knee_contact_ros.bags.reader import others_beside
     from knee_contact_ros.commands.view import run_view
@@ -244,9 +241,7 @@ def view(
 
 @click.command()
 @click.argument("bag", type=FILE)
-@click.option(
-    "--output", type=Output(".csv", ".parquet"), required=True, metavar="OUT", help="Table to write: .csv or .parquet."
-)
+@output_option("OUT", "Table to write: .csv or .parquet.", ".csv", ".parquet")
 @click.option("--topic", default="", metavar="NAME", help="Write the answers on this topic only. [default: all topics]")
 def table(bag: Path, output: Path, topic: str) -> None:
     """Write the answers of a recording as a table.

@@ -18,41 +18,25 @@ DEFAULT_PARAMETERS = files.DEFAULT_PARAMETERS
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
-class Input(click.Path):
-    """Type of an option or an argument that names an input file or folder.
-
-    It refuses a pipe or a device, which might never end. It accepts a name that does not exist: the command says what
-    it should be.
-    """
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Path:
-        """Convert the argument to a path.
-
-        Raises:
-            UsageError: it is not a file or folder, or it is a link that leads nowhere.
-        """
-        path = Path(str(super().convert(value, param, ctx)))
-        check_input(path)
-        return path
-
-
-def check_input(path: Path) -> None:
-    """Check that a path, if anything is there, is a regular file or a folder.
+def input_path(text: str) -> Path:
+    """Path of an input file or folder; it need not exist, as the command says what it should be.
 
     Raises:
-        UsageError: it is something else, or it is a link to itself.
+        UsageError: it is a pipe or a device, which might never end, or a link to itself.
     """
+    path = Path(text)
     try:
         mode = path.stat().st_mode
     except (FileNotFoundError, NotADirectoryError):
-        return
+        return path
     except (OSError, ValueError) as error:
         raise UsageError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
     if not (stat.S_ISREG(mode) or stat.S_ISDIR(mode)):
         raise UsageError(f"{path}: it is not a regular file and not a folder")
+    return path
 
 
-FILE = Input(path_type=Path)
+FILE = input_path
 """Type of an option or an argument that names an input file or folder"""
 
 
@@ -100,7 +84,7 @@ def choice_option(name: str, values: Sequence[str], text: str, default: str | No
 
 
 def number_option(
-    name: str, low: float, high: float, default: float, text: str, metavar: str | None = None
+    name: str, low: float, high: float, default: float | None, text: str, metavar: str | None = None
 ) -> Callable[[Function], Function]:
     """Make an option with a number from `low` to `high`."""
     kind = click.FloatRange(low, high)

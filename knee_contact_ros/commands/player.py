@@ -1,4 +1,4 @@
-"""Publishes the messages of a bag when they are due, obeys keys, and measures how late each was. Needs no ROS.
+"""Gives the messages of a bag when they are due, obeys keys, and measures how late each was. Needs no ROS.
 
 For keys the terminal is put into cbreak mode: they come at once and without echo, Ctrl-C and Ctrl-Z keep their meaning.
 It is in this mode only while this process is in the foreground, and is restored before Ctrl-Z stops the process and at
@@ -27,6 +27,7 @@ from typing import Any
 from knee_contact_ros.bags.reader import RawMessage
 from knee_contact_ros.streams.messages import stamp_in
 from knee_contact_ros.streams.topics import NANOSECONDS
+from knee_contact_ros.system.terminal import say
 
 
 class Command(Enum):
@@ -182,8 +183,6 @@ class Player:
     that rounding errors do not accumulate.
     """
 
-    publish: Callable[[RawMessage], None]
-    """Function that publishes a message"""
     wait: Callable[[float], Sequence[Command]] = sleep
     """Function that waits for a time [s] or shorter, and returns the commands of the keys pressed meanwhile"""
     rate: float = 1.0
@@ -191,12 +190,10 @@ class Player:
     paused: bool = False
     changed: Callable[[float, bool], None] = lambda _rate, _paused: None
     """Called with rate and pause whenever a key changes one of them"""
-    skipped: Callable[[float], None] = lambda _pause: None
-    """Called with a pause [s] that is left out"""
     tell_time: Callable[[int], None] = lambda _time: None
-    """Called with the bag's time [ns]"""
+    """Called with the bag's time [ns] at the rate `clock_rate`"""
     clock_rate: float = 0.0
-    """Rate [Hz] at which `tell_time` is called; 0: before every message"""
+    """Rate [Hz] of the clock; 0: there is none"""
 
     def __post_init__(self) -> None:
         """Begin with no message."""
@@ -206,9 +203,9 @@ class Player:
         self._commands: deque[Command] = deque()
 
     def play(self, messages: Iterable[RawMessage]) -> Iterator[tuple[RawMessage, float | None]]:
-        """Publish each message when it is due, the first at once; yield the message and how late [s] it was.
+        """Yield each message when it is due, the first at once, and how late [s] that is.
 
-        The delay is None for a message to which a key stepped.
+        The delay is None for a message to which a key stepped. A pause in the bag that is too long is skipped.
         """
         last = None
         for message, due in paced(messages):
@@ -217,14 +214,10 @@ class Player:
                 self._tick = self._clock if self.clock_rate else math.inf
             elif not -JITTER <= due - last <= LONGEST_PAUSE:  # a clock was set, or nothing came for long
                 if due > last:
-                    self.skipped((due - last) / NANOSECONDS)
+                    say(f"the bag pauses for {(due - last) / NANOSECONDS:.6g} s, which is skipped", err=True)
                 self._set(due)
             last = due
-            late = self._wait_for(due)
-            if not self.clock_rate:
-                self.tell_time(message.log_time)
-            self.publish(message)
-            yield message, late
+            yield message, self._wait_for(due)
 
     def stood_still(self, seconds: float) -> None:
         """Leave out a time [s] for which the process was stopped."""

@@ -180,10 +180,8 @@ def play(reader: BagReader, span: tuple[int, int], replayer: Replayer, timing: T
         return f"{'Paused' if paused else 'Replaying'} {name} at rate {rate:.3g}{keys}"
 
     player = Player(
-        replayer.publish, rate=timing.rate, paused=timing.start_paused,
+        rate=timing.rate, paused=timing.start_paused, tell_time=replayer.publish_clock, clock_rate=timing.clock or 0.0,
         changed=lambda rate, paused: bar.describe(described(rate, paused)),
-        skipped=lambda pause: say(f"{name} pauses for {pause:.6g} s, which is skipped", err=True),
-        tell_time=replayer.publish_clock, clock_rate=timing.clock or 0.0,
     )  # fmt: skip
     gc.collect()
     gc.freeze()  # or the garbage collector would take the interpreter for milliseconds
@@ -194,6 +192,9 @@ def play(reader: BagReader, span: tuple[int, int], replayer: Replayer, timing: T
         try:
             for _ in repeat(None) if timing.loop else (None,):
                 for message, late in player.play(reader.raw_messages(start=start, stop=stop)):
+                    if timing.clock == 0.0:
+                        replayer.publish_clock(message.log_time)
+                    replayer.publish(message)
                     lateness.add(late)
                     bar(message.log_time - start, stop - start)
                 lateness.end()
