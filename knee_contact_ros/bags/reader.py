@@ -16,8 +16,7 @@ from contextlib import ExitStack, suppress
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from functools import lru_cache
-from itertools import groupby, islice, zip_longest
-from operator import itemgetter
+from itertools import islice, pairwise, zip_longest
 from pathlib import Path
 from resource import RLIMIT_NOFILE, getrlimit, setrlimit
 from types import MappingProxyType
@@ -77,36 +76,27 @@ MAGICS = {MCAP: MAGIC, SQLITE: b"SQLite format 3\x00"}
 """First bytes of the files of a bag"""
 FIXED_TYPES = ("sensor_msgs/msg/JointState", "geometry_msgs/msg/WrenchStamped")
 """Types whose messages are read by their definition in ROS 2, and by no other"""
+PACKED = (ZSTD, b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"PK\x03\x04", b"\x04\x22\x4d\x18")
+"""First bytes of files that are compressed as a whole: zstd, gzip, bzip2, xz, zip and lz4"""
 FOREIGN = {
     b"#ROSBAG V": "is a bag of ROS 1: convert it, for example with `rosbags-convert --src FILE --dst FOLDER`",
-    ZSTD: "is compressed (zstd): give the folder of the bag, or decompress it first, for example with `unzstd`",
-    b"\x1f\x8b": "is compressed (gzip): decompress it first, for example with `gunzip`",
-    b"BZh": "is compressed (bzip2): decompress it first, for example with `bunzip2`",
-    b"\xfd7zXZ": "is compressed (xz): decompress it first, for example with `unxz`",
-    b"PK\x03\x04": "is a zip archive: unpack it first",
-    b"\x04\x22\x4d\x18": "is compressed (lz4): decompress it first, for example with `unlz4`",
     b"version https://git-lfs": "is a pointer of Git LFS and not the file itself: fetch it with `git lfs pull`",
+    **dict.fromkeys(PACKED, "is compressed: give the folder of the bag, or unpack the file first"),
 }
 """What files are that are no bags, by their first bytes"""
 NUMBERED = re.compile(r"(.+)_(\d+)(\.mcap|\.db3)")
 """Name of a numbered file in a rosbag2 folder: stem, number and suffix"""
 LARGEST_MESSAGE = 2**24
 """Largest size [B] of a message that was compressed by itself"""
-MOST_NAMED = 8
-"""Largest number of file names in a message"""
 FIRST_RECORDS = 4
 """Number of records at the beginning of a file among which the record `continued` is searched for"""
+AT_ONCE = 1024
+"""Number of rows of a sqlite3 file that are read at once"""
 DECODED = 8192
 """Largest number of answers that are decoded at once"""
 ROWS = "FROM messages WHERE typeof(topic_id) = 'integer' AND typeof(timestamp) = 'integer' AND typeof(data) = 'blob'"
 """Rows of a sqlite3 file that are messages"""
 DEFINITIONS = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
-STEP_BACK = f"SELECT min(step) FROM (SELECT timestamp - lag(timestamp) OVER (ORDER BY id) AS step {ROWS})"  # noqa: S608
-SEGMENTS = (
-    f"SELECT id / 1024, topic_id, min(id), max(id), min(timestamp), max(timestamp), count(*) {ROWS} "
-    "GROUP BY id / 1024, topic_id ORDER BY id / 1024"
-)
-"""For each topic in a block of rows, the spans of their numbers and log times [ns], and how many there are"""
 
 
 class BagMessage(NamedTuple):
@@ -471,17 +461,60 @@ def _unpacked(data: bytes) -> bytes:
     return zstandard.ZstdDecompressor().decompress(data, max_output_size=LARGEST_MESSAGE)
 
 
-def read_metadata(folder: Path) -> tuple[list[str], str, list[str], int]:
-    """Names of files, compression mode (`file`, `message` or empty), faults and messages of a `metadata.yaml`."""
+class Contents(NamedTuple):
+    """Files of a bag, by its `metadata.yaml` or else by their names."""
+
+    names: list[str]
+    """Names of the files"""
+    faults: list[str]
+    """Faults of the folder, as sentences"""
+    compression: str = ""
+    """Compression mode: `file`, `message` or empty"""
+    messages: int = 0
+    """Number of messages"""
+
+
+def contents_of(folder: Path) -> Contents:
+    """Files of the bag in a folder.
+
+    Without a usable `metadata.yaml` these are the only file, the numbered ones of one name, or those of one recording.
+
+    Raises:
+        UsageError: It is not clear which files belong to the bag, or there are none.
+    """
+    contents = Contents([], [])
     try:
         content = read_yaml(folder / METADATA, LARGEST_METADATA)["rosbag2_bagfile_information"]
-        mode = str(content.get("compression_mode") or "").lower().replace("none", "")
         names = list(dict.fromkeys(Path(name).name for name in content["relative_file_paths"]))
-        return names, mode, [], int(content.get("message_count") or 0)
+        mode = str(content.get("compression_mode") or "").lower().replace("none", "")
+        contents = Contents(names, [], mode, int(content.get("message_count") or 0))
     except FileNotFoundError:
-        return [], "", [f"{METADATA} is missing"], 0
+        contents.faults.append(f"{METADATA} is missing")
     except (OSError, BadYamlError, LookupError, TypeError, ValueError, AttributeError, OverflowError):
-        return [], "", [f"{METADATA} cannot be read"], 0
+        contents.faults.append(f"{METADATA} cannot be read")
+    if any(is_there(folder / name) for name in contents.names):
+        return contents
+    names = sorted(path.name for path in folder.iterdir() if path.suffix in MAGICS)
+    if not names:
+        raise UsageError(f"{folder} is not a rosbag2 folder: it has no usable {METADATA}, and no files")
+    begins = [name for name in names if not goes_on_with(folder / name)]
+    stems = {NUMBERED.sub(r"\1\3", name) for name in names}
+    if len(names) > 1 and not (len(stems) == 1 and (len(begins) == 1 or all(map(NUMBERED.fullmatch, names)))):
+        raise UsageError(
+            f"{folder} has more than one recording, and no usable {METADATA} that names one; "
+            f"give one of these files: {listed(names)}"
+        )
+    faults = [*contents.faults, *(f"{name} is missing" for name in contents.names)]
+    return contents._replace(names=sorted(names, key=_number), faults=faults)
+
+
+def files_of(bag: Path) -> list[Path]:
+    """Paths of the files of a bag: the bag itself if it is a file, or those in its folder that belong to it.
+
+    Raises:
+        UsageError: It is not clear which files belong to the bag.
+    """
+    return [bag / name for name in contents_of(bag).names] if bag.is_dir() else [bag]
 
 
 def _opened_files(path: Path, opened: ExitStack) -> tuple[list[File], list[str], bool]:
@@ -491,8 +524,8 @@ def _opened_files(path: Path, opened: ExitStack) -> tuple[list[File], list[str],
         The files, the faults of the bag, and whether its messages are compressed one by one.
 
     Raises:
-        UsageError: It is not clear which files belong to the bag, or one of them cannot be used.
-        OSError: A file cannot be read.
+        UsageError: It is not clear which files belong to the bag, or the only file cannot be used.
+        OSError: The only file cannot be read.
     """
     if not path.is_dir():
         file = _opened_file(path, opened)
@@ -500,30 +533,26 @@ def _opened_files(path: Path, opened: ExitStack) -> tuple[list[File], list[str],
     soft, hard = getrlimit(RLIMIT_NOFILE)  # the usual one is 1024
     if 2 * sum(1 for _ in path.iterdir()) > soft // 2 and soft != hard:
         setrlimit(RLIMIT_NOFILE, (hard, hard))
-    folder, (names, compressed, faults, stated), files = path, read_metadata(path), list[File]()
-    if compressed == "file":
-        folder = Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="knee_contact_bag_")))
-        names = _decompressed(path, names, folder)
-    else:
-        names, more = _names(path, names)
-        faults += more
-    for name in names:
-        if not is_there(folder / name):
-            faults.append(f"{name} is {'no file of a bag' if os.path.lexists(folder / name) else 'missing'}")
-            continue
+    contents, files, unpacked = contents_of(path), list[File](), Path()
+    faults = contents.faults
+    if contents.compression == "file":
+        unpacked = Path(opened.enter_context(tempfile.TemporaryDirectory(prefix="knee_contact_bag_")))
+    for name in contents.names:
         try:
-            files.append(_opened_file(folder / name, opened))
-        except UsageError as error:
-            faults.append(f"{name}: {error}")
-        else:
+            source = _decompressed(path / name, unpacked) if contents.compression == "file" else path / name
+            files.append(_opened_file(source, opened))
             faults += [f"{name}: {fault}" for fault in files[-1].faults]
+        except FileNotFoundError:
+            faults.append(f"{name} is missing")
+        except (OSError, UsageError, zstandard.ZstdError) as error:
+            faults.append(f"{name}: {getattr(error, 'strerror', None) or error}")
     if all(NUMBERED.fullmatch(file.path.name) for file in files):  # in the order of recording, whatever the clock was
         files.sort(key=lambda file: _number(file.path.name))
     else:
         files.sort(key=lambda file: min((segment.times for segment in file.segments), default=(0, 0)))
-    missing = stated - sum(topic.messages for file in files for topic in file.connections.values())
-    faults += [f"{missing} of {stated} messages of {METADATA} are missing"] * (missing > 0)
-    return files, faults, compressed == "message"
+    missing = contents.messages - sum(topic.messages for file in files for topic in file.connections.values())
+    faults += [f"{missing} of {contents.messages} messages of {METADATA} are missing"] * (missing > 0)
+    return files, faults, contents.compression == "message"
 
 
 def _opened_file(path: Path, opened: ExitStack) -> File:
@@ -551,71 +580,21 @@ def kind_of(path: Path) -> str:
     return kinds[-1]
 
 
-def _decompressed(bag: Path, names: Sequence[str], folder: Path) -> list[str]:
-    """Unpack files that rosbag2 has compressed as a whole into `folder`; names of unpacked files, and missing ones.
+def _decompressed(packed: Path, folder: Path) -> Path:
+    """Unpack a file that rosbag2 has compressed as a whole into `folder`; path of the unpacked file.
 
     Raises:
-        UsageError: A file grows too much, or cannot be unpacked.
+        OSError: The file is missing, or grows too much.
+        zstandard.ZstdError: It cannot be decompressed.
     """
-    there = [name for name in names if is_there(bag / name)]
-    left = max(MOST_GROWTH * sum((bag / name).stat().st_size for name in there), ALLOWED_SIZE)  # [B]
-    for name in there:
-        try:
-            with open_regular(bag / name) as file, (folder / name.removesuffix(".zstd")).open("wb") as unpacked:
-                reader = zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True)
-                while data := reader.read(BLOCK):
-                    left -= len(data)
-                    if left < 0:
-                        raise OSError(f"it holds more than {MOST_GROWTH} times its size")
-                    unpacked.write(data)
-        except (OSError, zstandard.ZstdError) as error:
-            raise UsageError(f"cannot read bag file {bag / name}: {error}") from None
-    return [name.removesuffix(".zstd") if name in there else name for name in names]
-
-
-def files_of(bag: Path) -> list[Path]:
-    """Paths of the files of a bag: the bag itself if it is a file, or those in its folder that belong to it.
-
-    Raises:
-        UsageError: It is not clear which files belong to the bag.
-    """
-    return [bag / name for name in _names(bag, read_metadata(bag)[0])[0]] if bag.is_dir() else [bag]
-
-
-def _names(folder: Path, listed_names: Sequence[str]) -> tuple[list[str], list[str]]:
-    """Names of the files of a bag in a folder, and the faults of the names that `metadata.yaml` lists.
-
-    Without a usable `metadata.yaml` these are the only file, the numbered ones of one name, or those of one recording.
-
-    Raises:
-        UsageError: It is not clear which files belong to the bag, or there are none.
-    """
-    if any(is_there(folder / name) for name in listed_names):
-        unlisted = [name for name in _later_files(folder, listed_names[0]) if name not in listed_names]
-        words = f"{METADATA} does not name all files that go on with {listed_names[0]}: {len(unlisted)} more are read"
-        return [*listed_names, *unlisted], [words] if unlisted else []
-    names = sorted(path.name for path in folder.iterdir() if path.suffix in MAGICS)
-    if not names:
-        raise UsageError(f"{folder} is not a rosbag2 folder: it has no usable {METADATA}, and no files")
-    begins = [name for name in names if not goes_on_with(folder / name)]
-    is_one = len(set(map(_unnumbered, names))) == 1 and (len(begins) == 1 or all(map(NUMBERED.fullmatch, names)))
-    if len(names) > 1 and not is_one:
-        raise UsageError(
-            f"{folder} has more than one recording, and no usable {METADATA} that names one; "
-            f"give one of these files: {_first_of(names)}"
-        )
-    return sorted(names, key=_number), [f"{name} is missing" for name in listed_names]
-
-
-def _later_files(folder: Path, first: str) -> list[str]:
-    """Names of the files in a folder that continue the recording of `first`, in their order."""
-    names = (path.name for path in folder.iterdir() if _unnumbered(path.name) == _unnumbered(first))
-    return sorted((name for name in names if goes_on_with(folder / name) == first), key=_number)
-
-
-def _unnumbered(name: str) -> str:
-    """Name of a file without the number of a numbered one."""
-    return NUMBERED.sub(r"\1\3", name)
+    path, most = folder / packed.name.removesuffix(".zstd"), max(MOST_GROWTH * packed.stat().st_size, ALLOWED_SIZE)
+    with open_regular(packed) as file, path.open("wb") as unpacked:
+        reader = zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True)
+        while data := reader.read(BLOCK):
+            unpacked.write(data)
+            if unpacked.tell() > most:
+                raise OSError(f"it holds more than {MOST_GROWTH} times its size")
+    return path
 
 
 def _number(name: str) -> int:
@@ -632,12 +611,7 @@ def others_beside(bag: Path) -> list[str]:
     others = sorted(path.name for path in bag.iterdir() if path.suffix in MAGICS and path.name not in read)
     if not others:
         return []
-    return [f"of {bag}, {_first_of(sorted(read))} is read; what else is there, give as a file: {_first_of(others)}"]
-
-
-def _first_of(names: Sequence[str]) -> str:
-    """First names of a list, separated by commas."""
-    return ", ".join(names[:MOST_NAMED]) + " ..." * (len(names) > MOST_NAMED)
+    return [f"of {bag}, {listed(sorted(read))} is read; what else is there, give as a file: {listed(others)}"]
 
 
 def refuse_input(bag: Path, output: Path) -> None:
@@ -674,6 +648,8 @@ class SqliteFile:
         """Topics by their numbers"""
         self.segments: list[Segment] = []
         """Blocks of rows, in the order of the file"""
+        self.goes_back = False
+        """Whether the log times go back in the order of the file"""
         log = path.with_name(f"{path.name}-wal")
         if log.exists() and log.stat().st_size:
             self.faults.append(f"{log.name} holds messages that were never merged: open the bag once with sqlite3")
@@ -713,20 +689,19 @@ class SqliteFile:
             raise ValueError("its messages or topics cannot be read as a table")  # a view may take forever to read
         found = query(DEFINITIONS) if "message_definitions" in kinds else ()
         definitions = {str(name): definition_of(str(encoding), str(text).encode()) for name, encoding, text in found}
-        counts = Counter[int]()
-        for _, rows in groupby(query(SEGMENTS), key=itemgetter(0)):
-            _, topics, begins, ends, firsts, lasts, numbers = zip(*rows, strict=True)
-            own = dict(zip(topics, numbers, strict=True))
-            times, begin = (min(firsts), max(lasts)), min(begins)
-            self.segments.append(Segment(begin, max(ends), begin, 0, times=times, counts=own))
-            counts.update(own)
+        counts, rows, last = Counter[int](), query(f"SELECT id, topic_id, timestamp {ROWS} ORDER BY id"), 0
+        while part := rows.fetchmany(AT_ONCE):
+            ids, topics, times = zip(*part, strict=True)
+            span = min(times), max(times)
+            self.segments.append(Segment(ids[0], ids[-1], ids[0], 0, times=span, counts=Counter(topics)))
+            self.goes_back |= any(later < earlier for earlier, later in pairwise((last, *times)))
+            counts.update(topics)
+            last = times[-1]
         every, usable = one("SELECT count(*) FROM messages"), counts.total()
         for number, *texts in query("SELECT id, name, type, serialization_format FROM topics"):
             topic, kind, encoding = map(str, texts)
             definition = definitions.get(kind, NO_DEFINITION)
             self.connections[int(number)] = Connection(topic, kind, encoding, definition, counts.pop(number, 0))
-        self.goes_back = (one(STEP_BACK) or 0) < 0
-        """Whether the log times go back in the order of the file"""
         self.faults += [f"{every - usable} rows are no messages"] * (every > usable)
         self.faults += [f"{counts.total()} messages are of topics that nothing declares"] * (counts.total() > 0)
 

@@ -70,8 +70,6 @@ ROSBAG2, REFUSED_SAMPLES, CONTINUED, INTERRUPTED = "rosbag2", "refused_samples",
 of the recording that a file continues, the reason why the node did not complete the recording"""
 METADATA = "metadata.yaml"
 """Name of the file that makes a folder a bag"""
-MANY_FILES = 100
-"""Number of files from which `metadata.yaml`, which grows with each, is written only at the end"""
 NODE_GONE = "the node ended or gave the recording up before it was closed"
 GATHER = 0.03
 """Longest time [s] for which answers are gathered in the node: a kill of the node loses them"""
@@ -416,7 +414,7 @@ class BagWriter:
             file.discard()
 
     def _complete_file(self, file: BagFile) -> None:
-        """Complete a file, give it its name, and list it in `metadata.yaml`, from `MANY_FILES` on only at the end."""
+        """Complete a file, give it its name, and list it in `metadata.yaml`."""
         file.complete()
         intended = file.path
         file.take_name()
@@ -424,7 +422,7 @@ class BagWriter:
         if file.path != intended:
             self.remarks.append(f"something took the name {intended} meanwhile: the recording is {file.path}")
             self.path = file.path if self.path == intended else self.path
-        if not self._alone and (file is self.file or len(self._complete) < MANY_FILES):
+        if not self._alone:
             put_metadata(self.path.parent, information(self._complete, self.file.topics))
 
     def _settle(self, wait: bool) -> None:

@@ -11,7 +11,6 @@ import pytest
 from mcap.reader import make_reader
 from ruamel.yaml import YAML
 
-from knee_contact_ros.bags.reader import BagReader, files_of
 from knee_contact_ros.bags.recorder import (
     AnswerWriter,
     BagFile,
@@ -85,24 +84,6 @@ def test_a_recording_is_split_by_size(tmp_path: Path) -> None:
     for name in files[:-1]:
         assert 200_000 <= (tmp_path / name).stat().st_size < 350_000  # a chunk and what ends a file come on top
         assert len(stamps_of(tmp_path / name)) % TICK == 0
-
-
-def test_files_that_metadata_does_not_name_yet_are_read_and_that_is_said(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("knee_contact_ros.bags.recorder.MANY_FILES", 2)
-    bag = BagWriter(tmp_path / "knee.mcap", limits=Limits(duration=100 * MS))
-    writer = AnswerWriter(bag, {})
-    for number in range(301):
-        writer.write(answer(number).records)
-    bag._settle(wait=True)
-    bag.discard()  # a kill leaves a `.partial` beside
-    record(tmp_path / "knee_9.mcap", range(500, 510), Limits())  # another recording, whose name only looks like it
-    assert information(tmp_path)["relative_file_paths"] == ["knee.mcap"]
-    with BagReader(tmp_path) as reader:
-        assert reader.damage[0] == "metadata.yaml does not name all files that go on with knee.mcap: 2 more are read"
-    assert recorded_ticks(tmp_path) == list(range(300))
-    assert [path.name for path in files_of(tmp_path)] == ["knee.mcap", "knee_1.mcap", "knee_2.mcap"]
 
 
 def test_more_files_than_a_shell_lets_be_open_are_read(tmp_path: Path) -> None:
