@@ -12,7 +12,7 @@ from mcap.opcode import Opcode
 from numpy.typing import NDArray
 from rosbags.interfaces import MessageDefinition
 
-from knee_contact_ros.bags.recorder import CHUNK_SIZE, ENTRY, MESSAGE, MESSAGE_HEAD, BagWriter
+from knee_contact_ros.bags.recorder import CHUNK_SIZE, MESSAGE, MESSAGE_HEAD, BagWriter
 from knee_contact_ros.streams.columns import Column
 from knee_contact_ros.system.errors import UsageError
 
@@ -266,33 +266,26 @@ def write_messages(bag: BagWriter, rows: Sequence[Messages]) -> None:
     file, rows = bag.file, [row for row in rows if len(row.stamps)]
     if not rows:
         return
-    order = np.argsort(np.concatenate([row.place for row in rows]), kind="stable")
     records = [_records(row, file.channels[row.topic], file.next_number(row.topic)) for row in rows]
-    ends = np.cumsum(np.concatenate([np.full(len(each), each.itemsize) for each in records])[order])
-    begins = np.empty_like(ends)
-    begins[order] = np.append(0, ends[:-1])
-    by_topic = np.split(begins, np.cumsum([len(each) for each in records])[:-1])
-    data = np.empty(ends[-1], np.uint8)
-    for each, places in zip(records, by_topic, strict=True):
-        np.ndarray(len(data) - each.itemsize + 1, each.dtype, data, strides=(1,))[places] = each
-    cuts, before = [0], -file.place  # numbers of messages before the chunks end
-    while cuts[-1] < len(ends):
-        cuts.append(min(int(np.searchsorted(ends, before + CHUNK_SIZE, "right")) + 1, len(ends)))
-        before = int(ends[cuts[-1] - 1])
-    bounds = np.append(0, ends)[cuts]
-    shifts = np.append(-file.place, bounds[1:-1])  # offsets in the data minus those in a chunk
-    entries: list[list[tuple[int, int, bytes]]] = [[] for _ in cuts[1:]]  # by chunk: first place, channel, index
-    for row, places in zip(rows, by_topic, strict=True):
-        numbers = np.searchsorted(places, bounds)
-        index = np.column_stack((row.stamps, places - np.repeat(shifts, np.diff(numbers)))).tobytes()
-        for chunk, (first, last) in zip(entries, pairwise(numbers.tolist()), strict=True):
-            if first < last:
-                piece = index[ENTRY.size * first : ENTRY.size * last]
-                chunk.append((int(places[first]), file.channels[row.topic], piece))
+    order = np.argsort(np.concatenate([row.place for row in rows]), kind="stable")
+    channels = np.repeat([file.channels[row.topic] for row in rows], [len(row.stamps) for row in rows])[order]
     stamps = np.concatenate([row.stamps for row in rows])[order]
-    firsts, lasts = (extreme.reduceat(stamps, cuts[:-1]).tolist() for extreme in (np.minimum, np.maximum))
-    for part, first, last, chunk in zip(pairwise(bounds.tolist()), firsts, lasts, entries, strict=True):
-        file.append(data[slice(*part)].data, {channel: piece for _, channel, piece in sorted(chunk)}, first, last)
+    ends = np.cumsum(np.concatenate([np.full(len(each), each.itemsize) for each in records])[order])
+    begins = np.append(0, ends[:-1])
+    data, number_of = np.empty(ends[-1], np.uint8), np.argsort(order)  # number of each message in the order
+    for each, numbers in zip(
+        records, np.split(number_of, np.cumsum([len(each) for each in records])[:-1]), strict=True
+    ):
+        np.ndarray(len(data) - each.itemsize + 1, each.dtype, data, strides=(1,))[begins[numbers]] = each
+    first = 0
+    while first < len(order):
+        shift = int(begins[first]) - file.place  # offset in the data minus that in the chunk
+        last = min(int(np.searchsorted(ends, shift + CHUNK_SIZE, "right")) + 1, len(order))
+        own, own_stamps = channels[first:last], stamps[first:last]
+        entries = np.column_stack((own_stamps, begins[first:last] - shift))
+        index = {channel: entries[own == channel].tobytes() for channel in dict.fromkeys(own.tolist())}
+        file.append(data[begins[first] : ends[last - 1]].data, index, int(own_stamps.min()), int(own_stamps.max()))
+        first = last
 
 
 def _records(rows: Messages, channel: int, sequence: int) -> NDArray[np.void]:

@@ -270,15 +270,11 @@ class BagFile(Writer):
         disk = os.fstatvfs(self._file.fileno())
         return disk.f_bavail * disk.f_frsize
 
-    def facts(self) -> FileFacts:
-        """Name, log times and numbers of messages of the file so far."""
-        statistics = self.statistics
-        counts = Counter({topic: statistics.channel_message_counts.get(n, 0) for topic, n in self.channels.items()})
-        return FileFacts(self.path.name, statistics.message_start_time, statistics.message_end_time, counts)
-
     def complete(self) -> None:
         """Write the metadata of rosbag2 and the end of the file, and sync it to the disk."""
-        self.add_metadata(ROSBAG2, {"serialized_metadata": to_yaml(information([self.facts()], self.topics))})
+        self.add_metadata(
+            ROSBAG2, {"serialized_metadata": to_yaml(information([(self.path.name, self.statistics)], self.topics))}
+        )
         self.finish()  # type: ignore[no-untyped-call]
         self._file.flush()
         os.fsync(self._file.fileno())
@@ -346,7 +342,7 @@ class BagWriter:
         """Path of the first file"""
         self.remarks: list[str] = []
         """Messages for the user"""
-        self._complete: list[FileFacts] = []
+        self._complete: list[tuple[str, Statistics]] = []
         self._completing: list[tuple[BagFile, Future[None]]] = []
         self._thread = ThreadPoolExecutor(1, "completing")  # which begins with its first task
         self.file = BagFile(self.path, partial, compressed, overwrite, {})
@@ -418,7 +414,7 @@ class BagWriter:
         file.complete()
         intended = file.path
         file.take_name()
-        self._complete.append(file.facts())
+        self._complete.append((file.path.name, file.statistics))
         if file.path != intended:
             self.remarks.append(f"something took the name {intended} meanwhile: the recording is {file.path}")
             self.path = file.path if self.path == intended else self.path
@@ -597,43 +593,32 @@ def open_output(
     return Recorder(AnswerWriter(bag, provenance, names, told_as), settings, remarks)
 
 
-class FileFacts(NamedTuple):
-    """Facts about one file of a bag, for `metadata.yaml`."""
+def information(files: Sequence[tuple[str, Statistics]], topics: Sequence[dict[str, Any]]) -> dict[str, Any]:
+    """Content of `metadata.yaml` for a bag of these files, by name, with the entries of its topics in their order."""
 
-    name: str
-    """Name of the file"""
-    first: int
-    """Smallest log time [ns]"""
-    last: int
-    """Largest log time [ns]"""
-    counts: Counter[str]
-    """Number of messages of each topic"""
-
-    def times(self) -> dict[str, Any]:
-        """Start, duration and number of messages, under the keys of `metadata.yaml`."""
+    def times(files: Iterable[Statistics]) -> dict[str, Any]:
+        filled = [file for file in files if file.message_count]
+        first = min((file.message_start_time for file in filled), default=0)
+        last = max((file.message_end_time for file in filled), default=0)
         return {
-            "starting_time": {"nanoseconds_since_epoch": self.first},
-            "duration": {"nanoseconds": self.last - self.first},
-            "message_count": self.counts.total(),
+            "starting_time": {"nanoseconds_since_epoch": first},
+            "duration": {"nanoseconds": last - first},
+            "message_count": sum(file.message_count for file in filled),
         }
 
-
-def information(files: Sequence[FileFacts], topics: Sequence[dict[str, Any]]) -> dict[str, Any]:
-    """Content of `metadata.yaml` for a bag of these files, with the given entries of its topics."""
-    filled = [file for file in files if file.counts.total()]
-    first, last = min((f.first for f in filled), default=0), max((f.last for f in filled), default=0)
-    total = sum((file.counts for file in files), Counter[str]())
+    each = [statistics for _, statistics in files]
+    total = sum((Counter(file.channel_message_counts) for file in each), Counter[int]())
     return {
         "version": 9,
         "storage_identifier": "mcap",
-        **FileFacts("", first, last, total).times(),
+        **times(each),
         "topics_with_message_count": [
-            {"topic_metadata": topic, "message_count": total[topic["name"]]} for topic in topics
+            {"topic_metadata": topic, "message_count": total[number]} for number, topic in enumerate(topics, start=1)
         ],
         "compression_format": "",
         "compression_mode": "",
-        "relative_file_paths": [file.name for file in files],
-        "files": [{"path": file.name, **file.times()} for file in files],
+        "relative_file_paths": [name for name, _ in files],
+        "files": [{"path": name, **times([file])} for name, file in files],
         "custom_data": None,
         "ros_distro": "jazzy",
     }

@@ -281,7 +281,7 @@ TOLD: dict[str, tuple[Callable[[Path, list[RawMessage]], Path], int, str]] = {
     "ros2_control": (
         lambda p, g: dynamic(p, g, ("position", "velocity")), 2, "-p knee.source:=dynamic_joint_states"),
     "ROS 1": (of_bytes(b"#ROSBAG V2.0\n"), 2, "a bag of ROS 1.*rosbags-convert"),
-    "compressed": (of_bytes(bytes.fromhex("28b52ffd") + bytes(100)), 2, r"is compressed \(zstd\)"),
+    "compressed": (of_bytes(bytes.fromhex("28b52ffd") + bytes(100)), 2, "is compressed: give the folder"),
     "Git LFS": (of_bytes(b"version https://git-lfs.github.com/spec/v1\n"), 2, "git lfs pull"),
     "a log beside": (lambda p, g: unmerged(p.with_suffix(".db3"), g), 2, r"in\.db3-wal holds messages"),
 }  # fmt: skip
