@@ -63,8 +63,8 @@ USUAL = ("peak_depth", "peak_pressure", "bone_time", "peak_force")
 KNOWN = (*OUTCOMES, *(LATERAL + name for name in OUTCOMES))
 BOUNDS = {"peak_depth": "error_bound", "peak_force": "force_error_bound"}
 """Outcomes whose numerical error is known, with the column that bounds it"""
-NOTED = ("not_converged", "implausible", "failed")
-"""Columns of what a reader should know of"""
+NOTED = {"not_converged": "missed a tolerance", "implausible": "are implausible", "failed": "failed"}
+"""Columns of what a reader should know of, with words for it"""
 INDICES = {"sobol": ("ST", "S1", "S2"), "morris": ("mu_star", "mu", "sigma")}
 """Indices of each method; parameters are sorted by the first one. S1, ST, S2 are parts of the variance; mu_star, mu and
 sigma are in the outcome's SI unit, over the whole range of the parameter"""
@@ -78,10 +78,8 @@ LEADERS, LEAST = 3, 0.01
 """Number of parameters that a line names, and ratio to the largest index from which on one is named beside it"""
 CASES, TABLE, PICTURE = "cases", "indices.csv", "sensitivity_"
 """Names in the output folder: the folder with the results of all cases, the table, and how pictures begin"""
-WIDTH, HEIGHT, BAR, WRAP = 5.6, 2.2, 0.34, 52
+WIDTH, HEIGHT, BAR, WRAP = 6.4, 1.8, 0.34, 60
 """Width and least height [in] of a panel, height [in] of a parameter's bars, number of letters in a line of a title"""
-STYLE: Any = {"axes.spines.top": False, "axes.spines.right": False, "axes.axisbelow": True, "legend.frameon": False,
-              "legend.fontsize": 8, "figure.dpi": 150}  # fmt: skip
 
 
 class SalibDesign(Design):
@@ -398,8 +396,9 @@ def gather(study: SensitivityStudy, shards: Shards) -> list[Combination]:
         UsageError: bag, parameters or folder cannot be used.
     """
     table = shards.read(*dict.fromkeys([*study.outcomes, *BOUNDS.values(), *NOTED]))
-    found, several = [], {name for name, values in study.grid.items() if len(values) > 1}
-    several |= {name for name, own in (("bag", study.bags), ("params", study.params)) if len(own) > 1}
+    choices: dict[str, Sequence[Any]] = {"bag": study.bags, "params": study.params, **study.grid}
+    found = list[Combination]()
+    several = [name for name, own in choices.items() if len(own) > 1] or ["bag", "params"]
     for group in groups_of(study):
         variants = study.variants()
         while cases := list(islice(variants, study.design.number)):
@@ -407,10 +406,9 @@ def gather(study: SensitivityStudy, shards: Shards) -> list[Combination]:
             columns = {"bag": group.bag, "params": " + ".join(group.params)} | {
                 name: str(cases[0][name]) for name in study.grid
             }
-            parts = [own if name in ("bag", "params") else f"{name} {own}"
-                     for name, own in columns.items() if name in (several or ("bag", "params"))]  # fmt: skip
-            doubtful = [f"{count} {text}" for name, text in zip(NOTED, ("missed a tolerance", "are implausible",
-                        "failed"), strict=True) if (count := int(rows[name].astype(bool).sum()))]  # fmt: skip
+            parts = [f"{name if name in study.grid else ''} {columns[name]}".strip() for name in several]
+            doubtful = [f"{count} {text}" for name, text in NOTED.items()
+                        if (count := int(rows[name].astype(bool).sum()))]  # fmt: skip
             why = min(set(rows["failed"]) - {""}, default="")
             remark = f"of {len(rows)} cases {', '.join(doubtful)}{why and ': ' + why}" if doubtful else ""
             analysed = analysed_in(study.design, rows, study.outcomes)
@@ -440,7 +438,6 @@ def sentences(study: SensitivityStudy, combinations: Sequence[Combination]) -> I
 
 def draw(design: SalibDesign, panels: Sequence[tuple[str, Analysed]]) -> bytes:
     """Draw an outcome as PNG: for each combination the bars of its indices."""
-    import matplotlib as mpl
     from matplotlib.figure import Figure
 
     title, unit, factor = display_of(panels[0][1].outcome)
@@ -448,24 +445,18 @@ def draw(design: SalibDesign, panels: Sequence[tuple[str, Analysed]]) -> bytes:
     if design.method == "sobol":
         kinds, text, factor = ["S1", "ST"], f"share of the variance of {title}", 1.0
     names = sum(one.final(kinds[0])["value"] for _, one in panels).sort_values().index
-    columns = min(2, len(panels))
-    rows = -(-len(panels) // columns)
-    size = (WIDTH * (1.0 + 0.6 * (columns - 1)), (HEIGHT + BAR * len(names)) * rows)
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=size, layout="constrained")
-        axes = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False).ravel()
-        for unused in axes[len(panels) :]:
-            unused.remove()
-        for (label, one), axis in zip(panels, axes, strict=False):
-            table = one.table.pivot(index="parameter", columns="index")
-            reach = (table["high"] - table["value"]).loc[names, kinds].clip(lower=0.0)
-            (factor * table["value"].loc[names, kinds]).plot.barh(
-                ax=axis, xerr=factor * reach.T.to_numpy(), color=["#0072B2", "#A6CEE8"], width=0.75, ylabel="",
-                xlabel=text, title=textwrap.fill(label.replace("$", r"\$"), WRAP),
-            )  # fmt: skip
-            axis.legend(loc="lower right")
-        file = io.BytesIO()
-        figure.savefig(file, format="png", metadata={"Software": None})
+    figure = Figure(figsize=(WIDTH, (HEIGHT + BAR * len(names)) * len(panels)), dpi=150, layout="constrained")
+    for (label, one), axis in zip(panels, figure.subplots(len(panels), squeeze=False).ravel(), strict=True):
+        table = one.table.pivot(index="parameter", columns="index")
+        reach = (table["high"] - table["value"]).loc[names, kinds].clip(lower=0.0)
+        (factor * table["value"].loc[names, kinds]).plot.barh(
+            ax=axis, xerr=factor * reach.T.to_numpy(), color=["#0072B2", "#A6CEE8"], width=0.75, ylabel="",
+            xlabel=text, title=textwrap.fill(label.replace("$", r"\$"), WRAP),
+        )  # fmt: skip
+        axis.legend(loc="lower right", fontsize=8, frameon=False)
+        axis.spines[["top", "right"]].set_visible(False)
+    file = io.BytesIO()
+    figure.savefig(file, format="png", metadata={"Software": None})
     return file.getvalue()
 
 

@@ -317,48 +317,43 @@ def groups_of(study: Study) -> list[Group]:
     Raises:
         UsageError: a bag, a parameter file or a file that one names cannot be used.
     """
-    bags = {}
-    for name in study.bags:
+    found = []
+    for name, several in itertools.groupby(study.knees, lambda knee: knee[0]):
         place = name if ADDRESS.search(name) else str(expanded(name).absolute())
         with here(place) as (path, digest):
             files = [file for file in path.rglob("*") if file.is_file()] if path.is_dir() else [path]
-            ticks = max(1, sum(file.stat().st_size for file in files) // BYTES_A_TICK)
-            bags[name] = place, digest, ticks, weight_of(path)
-    return [Group(bag, *bags[bag], params, study.values) for bag, params in study.knees]
+            ticks, weight = max(1, sum(file.stat().st_size for file in files) // BYTES_A_TICK), weight_of(path)
+        for bag, params in several:
+            parameters, texts = with_weight([*params, study.values], weight), dict[str, str]()
+            file_texts(parameters, texts)
+            found.append(Group(bag, place, digest, ticks, params, parameters, texts, variations_of(parameters)))
+    return found
 
 
-class Group:
-    """Cases of a bag and a set of parameter files, and how they are known by what they are and not by names."""
+class Group(NamedTuple):
+    """Cases of a bag and a set of parameter files."""
 
-    def __init__(
-        self, bag: str, place: str, digest: str, ticks: int, weight: float | None, params: tuple[str, ...],
-        values: Values,
-    ) -> None:  # fmt: skip
-        """Read the parameters.
-
-        Args:
-            bag: The bag as the study names it.
-            place: Its absolute path or address.
-            digest: SHA-256 of its content.
-            ticks: Approximate number of its ticks.
-            weight: Body weight [N] that it was imported with.
-            params: Parameter files as the study names them.
-            values: Values of all knees.
-
-        Raises:
-            UsageError: a parameter file or a file that one names cannot be used.
-        """
-        self.bag, self.place, self.digest, self.ticks, self.params = bag, place, digest, ticks, params
-        self.parameters: Parameters = with_weight([*params, values], weight)
-        self.files: dict[str, str] = {}
-        """Contents of the files that parameters name"""
-        file_texts(self.parameters, self.files)
-        self._varied = variations_of(self.parameters)
+    bag: str
+    """The bag as the study names it"""
+    place: str
+    """Its absolute path or address"""
+    digest: str
+    """SHA-256 of its content"""
+    ticks: int
+    """Approximate number of its ticks"""
+    params: tuple[str, ...]
+    """Parameter files as the study names them"""
+    parameters: Parameters
+    """What the cases have in common"""
+    files: dict[str, str]
+    """Contents of the files that parameters name"""
+    varied: Callable[[Values], Parameters]
+    """Gives the parameters of a case"""
 
     def key(self, values: Values) -> str:
-        """Give the key of a case, also of one whose parameters are not allowed."""
+        """Give the key of a case, also of one whose parameters are not allowed: what it is, without any names."""
         try:
-            parameters, rest = self._varied(values), []
+            parameters, rest = self.varied(values), []
             texts = file_texts(parameters, self.files)
         except UsageError:
             parameters, texts, rest = self.parameters, {}, sorted(values.items())
@@ -388,16 +383,16 @@ class Block(NamedTuple):
 
 def blocks_of(study: Study, groups: Sequence[Group], known: set[str]) -> Iterator[Block]:
     """Give the cases that are not `known` in blocks, and add them; a block is made when it is wanted."""
+
+    def missing(group: Group) -> Iterator[tuple[str, Values]]:
+        for values in study.variants():
+            if (key := group.key(values)) not in known:
+                known.add(key)
+                yield key, values
+
     variants = study.number // len(groups)
     for group in groups:
-
-        def missing(group: Group = group) -> Iterator[tuple[str, Values]]:
-            for values in study.variants():
-                if (key := group.key(values)) not in known:
-                    known.add(key)
-                    yield key, values
-
-        size, left = max(1, min(max(-(-variants // PARTS), LEAST), TICKS // group.ticks)), missing()
+        size, left = max(1, min(max(-(-variants // PARTS), LEAST), TICKS // group.ticks)), missing(group)
         while cases := list(itertools.islice(left, size)):
             inputs = group.place, group.digest, group.parameters, tuple(sorted(group.files.items()))
             yield Block(
@@ -406,17 +401,9 @@ def blocks_of(study: Study, groups: Sequence[Group], known: set[str]) -> Iterato
             )  # fmt: skip
 
 
-class Answered(NamedTuple):
-    """What a worker sends back."""
-
-    table: bytes
-    """A row for each case, as Parquet"""
-    series: bytes
-    """All answers as Parquet, if they are requested"""
-    failed: int
-    """Number of cases without an outcome"""
-    damage: tuple[str, ...]
-    """Parts of the bag that cannot be read, a sentence each"""
+Answered = tuple[bytes, bytes, int, tuple[str, ...]]
+"""What a worker sends back: a row for each case as Parquet; all answers as Parquet, if they are requested; the number
+of cases without an outcome; and parts of the bag that cannot be read, a sentence each"""
 
 
 def compute_block(block: Block) -> Answered:
@@ -433,7 +420,7 @@ def compute_block(block: Block) -> Answered:
     if not gc.get_freeze_count():  # thousands of cases start many collections, a quarter of a second each
         gc.freeze()
     series = _series(block.keys, computed) if block.series else b""
-    return Answered(_table(block, knees, computed), series, sum(map(bool, computed.failed)), knees.recording.damage)
+    return _table(block, knees, computed), series, sum(map(bool, computed.failed)), knees.recording.damage
 
 
 @lru_cache(4)
@@ -457,7 +444,7 @@ def _table(block: Block, knees: Knees, computed: Computed) -> bytes:
 
     common = {name: value for name, value in all_values(knees.parameters).items() if name.startswith(SECTIONS)}
     varied = {*block.cases[0], *(LATERAL_KNEE + name for name in block.cases[0])}
-    rows = [common | values if own is None else {name: all_values(own)[name] for name in varied & set(common)}
+    rows = [values if own is None else all_values(own)
             for own, values in zip(computed.parameters, block.cases, strict=True)]  # fmt: skip
     before = {"case": block.keys, "bag": block.bag, "params": " + ".join(block.params)}
     columns = {name: [row.get(name, value) for row in rows] if name in varied else value
@@ -697,13 +684,13 @@ def run_study(
     blocks = blocks_of(study, groups, known)
     if first := next(blocks, None):
         with workers_of(workers, scheduler) as client:
-            for block, answered in computed_by(client, itertools.chain([first], blocks)):
+            for block, (table, series, without, damaged) in computed_by(client, itertools.chain([first], blocks)):
                 name = f"cases-{_digest(' '.join(block.keys))}.parquet"
                 if study.series:
-                    shards.put(f"{SERIES}/{name}", answered.series)
-                shards.put(name, answered.table)
-                count, failed = count + len(block.keys), failed + answered.failed
-                damage |= dict.fromkeys(answered.damage)
+                    shards.put(f"{SERIES}/{name}", series)
+                shards.put(name, table)
+                count, failed = count + len(block.keys), failed + without
+                damage |= dict.fromkeys(damaged)
                 advance(count, study.number)
     return Done(study.number - count, count, failed, tuple(damage))
 

@@ -10,11 +10,11 @@ import io
 import time
 from collections.abc import Callable
 from dataclasses import replace
+from itertools import product
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from rich import box
 from rich.console import Console
 from rich.table import Table
@@ -101,22 +101,23 @@ def measure(
         return np.concatenate(rows), seconds
 
     exact, _ = answers("dynamic", REFERENCE)
-    depth, touching = signed_depth(exact), exact["penetration_depth"] > 0.0
-    second, loaded = (
-        largest(signed_depth(answers("dynamic", *how)[0]) - depth)
-        for how in ((SECOND, 1.0), (REFERENCE, 1.0 + LOAD_ERROR))
-    )
-    settings: list[Setting] = []
-    for level in NAMES:
-        for tolerance in TOLERANCES:
-            rows, seconds = answers(level, tolerance)
-            apart = [rows["contact_point"][axis] - exact["contact_point"][axis] for axis in ("x", "y")]
-            settings.append(Setting(
-                level, tolerance, largest(signed_depth(rows) - depth),
-                largest(rows["contact_force"] - exact["contact_force"]), largest(np.hypot(*apart)[touching]),
-                float(np.mean((rows["status"] & Status.NOT_CONVERGED) != 0)), float(np.mean(rows["evaluations"])),
-                1e6 * seconds / len(rows),
-            ))  # fmt: skip
+
+    def off(rows: Rows) -> float:
+        """Largest error of the depth, or of minus the gap."""
+        errors = (rows[name] - exact[name] for name in ("penetration_depth", "gap"))
+        return float(np.abs(np.subtract(*errors)).max())
+
+    second, loaded = (off(answers("dynamic", *how)[0]) for how in ((SECOND, 1.0), (REFERENCE, 1.0 + LOAD_ERROR)))
+    settings, touching = list[Setting](), exact["penetration_depth"] > 0.0
+    for level, tolerance in product(NAMES, TOLERANCES):
+        rows, seconds = answers(level, tolerance)
+        apart = [rows["contact_point"][axis] - exact["contact_point"][axis] for axis in ("x", "y")]
+        settings.append(Setting(
+            level, tolerance, off(rows), float(np.abs(rows["contact_force"] - exact["contact_force"]).max()),
+            float(np.hypot(*apart)[touching].max(initial=0.0)),
+            float(np.mean((rows["status"] & Status.NOT_CONVERGED) != 0)), float(np.mean(rows["evaluations"])),
+            1e6 * seconds / len(rows),
+        ))  # fmt: skip
     return Trade(settings, len(exact), loaded if worth is None else worth, second)
 
 
@@ -138,17 +139,6 @@ def answered(model: KneeModel, samples: Rows, load: float) -> tuple[Rows, float]
     return np.concatenate(rows), min(seconds[1:])
 
 
-def signed_depth(rows: Rows) -> NDArray[np.float64]:
-    """Penetration depth, or minus the gap [m], shape (n,)."""
-    depth: NDArray[np.float64] = rows["penetration_depth"] - rows["gap"]
-    return depth
-
-
-def largest(differences: NDArray[np.float64]) -> float:
-    """Largest size of some differences; 0 if there are none."""
-    return float(np.abs(differences).max(initial=0.0))
-
-
 def advice(trade: Trade) -> str:
     """Recommend the setting with the fewest evaluations that is good enough; of equal ones the largest tolerance.
 
@@ -157,8 +147,8 @@ def advice(trade: Trade) -> str:
     if not any(each.depth or each.force for each in trade.settings):
         return "Every setting gives the same depth and force, as with prescribed femoral heights: use any."
     worth = f"{1e6 * trade.worth:.2g} um"
-    good = [each for each in trade.settings if max(each.depth, each.tolerance) <= trade.worth]
-    good = [each for each in good if each.flagged <= FLAGGED]
+    good = [each for each in trade.settings
+            if max(each.depth, each.tolerance) <= trade.worth and each.flagged <= FLAGGED]  # fmt: skip
     if not good:
         return f"No setting flags at most 1 % of the ticks and has errors below those of your data ({worth})."
     best = min(good, key=lambda each: (each.evaluations, -each.tolerance))
@@ -189,11 +179,9 @@ def draw(trade: Trade, path: Path) -> None:
     Raises:
         UsageError: it cannot be written; an earlier picture is kept then.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(10.0, 7.0), layout="constrained")
-    FigureCanvasAgg(figure)
     panels = (
         ("depth", "largest error of the depth [m]"), ("force", "largest error of the contact force [N]"),
         ("point", "largest error of the contact point [m]"), ("microseconds", "processor time per tick [µs]"),

@@ -7,7 +7,6 @@ between them counts on average.
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -30,7 +29,7 @@ from knee_contact_ros.offline.solve import parameters_in, texts_of
 from knee_contact_ros.parameters.files import Source, all_values, curve_files, dotted, known_parameters
 from knee_contact_ros.parameters.schema import LATERAL, Parameters, has_both
 from knee_contact_ros.results import no_such
-from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.errors import UsageError, meant
 from knee_contact_ros.system.files import expanded, read_mapping
 from knee_contact_ros.system.terminal import progress
 
@@ -41,8 +40,6 @@ STREAMS = {
 """Inputs of a tick that may be uncertain: their fields of `Recording`, and units"""
 SECTIONS = ("load.", "femur.", "tibia.", "contact.", "body_weight", LATERAL)
 """Beginnings of the names of the parameters that may be uncertain"""
-UNIT = re.compile(r"\[([^\]]+)\]")
-"""The unit at the beginning of a parameter's description"""
 LARGEST = 1.0
 """Largest relative deviation: beyond it little is known, and no linear propagation holds"""
 DEPTH_AND_FORCE = ("penetration_depth", "contact_force")
@@ -75,10 +72,7 @@ class Deviation(NamedTuple):
     @property
     def unit(self) -> str:
         """The SI unit of the input or the parameter; empty if it has none."""
-        if self.name in STREAMS:
-            return STREAMS[self.name][1]
-        unit = UNIT.match(known_parameters()[self.name].description)
-        return unit[1] if unit else ""
+        return STREAMS[self.name][1] if self.name in STREAMS else known_parameters()[self.name].unit
 
 
 def deviations_of(given: Mapping[str, Any] | Name, parameters: Parameters) -> tuple[Deviation, ...]:
@@ -101,10 +95,9 @@ def deviations_of(given: Mapping[str, Any] | Name, parameters: Parameters) -> tu
     streams, found = [name for name in STREAMS if name not in left_out], []
     for name, size in dotted(given).items():
         if name not in (*streams, *known):
-            near = difflib.get_close_matches(name, [*streams, *known], n=1, cutoff=0.75)
             where = f"with drive {parameters.drive} and load.compartment {parameters.load.compartment}"
             allowed = f"{where} {', '.join(streams)}, or a real number of {', '.join(sections)}"
-            hint = f"did you mean {near[0]}?" if near else allowed
+            hint = meant(name, [*streams, *known], allowed, cutoff=0.75)
             raise UsageError(f"uncertainty: {name or repr(name)} is not allowed; {hint}")
         relative = isinstance(size, str)
         part = name == "axial_load" or name not in STREAMS

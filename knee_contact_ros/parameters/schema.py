@@ -104,6 +104,11 @@ class Declaration(NamedTuple):
     description: str
     limits: Limits
 
+    @property
+    def unit(self) -> str:
+        """Unit with which the description begins, as `[m]`; empty if there is none."""
+        return self.description[1:].partition("]")[0] if self.description.startswith("[") else ""
+
 
 class Section(BaseModel):
     """Group of parameters; names and types are strict, numbers finite."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Collection, Sequence
 
 SHOWN = 20
@@ -28,6 +29,12 @@ def listed(names: Sequence[str]) -> str:
     return (
         printable(", ".join(name if len(name) <= LONGEST else f"{name[:LONGEST]}..." for name in names[:SHOWN])) + more
     )
+
+
+def meant(name: str, names: Collection[str], otherwise: str = "", cutoff: float = 0.6) -> str:
+    """Hint for an unknown name: the known one that is similar, or else `otherwise`, or else all known ones."""
+    near = difflib.get_close_matches(name, names, n=1, cutoff=cutoff)
+    return f"did you mean {near[0]}?" if near else otherwise or f"allowed are {', '.join(names)}"
 
 
 def in_a_line(faults: Collection[str]) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -39,7 +40,7 @@ from knee_contact_ros.parameters.schema import LoadParameters, Parameters
 from knee_contact_ros.results import Results, no_such
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, LOAD_INPUTS
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded
+from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded, split
 from knee_contact_ros.system.output_files import refuse_existing, refuse_impossible, write_complete
 from knee_contact_ros.system.terminal import WIDTH, progress, say, shown, warn
 
@@ -101,6 +102,7 @@ class Calibration:
         return f"<Calibration: {values}{doubted}>"
 
 
+@in_python_words()
 def calibrate(
     table: Name | Sequence[Name] | Mapping[str, Any] | Any, params: Any = None, free: Free = (),
     values: Mapping[str, Any] | None = None,
@@ -145,34 +147,6 @@ def calibrate(
         UsageError: a file, column, topic, parameter or option cannot be used, or a parameter has no effect on what was
             measured.
     """
-    with in_python_words():
-        remaps = [f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()]
-        return _calibrated(
-            table, params, free, values or {}, sigma or {}, remaps, loss=loss, level=level, starts=starts,
-            with_intervals=with_intervals, compiled=compiled, namespace=namespace,
-        )  # fmt: skip
-
-
-def bags_in(data: Any) -> list[Path]:
-    """Names of the bags, if data is the name of one (a folder, or a file with the suffix of one), or several of them.
-
-    Raises:
-        UsageError: there are several names, and one of them is not that of a bag.
-    """
-    several = list(data) if isinstance(data, list | tuple) else [data]
-    names = [Path(expanded(str(each))) for each in several if isinstance(each, str | PathLike)]
-    bags = [name for name in names if name.is_dir() or any(end in MAGICS for end in name.suffixes)]
-    if len(names) > 1 and len(bags) < len(names):
-        other = next(name for name in names if name not in bags)
-        raise UsageError(f"{other}: it is not a bag; several bags can be given, but only one table")
-    return bags
-
-
-def _calibrated(
-    data: Any, params: Any, free: Free, values: Mapping[str, Any], sigma: Mapping[str, float], remaps: Sequence[str],
-    *, loss: str, level: float, with_intervals: bool, starts: int, namespace: str, compiled: bool | None = None,
-) -> Calibration:  # fmt: skip
-    """Fit parameters as `calibrate` does, with errors that name the options of the command line."""
     for name, value, allowed, words in (
         ("loss", loss, loss in LOSSES, f"one of {', '.join(LOSSES)}"),
         ("level", level, 0.0 < level < 1.0, "a probability between 0 and 1"),
@@ -180,8 +154,9 @@ def _calibrated(
     ):
         if not allowed:
             raise UsageError(f"{name}: {value!r} is not allowed; {words}")
-    problem = _problem(data, params, free, values, remaps, namespace, compiled)
-    measured, unknowns = problem.measured, problem.unknowns
+    remaps = [f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()]
+    problem = _problem(table, params, free, values or {}, remaps, namespace, compiled)
+    measured, unknowns, sigma = problem.measured, problem.unknowns, sigma or {}
     if measured.number <= len(unknowns):
         raise UsageError(f"{measured.source}: {measured.number} values can be fitted, for {len(unknowns)} parameters; "
                          "more are needed than parameters are free")  # fmt: skip
@@ -192,7 +167,7 @@ def _calibrated(
         if not (isinstance(deviation, int | float | np.floating) and 0.0 < deviation < math.inf):
             raise UsageError(f"--sigma {name}={deviation}: it must be COLUMN=NUMBER, the number > 0 in its unit")
     with progress("Fitting") as advance:
-        fit = fitted(problem, loss, {name: float(value) for name, value in sigma.items()}, starts, advance)
+        fit = fitted(problem, loss, sigma, starts, advance)
     bounds, better = list[Interval](), None
     for _ in range(ROUNDS if with_intervals else 0):
         fit = fit if better is None else replace(fit, place=better).settled()
@@ -213,6 +188,21 @@ def _calibrated(
         answers, (*([] if better is None else [ROUGH]), *doubts(fit, bounds, level), *warnings), loss, tuple(remarks),
         also,
     )  # fmt: skip
+
+
+def bags_in(data: Any) -> list[Path]:
+    """Names of the bags, if data is the name of one (a folder, or a file with the suffix of one), or several of them.
+
+    Raises:
+        UsageError: there are several names, and one of them is not that of a bag.
+    """
+    several = list(data) if isinstance(data, list | tuple) else [data]
+    names = [Path(expanded(str(each))) for each in several if isinstance(each, str | PathLike)]
+    bags = [name for name in names if name.is_dir() or any(end in MAGICS for end in name.suffixes)]
+    if len(names) > 1 and len(bags) < len(names):
+        other = next(name for name in names if name not in bags)
+        raise UsageError(f"{other}: it is not a bag; several bags can be given, but only one table")
+    return bags
 
 
 def _problem(
@@ -243,7 +233,7 @@ def _problem(
 
 def run_calibrate(
     data: Sequence[Path], params: Sequence[Path], values: Mapping[str, Any], sigma: Sequence[str], output: Path,
-    overwrite: bool, *, free: Sequence[str], remaps: Sequence[str], **options: Any,
+    overwrite: bool, *, remaps: Sequence[str], **options: Any,
 ) -> None:  # fmt: skip
     """Fit as `calibrate` does, write the parameter file, and print the result.
 
@@ -254,9 +244,8 @@ def run_calibrate(
         sigma: Standard deviations of columns, as penetration_depth=1e-6.
         output: The parameter file.
         overwrite: Whether to replace it.
-        free: Names of the free parameters, also with ranges, as contact.damping=1000:20000.
         remaps: Other names of a bag's topics, as joint_reaction_force:=/implant/force.
-        options: Others of the arguments of `calibrate`.
+        options: Others of the arguments of `calibrate`; a free parameter may have a range, as contact.damping=1e3:2e4.
 
     Raises:
         UsageError: data, parameters, an option or the output cannot be used. Nothing is written then.
@@ -264,8 +253,11 @@ def run_calibrate(
     refuse_impossible(output)
     if not overwrite:
         refuse_existing(output)
-    deviations = dict(map(_deviation, sigma))
-    calibration = _calibrated(list(data), list(params), free, values, deviations, remaps, **options)
+    in_words_of_options: Any = inspect.unwrap(calibrate)
+    calibration: Calibration = in_words_of_options(
+        list(data), list(params), values=values, sigma=dict(map(_deviation, sigma)),
+        remap=dict(split(rule, "--remap") for rule in remaps), **options,
+    )  # fmt: skip
     write_complete({output: parameter_file(calibration, data, params, values).encode()})
     _show(calibration)
     say("")

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
@@ -27,7 +26,7 @@ from knee_contact_ros.parameters.files import (
 )
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.results import Results
-from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.errors import UsageError, meant
 
 TIME, ANGLE, LOAD, AXIAL_LOAD, HEIGHT = "time", "flexion_angle", "load", "axial_load", "femoral_height"
 ANSWERS: dict[str, str] = {"penetration_depth": "m", "contact_force": "N", "gap": "m", HEIGHT: "m"}
@@ -128,9 +127,7 @@ def measured_from(table: Mapping[str, ArrayLike] | Any, drive: str, source: str 
 def _column(table: Any, name: Any, source: str) -> Floats:
     """Copy a column as numbers."""
     if str(name) not in COLUMNS:
-        near = difflib.get_close_matches(str(name), COLUMNS, n=1, cutoff=0.6)
-        hint = f"did you mean {near[0]}?" if near else f"allowed are {', '.join(COLUMNS)}"
-        raise UsageError(f"{source}: column {name or repr(name)} is not known; {hint}")
+        raise UsageError(f"{source}: column {name or repr(name)} is not known; {meant(str(name), COLUMNS)}")
     try:
         column = np.array(table[name], dtype=np.float64)
     except (TypeError, ValueError):
@@ -177,14 +174,13 @@ class ContactProblem(Problem):
         answers = blank(len(samples))
         same_surfaces = (changed.femur.radius, changed.tibia) == (self.parameters.femur.radius, self.parameters.tibia)
         try:
-            self._made(changed, same_surfaces=same_surfaces).compute(samples, answers)
+            model = retuned(self.model, changed) if same_surfaces else self._made(changed)
+            model.compute(samples, answers)
         except ValueError as error:
             raise UsageError(f"{trial.source}: {error}") from None
         return answers
 
-    def _made(self, parameters: Parameters, *, same_surfaces: bool = False) -> KneeModel:
-        if same_surfaces:
-            return retuned(self.model, parameters)
+    def _made(self, parameters: Parameters) -> KneeModel:
         return replace(build_model(parameters, curves=self.texts), compiled=self.model.compiled, results=Results)
 
     def predicted(self, values: Values) -> Results:

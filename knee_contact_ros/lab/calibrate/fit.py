@@ -24,12 +24,10 @@ symmetric, and it may have no end within the parameter's range: the data do not 
 
 from __future__ import annotations
 
-import difflib
 import math
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cache, cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -39,13 +37,11 @@ from scipy.stats import chi2, f, qmc
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.parameters.files import all_values, known_parameters
 from knee_contact_ros.parameters.schema import Declaration, NodeSection
-from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.errors import UsageError, meant
 
 Free = Mapping[str, Sequence[float] | None] | Iterable[str]
 """Names of parameters, or a mapping of names to the ends of narrower ranges"""
 Values = dict[str, float]
-UNIT = re.compile(r"\[([^\]]+)\]")
-"""The unit with which a parameter's description begins, if it has one"""
 LINEAR = "linear"
 BEND = 1.345
 """Residual at the bend of Huber's loss, in units of the noise: 95 % as efficient as squares for normal noise"""
@@ -159,11 +155,8 @@ def unknowns_of(free: Free, names: Sequence[str], parameters: NodeSection, sourc
         if name in found:
             raise UsageError(f"--free {name}: it is given twice")
         if name not in names:
-            near = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
-            hint = f"did you mean {near[0]}?" if near else f"allowed are {', '.join(names)}"
-            raise UsageError(
-                f"--free {name or repr(name)}: it is not a parameter that can be fitted to {source}; {hint}"
-            )
+            what = f"--free {name or repr(name)}: it is not a parameter that can be fitted to {source}"
+            raise UsageError(f"{what}; {meant(name, names)}")
         found[name] = _unknown(name, ends, known[name], float(values[name]))
     if not found:
         raise UsageError(f"calibrate: no parameter is free; name one, such as --free {names[0]}")
@@ -189,8 +182,8 @@ def _unknown(name: str, ends: Any, declared: Declaration, start: float) -> Unkno
         low = float(np.nextafter(low, high))
     if high == most and f"< {most:g}" in excluded:
         high = float(np.nextafter(high, low))
-    scale, unit = abs(start) or abs(float(declared.default)) or 0.1 * (high - low), UNIT.match(declared.description)
-    return Unknown(name, start, low, high, unit[1] if unit else "", 0.0 if logarithmic else scale)
+    scale = 0.0 if logarithmic else abs(start) or abs(float(declared.default)) or 0.1 * (high - low)
+    return Unknown(name, start, low, high, declared.unit, scale)
 
 
 @dataclass(frozen=True)
@@ -311,15 +304,14 @@ class Fit:
         low, high = self.bounds
         columns = []
         for index in range(len(place)) if which is None else which:
-            sides = []
-            for step in (-self.steps[index], self.steps[index]):
-                moved = place.copy()
-                moved[index] = min(max(place[index] + step, low[index]), high[index])
-                residuals = self.residuals(moved)
-                beyond = abs(residuals[0]) >= FAR
-                sides.append((place[index], self.residuals(place)) if beyond else (moved[index], residuals))
-            (first, below), (last, above) = sides
-            columns.append((above - below) / (last - first) if last > first else np.zeros_like(above))
+            ends = np.tile(place, (2, 1))
+            ends[:, index] = np.clip(place[index] + self.steps[index] * np.array([-1.0, 1.0]), low[index], high[index])
+            residuals = [self.residuals(end) for end in ends]
+            for side in (0, 1):
+                if abs(residuals[side][0]) >= FAR:  # there is no model
+                    ends[side], residuals[side] = place, self.residuals(place)
+            width = ends[1, index] - ends[0, index]
+            columns.append((residuals[1] - residuals[0]) / width if width else np.zeros_like(residuals[0]))
         return np.stack(columns, axis=1)
 
     def cost(self, place: Floats) -> float:
@@ -423,11 +415,10 @@ class Fit:
             new = replace(new, steps=np.clip(resolved, LEAST_STEP, STEP))
             steady = all(abs(noise[name] / fit.noise[name] - 1.0) < STEADY for name in noise)
             steady &= bool((np.abs(np.log(new.steps / fit.steps)) < 0.5).all())
-            fit = new
+            fit = replace(new, independent=1.0 / max(map(samples_per_value, misfits.values())))
             if steady:
                 break
-        misfits = self.problem.misfits(fit.values())
-        return replace(fit, independent=1.0 / max(map(samples_per_value, misfits.values())))
+        return fit
 
 
 def scaled(misfits: Mapping[str, Floats], noise: Mapping[str, float]) -> Floats:
@@ -523,31 +514,30 @@ def _end(fit: Fit, index: int, side: float, limit: float, better: list[Floats]) 
     usable = 0.0 < variance < math.inf
     deviation = math.sqrt(variance) if usable else 0.1
     slopes = spread[:, index] / variance if usable else np.eye(len(spread))[index]  # along the valley of the cost
-    solved, known = {0.0: best}, {0.0: -limit}
+    solved = {0.0: best}
 
+    @cache
     def rise(reach: float) -> float:
         """Compute the root of the likelihood ratio at a distance from the fit, less its limit."""
-        if reach not in known:
-            near = min(solved, key=lambda each: abs(each - reach))
-            start = np.clip(solved[near] + side * (reach - near) * slopes, *bounds)
-            start[index] = at + side * reach
-            solved[reach] = fit.searched(start, held=[index])
-            ratio = fit.ratio(solved[reach])
-            if ratio < -BETTER:
-                better.append(solved[reach])
-            known[reach] = math.sqrt(max(ratio, 0.0)) - limit
-        return known[reach]
+        if reach == 0.0:
+            return -limit
+        near = min(solved, key=lambda each: abs(each - reach))
+        start = np.clip(solved[near] + side * (reach - near) * slopes, *bounds)
+        start[index] = at + side * reach
+        solved[reach] = fit.searched(start, held=[index])
+        ratio = fit.ratio(solved[reach])
+        if ratio < -BETTER:
+            better.append(solved[reach])
+        return math.sqrt(max(ratio, 0.0)) - limit
 
     furthest = min(abs(float(bounds[int(side > 0.0)][index] - at)), WIDEST)
-    inner, outer = 0.0, min(np.clip(limit * deviation, SMALL, 1.0), furthest)
-    while rise(outer) < 0.0:
+    inner, outer = 0.0, min(float(np.clip(limit * deviation, SMALL, 1.0)), furthest)
+    while outer == 0.0 or rise(outer) < 0.0:
         if outer >= furthest:
             return at + side * outer, True
-        # The root of the ratio grows along a straight line as a rule
-        further = outer * min(max(1.05 * limit / (known[outer] + limit + 1e-12), 1.2), 3.0)
-        inner, outer = outer, min(further, furthest)
+        inner, outer = outer, min(1.5 * outer, furthest)
     close = min(1e-3 * deviation, 0.01 * outer)
-    return at + side * (brentq(rise, inner, outer, xtol=close, rtol=1e-6) if outer > inner else outer), False
+    return at + side * brentq(rise, inner, outer, xtol=close, rtol=1e-6), False
 
 
 def doubts(fit: Fit, bounds: Sequence[Interval], level: float) -> Iterator[str]:

@@ -238,9 +238,10 @@ def between(several: Sequence[Parameters | None], join: str = ", ") -> list[str]
     lines = []
     for name in dict.fromkeys(name for place, row in enumerate(rows) for name in row if not place or SECTION in name):
         if any(row.get(name) != rows[0].get(name) for row in rows):
-            meaning = files.known_parameters()[name].description
-            unit = f" {meaning[1 : meaning.index(']')].replace('exponent', 'n')}" if meaning.startswith("[") else ""
-            lines.append(f"{name}: {join.join(short(row.get(name)) if row else UNKNOWN for row in rows)}{unit}")
+            unit = files.known_parameters()[name].unit.replace("exponent", "n")
+            lines.append(
+                f"{name}: {join.join(short(row.get(name)) if row else UNKNOWN for row in rows)} {unit}".strip()
+            )
     return lines
 
 
