@@ -184,9 +184,9 @@ class Profile:
 
     @property
     def knot_spacing(self) -> float:
-        """Mean change of direction [rad] between two points of the spline."""
+        """Mean change of direction [rad] between two points of the spline; to and fro, as in dents, counts as none."""
         chords = np.diff(np.column_stack([self.cubics[:, [2, 6]].T, self._hull[:, 3, -1]]))
-        return float(np.abs(np.diff(np.unwrap(np.arctan2(chords[1], chords[0])))).mean())
+        return abs(float(np.diff(np.unwrap(np.arctan2(chords[1], chords[0]))).mean()))
 
     @property
     def largest_radius(self) -> float:

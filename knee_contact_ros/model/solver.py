@@ -647,7 +647,7 @@ def fly(
     the depth of no point rises above the chord between those of the deepest ones by more than bend x(1 - x) dt²/2,
     where bend [m/s²] bounds how fast its penetration rate can fall: by the turning femur, the translation, a load that
     pulls, and a concave tibia. Where chord and bulge stay below 0 there is no touch; else dt is halved. In overlapping
-    surfaces that are released dt is halved where depth or force has an extreme between two looks.
+    surfaces that are released dt is halved where depth or force has an extreme between two looks, or the contact leaps.
 
     Returns two times [s] between which the boundary is met, the contact at the first one, the boundary (`NOWHERE`: the
     flight goes on to `h`) and the looks.
@@ -661,6 +661,8 @@ def fly(
     longest, shortest, graze = h, 0.0, max(GRAZE * knee.tolerance, DEPTH_ROUNDING)
     if layer > APART:
         longest, shortest = h / LOOKS, h * FINEST
+        if surfaces.non_convex > 0.0:
+            longest = min(longest, NEAR_KNOT * surfaces.knot_spacing / max(turn, TINY))
     t, dt, looks, low = 0.0, longest, 0, begin
     while t < h and looks < most:
         there = min(t + dt, h)
@@ -677,6 +679,9 @@ def fly(
             safe = finest or min(low.rate * look.rate, change) >= 0.0
             if boundary == ABOVE and 2.0 * low.force * low.rate < rising * (low.depth - float(knee.law[layer, BEGIN])):
                 safe = finest  # it presses before the layer ends, where its force is 0 again
+            if surfaces.non_convex > 0.0:  # right after a leap the next bump presses, maybe only for a moment
+                leapt = abs(look.surface_rate - low.surface_rate) > LARGEST_RADIUS * turn * turn * dt
+                safe = finest or (safe and not leapt)
             if boundary != NOWHERE:  # the flight may begin on the boundary, and leave it first
                 safe = finest or (safe and inside_by(knee, layer, False, boundary, low) > 0.0)
         else:

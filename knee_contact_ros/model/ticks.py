@@ -238,6 +238,8 @@ def quasi_static(knee: Knee, tick: Interval, start: Femur, stiffness: float, dam
     height, end_depth, force, k, c, end_cosine, used = static_contact(
         knee.surfaces, knee.law, end_angle, load, start.height, near, NEWTON_SHARE * knee.tolerance, knee.budget
     )
+    if knee.remembers and start.impact_speed + start.impact_error > 0.0:  # it has begun faster, and damps less
+        _, _, c = law_force(knee.law, end_depth, 0.0, start.impact_speed + start.impact_error)
     _, end_surface_rate, _ = touch(knee.surfaces, end_angle, tick.angle_rate, height)
     square = end_cosine * end_cosine
     k, c = square * k, square * c
@@ -256,7 +258,11 @@ def quasi_static(knee: Knee, tick: Interval, start: Femur, stiffness: float, dam
         left = min(NEWTON_SHARE * knee.tolerance, 1e-3 * end_depth)
         unknown = left * left / max(end_depth, TINY)
         if begin_layer != layer:  # a layer begins softly, or with another dashpot: the dynamic femur may stay behind
-            unknown += max(depth, end_depth) - float(knee.law[max(begin_layer, layer), BEGIN])
+            behind = max(depth, end_depth) - float(knee.law[max(begin_layer, layer), BEGIN])
+            unknown += behind
+            if damping > c:  # let go later, it swings about where the load has left it
+                late = math.sqrt(2.0 * damping * (behind + reach(before, math.inf)) / max(abs(tick.load_rate), TINY))
+                unknown += min(abs(depth - end_depth), abs(tick.load_rate) * min(late, h) / k)
         way, speed = pushed_by(UNKNOWN_INERTIA * abs(inertia), k, c, mass, h)
         if knee.surfaces.non_convex > 0.0 or not math.isnan(next_kink(knee.surfaces, tick.angle, end_angle)):
             # The contact leaps from bump to bump: the surface kicks the femur, maybe twice, maybe at the end.
@@ -332,7 +338,8 @@ def remember(knee: Knee, tick: Interval, state: Floats, start: Femur, result: Re
     surfaces have added. It is forgotten when, without a break, the load has pressed for longer than all flights take,
     the first one from that distance at that speed and the others after landings, which leave a part of the speed; and
     then for as many relaxation times of the contact as the tolerance asks for. Where a layer has no dashpot, or the law
-    remembers how its contact began, nothing is forgotten until a reset.
+    remembers how its contact began, nothing is forgotten until a reset. How fast the contact has begun stays unknown
+    until the next touch, for a law that is changed to.
     """
     mass, stage, h = knee.mass, result.stage, tick.duration
     load = tick.load + tick.load_rate * h
@@ -375,7 +382,7 @@ def remember(knee: Knee, tick: Interval, state: Floats, start: Femur, result: Re
                 femur, left = result.femur, REMAINS * knee.tolerance
                 error = with_bound(femur.error, left, left * holding(stage.stiffness, stage.damping, mass))
                 return Result(
-                    Femur(femur.height, femur.velocity, error, femur.try_step, femur.impact_speed, femur.impact_error),
+                    Femur(femur.height, femur.velocity, error, femur.try_step, femur.impact_speed, landing),
                     stage, result.force, result.estimate + left, result.force_estimate, result.evaluations, True,
                 )  # fmt: skip
     state[LOST], state[FOLLOWING] = min(speed, LARGEST_ERROR), follows

@@ -10,7 +10,7 @@ import pytest
 
 pytest.importorskip("tabulate", reason="the studies' tables")
 
-from studies.honesty import long_runs
+from studies.honesty import changes, long_runs
 from studies.honesty.judging import Judged, judge
 from studies.honesty.ours import knee
 from studies.honesty.scenes import ARTHRITIC, FEMUR, KNEE, Scene, draw, shipped
@@ -65,11 +65,22 @@ def test_lift_offs_and_landings_are_covered(seed: int, level: str, tolerance: fl
     (1013001293, "dynamic", 1e-5),  # a swing that is not resolved, and ends in a flight
     (4031000894, "dynamic", 1e-8),  # a femur that is let go touches again right before the surfaces part
     (4003000472, "dynamic", 1e-6),  # a swing about the end of a layer, of the size of its error
+    (4027001729, "quasi_static", 1e-5),  # a dashpot that lets go late, into a layer that has none
 ])  # fmt: skip
 def test_what_was_said_right_and_wrong_is_not_any_more(seed: int, level: str, tolerance: float) -> None:
     found = answered(draw(seed), level, tolerance)
     assert found.depth.known.sum() > 30
     assert covered(found) > 0.9
+
+
+@pytest.mark.parametrize("seed", [
+    4037000958,  # a law of restitution at the quasi-static level damps by the impact speed, which is known
+    4037000972,  # how a contact began was lost with a law that does not ask, and is asked for by a later one
+])  # fmt: skip
+def test_a_law_that_is_changed_to_knows_whether_it_knows_how_the_contact_began(seed: int) -> None:
+    found = list(changes.rows(seed))
+    assert sum(one.known for one in found) == 400
+    assert sum(one.wrong for one in found) == 0
 
 
 def test_estimates_of_many_scenes_hold() -> None:

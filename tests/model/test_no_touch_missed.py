@@ -20,6 +20,12 @@ def test_a_motion_that_is_cut_otherwise_has_the_same_answers() -> None:
     assert sum(one.covered for one in found) >= 0.99 * sum(one.known for one in found)
 
 
+@pytest.mark.parametrize("seed", [5013002149, 5013002600])
+def test_a_released_contact_that_leaps_from_dent_to_dent_presses_after_a_leap(seed: int) -> None:
+    """A dashpot pulls, and lets go; the next dent comes down fast, and presses for a moment between two looks."""
+    assert [one for one in rows(seed) if one.wrong or one.known != 20 or one.covered < 19] == []
+
+
 @pytest.mark.parametrize("parts", [1, 3])
 @pytest.mark.parametrize("brush", [0.07, 0.31, 0.62, 0.93])
 @pytest.mark.parametrize("deep", [1e-4, 3e-4])
