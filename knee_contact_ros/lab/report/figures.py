@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from knee_contact_ros.lab.report.runs import FIRST, MEGA, MM, PERCENT, SECOND, Floats, Run
+from knee_contact_ros.lab.report.runs import CURVES, FIRST, MM, PERCENT, SECOND, Floats, Quantity, Run
 from knee_contact_ros.lab.uncertainty import LEVEL
 from knee_contact_ros.model.readouts import OWN_PRESSURE
 from knee_contact_ros.parameters.schema import Parameters, has_both
@@ -101,35 +101,15 @@ class Figure(NamedTuple):
     """The picture in PNG format"""
 
 
-class Quantity(NamedTuple):
-    """Quantity that a figure shows."""
-
-    name: str
-    title: str
-    axis: str
-    """Label of the vertical axis, with the unit in brackets"""
-    field: str
-    """Name of the field of the answers, one of `CURVED`"""
-    factor: float | None
-    """Factor from SI units to the unit of the axis; None: the quantity is a force in body weights"""
-
-    def scaled(self, run: Run, values: Floats) -> Floats:
-        """Values of a run in the unit of the axis."""
-        return values / run.weight if self.factor is None else self.factor * values
-
-    def of(self, run: Run) -> Floats:
-        """Values in the unit of the axis of all cycles of a run, shape (cycles, 101)."""
-        return self.scaled(run, run.gathered.curves[self.field])
+FLEXION, FORCE, DEPTHS, POINT, PRESSURE, PATCH = (CURVES[name] for name in (
+    "flexion_angle_deg", "contact_force_BW", "penetration_depth_mm", "contact_point_x_mm", "peak_pressure_MPa",
+    "patch_half_width_mm",
+))  # fmt: skip
 
 
-FLEXION = Quantity("flexion", "Flexion angle", "flexion angle [°]", "flexion_angle", math.degrees(1.0))
-FORCE = Quantity("contact_force", "Contact force", "contact force [BW]", "contact_force", None)
-DEPTHS = Quantity("depth", "Penetration depth", "penetration depth [mm]", "penetration_depth", MM)
-POINT = Quantity(
-    "contact_point", "Contact point along the plateau", "contact point, anterior [mm]", "contact_point_x", MM
-)
-PRESSURE = Quantity("peak_pressure", "Peak contact pressure", "peak pressure [MPa]", "peak_pressure", MEGA)
-PATCH = Quantity("patch_half_width", "Half-width of the contact patch", "half-width [mm]", "half_width", MM)
+def cycles_of(run: Run, what: Quantity) -> Floats:
+    """Values of all cycles of a run, in the unit of the axis, shape (cycles, 101)."""
+    return np.asarray(what.scaled(run.gathered.curves[what.field], run.weight))
 
 
 @contextmanager
@@ -179,7 +159,7 @@ def pressure_of(run: Run) -> str:
 
 def moves(cyclic: Sequence[Run]) -> bool:
     """Whether the contact point moves along the plateau in any of the runs."""
-    return any(float(np.ptp(POINT.of(run).mean(axis=0))) > LEAST_WAY for run in cyclic)
+    return any(float(np.ptp(cycles_of(run, POINT).mean(axis=0))) > LEAST_WAY for run in cyclic)
 
 
 def over_cycle(runs: Sequence[Run], cyclic: Sequence[Run]) -> list[Figure]:
@@ -204,9 +184,9 @@ def over_cycle(runs: Sequence[Run], cyclic: Sequence[Run]) -> list[Figure]:
     figures = list[Figure]()
     for what, caption in captions.items():
         known = [run for run in cyclic if what is not FLEXION or run.beside is None]  # comparisons: the same inputs
-        known = [run for run in known if np.isfinite(what.of(run)).any()]  # earlier recordings lack some fields
+        known = [run for run in known if np.isfinite(cycles_of(run, what)).any()]  # earlier recordings lack some fields
         if known and (what is not POINT or moves(known)):
-            with drawn(figures, what.name, f"{what.title} over the gait cycle", lines + caption, CYCLE) as canvas:
+            with drawn(figures, what.figure, f"{what.title} over the gait cycle", lines + caption, CYCLE) as canvas:
                 _panel(canvas, runs, known, what)
     return figures
 
@@ -225,14 +205,16 @@ def over_time(runs: Sequence[Run]) -> list[Figure]:
                 for run in group[:1] if what is FLEXION else group:  # flexion: the same inputs
                     time, look = run.gathered.elapsed / NANOSECONDS, _look(runs, run)
                     look |= {"linewidth": 0.7 * look["linewidth"], "marker": "." if len(time) < FEW_POINTS else None}
-                    axis.plot(time, what.scaled(run, run.gathered.columns[what.field]), **look, label=_plain(run.label))
+                    axis.plot(
+                        time, what.scaled(run.gathered.columns[what.field], run.weight), **look, label=_plain(run.label)
+                    )
                     if what is DEPTHS and run.has_bone:
                         axis.axhline(
                             MM * run.parameters.contact.layer_depth, color="0.35", linestyle=":", linewidth=1.2
                         )
                 for begin, kind in zip(marks["time_s"], marks["event"], strict=True):
                     axis.axvline(begin, linewidth=0.9, zorder=1.5, **MARKS[kind])
-                axis.set_ylabel(what.axis.removeprefix("penetration "))
+                axis.set_ylabel(f"{what.title.lower()} [{what.unit}]".removeprefix("penetration "))
             axes[-1].set_xlabel("time since the first tick [s]")
             if len(group) > 1:
                 canvas.legend(*axes[1].get_legend_handles_labels(), loc="outside lower center")
@@ -270,7 +252,7 @@ def _drawn_peaks(run: Run) -> list[tuple[str, int]]:
     for which in (FIRST, SECOND):
         same = of.peaks[of.peaks["peak"] == which]
         if len(same):
-            largest = same.loc[same["load"].idxmax()]
+            largest = same.loc[same["load_N"].idxmax()]
             peaks.append((f"{which} peak, {largest['gait_cycle_percent']:.0f} % of the cycle", int(largest["tick"])))
     what, time = of.driving.replace("_", " "), of.elapsed[of.largest] / NANOSECONDS
     return peaks or [(f"largest {what}, {time:.2f} s", of.largest)]
@@ -353,7 +335,7 @@ def _panel(canvas: Any, runs: Sequence[Run], cyclic: Sequence[Run], what: Quanti
         axis.axhline(MM * layer, color="0.35", linestyle=":", linewidth=1.2)
         axis.annotate(f"bone from {MM * layer:g} mm", (99.0, MM * layer), ha="right", va="bottom", fontsize=8.5)
     for run in cyclic:
-        values, look = what.of(run), _look(runs, run)
+        values, look = cycles_of(run, what), _look(runs, run)
         mean = values.mean(axis=0)
         if len(values) > 1:
             spread = values.std(axis=0, ddof=1)
@@ -365,8 +347,8 @@ def _panel(canvas: Any, runs: Sequence[Run], cyclic: Sequence[Run], what: Quanti
         axis.axvline(stance, color="0.45", linewidth=1.0, linestyle=(0, (1, 2)), zorder=0.5)
     axis.annotate("toe-off", (float(np.mean(stances)), 1.0), (0, 2), ha="center", va="bottom", fontsize=8,
                   color="0.35", xycoords=("data", "axes fraction"), textcoords="offset points")  # fmt: skip
-    axis.set(xlabel="gait cycle [%]", ylabel=what.axis, xlim=(0.0, 100.0))
+    axis.set(xlabel="gait cycle [%]", ylabel=f"{what.title.lower()} [{what.unit}]", xlim=(0.0, 100.0))
     if what in {FORCE, DEPTHS, PRESSURE, PATCH}:
-        pulls = min(float(what.of(run).min()) for run in cyclic) < 0.0  # as a contact law with tension does
+        pulls = min(float(cycles_of(run, what).min()) for run in cyclic) < 0.0  # as a contact law with tension does
         axis.set_ylim(bottom=min(0.0, axis.get_ylim()[0]) if pulls else 0.0)
     _legend(canvas, axis)

@@ -27,29 +27,19 @@ from knee_contact_ros.system.terminal import progress, warn
 OLDEST = (3, 7)
 """Oldest version of matplotlib that puts legends outside of axes; Ubuntu 24.04 has 3.6"""
 EXTRA, PAGE, TEMPLATE, UNCERTAINTY = "report", "report.html", "report.html.jinja", "uncertainty.csv"
-PICTURES = (
-    "knee_[0-9]*", "flexion", "contact_force", "depth", "peak_pressure", "patch_half_width", "contact_point",
-    "over_time_[0-9]*", "uncertainty_[0-9]*",
-)  # fmt: skip
+PICTURES = ("knee_[0-9]*", "over_time_[0-9]*", "uncertainty_[0-9]*", *(q.figure for q in CURVES.values() if q.figure))
 """Patterns of the names of the pictures, without their suffix"""
 EARLIER = (*(f"{name}.png" for name in PICTURES), UNCERTAINTY)
 """Patterns of the files of an earlier report that are removed"""
 DOUBTFUL = " (implausible)"
 """Mark of what comes from a tick that is `IMPLAUSIBLE`"""
 MICRO = 1e6
-CYCLE_COLUMNS = ("run", "gait_cycle_percent", "cycles",
-                 *(f"{name}_{kind}" for name in CURVES for kind in ("mean", "sd")))  # fmt: skip
-UNCERTAINTY_COLUMNS = ("run", "input", "standard_deviation", "depth_at_largest_load_um", "force_at_largest_load_N",
+UNCERTAINTY_COLUMNS = ("input", "standard_deviation", "depth_at_largest_load_um", "force_at_largest_load_N",
                        "depth_rms_um", "force_rms_N")  # fmt: skip
 # "at_largest_load": where the femoral height drives, at the largest contact force
-CONTACT_COLUMNS = ("load_N", "load_BW", "contact_force_N", "contact_force_BW", "penetration_depth_mm")
-EVENT_COLUMNS = ("run", "event", "stamp_s", "time_s", *CONTACT_COLUMNS, "text")
-PEAK_COLUMNS = ("run", "peak", "stamp_s", "time_s", "cycle", "gait_cycle_percent", *CONTACT_COLUMNS,
-                "contact_force_error_N", "penetration_depth_error_mm")  # fmt: skip
-STRIDE_COLUMNS = ("run", "cycle", "heel_strike_s", *runs.NUMBERS)
-QUANTITIES = (("load", "load [BW]", ".2f"), ("contact_force", "contact force [BW]", ".2f"),
-              ("penetration_depth", "depth [mm]", ".3f"))  # fmt: skip
-"""Fields of a moment that the first table shows, with their names there and the digits"""
+QUANTITIES = (("load_BW", "load [BW]", ".2f"), ("contact_force_BW", "contact force [BW]", ".2f"),
+              ("penetration_depth_mm", "depth [mm]", ".3f"))  # fmt: skip
+"""Quantities that the first table shows, with their names there and the digits"""
 CYCLE_ROWS = (
     ("cycle [s]", "duration_s", ".3f"), ("stance [% of the cycle]", "stance_percent", ".1f"),
     ("largest contact force [BW]", "largest_contact_force_N", ".2f"),
@@ -174,19 +164,18 @@ def first_table(found: Sequence[Run]) -> Table:
     columns, notes = [], ["Largest: anywhere in the recording."]
     notes += ["First and second peak: of the stances in whole gait cycles, mean ± standard deviation."] if kinds else []
     for run in found:
-        of, weight, cells = run.gathered, run.weight, []
-        units = {"load": 1.0 / weight, "contact_force": 1.0 / weight, "penetration_depth": MM}
-        for field, name, digits in QUANTITIES:
-            at = int(np.argmax(of.columns[field]))
+        of, cells = run.gathered, []
+        for column, name, digits in QUANTITIES:
+            values = of.columns[CURVES[column].field]
+            at = int(np.argmax(values))
             mark = DOUBTFUL * bool(int(of.columns["status"][at]) & Status.IMPLAUSIBLE)
-            driven = field != "load" or not run.prescribed
-            value = f"{units[field] * of.columns[field][at]:{digits}}{mark}"
-            cells.append((f"largest {name}", value if driven else NONE))
+            value = f"{CURVES[column].scaled(values[at], run.weight):{digits}}{mark}"
+            cells.append((f"largest {name}", NONE if column == "load_BW" and run.prescribed else value))
         for which in kinds:
             group = of.peaks[of.peaks["peak"] == which]
             mark = DOUBTFUL * bool((group["status"].to_numpy(int) & Status.IMPLAUSIBLE).any())
-            cells += [(f"{which} peak: {name}", _spread(units[field] * group[field], digits) + mark)
-                      for field, name, digits in QUANTITIES]  # fmt: skip
+            cells += [(f"{which} peak: {name}", _spread(group[column], digits) + mark)
+                      for column, name, digits in QUANTITIES]  # fmt: skip
         columns.append(cells)
         stamp, what = int(of.columns["stamp"][of.largest]), of.driving.replace("_", " ")
         if run.beside is None and kinds and not any(span.start <= stamp < span.end for span in of.spans):
@@ -275,57 +264,34 @@ def contributions(run: Run, of: Propagated) -> Iterator[tuple[Any, ...]]:
 
 
 def tables(found: Sequence[Run]) -> dict[str, str]:
-    """Contents of the report's CSV files, by file name."""
-    files = {
-        "cycles.csv": _csv(CYCLE_COLUMNS, [(run, curves_of(run)) for run in found if run.gathered.spans]),
-        "events.csv": _csv(EVENT_COLUMNS, [(run, with_units(run, run.gathered.events)) for run in found]),
-        "peaks.csv": _csv(PEAK_COLUMNS, [(run, with_units(run, run.gathered.peaks)) for run in found]),
-        "strides.csv": _csv(STRIDE_COLUMNS, [
-            (run, run.gathered.strides.assign(
-                cycle=range(1, len(run.gathered.spans) + 1),
-                heel_strike_s=[_seconds(span.start) for span in run.gathered.spans],
-            )) for run in found
-        ]),
-    }  # fmt: skip
+    """Contents of the report's CSV files by file name: floats with nine significant digits, NaN as an empty cell."""
+    several = {
+        "cycles.csv": [curves_of(run) for run in found],
+        "events.csv": [run.gathered.events[[*runs.EVENT_COLUMNS]] for run in found],
+        "peaks.csv": [run.gathered.peaks[[*runs.PEAK_COLUMNS]] for run in found],
+        "strides.csv": [run.gathered.strides for run in found],
+    }
     if any(run.uncertain for run in found):
-        files[UNCERTAINTY] = _csv(UNCERTAINTY_COLUMNS, [
-            (run, pd.DataFrame(contributions(run, run.uncertain), columns=UNCERTAINTY_COLUMNS[1:]))
-            for run in found if run.uncertain
-        ])  # fmt: skip
+        several[UNCERTAINTY] = [
+            pd.DataFrame(contributions(run, run.uncertain) if run.uncertain else [], columns=[*UNCERTAINTY_COLUMNS])
+            for run in found
+        ]
+    files = {}
+    for name, parts in several.items():
+        for run, rows in zip(found, parts, strict=True):
+            rows.insert(0, "run", run.label)
+        joined = pd.concat([rows for rows in parts if len(rows)] or parts[:1])
+        files[name] = joined.to_csv(index=False, float_format="%.9g", lineterminator="\n")
     return files
-
-
-def _csv(columns: Sequence[str], several: Sequence[tuple[Run, pd.DataFrame]]) -> str:
-    """Write the rows of several runs as CSV text: floats with nine significant digits, NaN as an empty cell."""
-    parts = [rows.assign(run=run.label)[[*columns]] for run, rows in several if len(rows)]
-    joined = pd.concat(parts) if parts else pd.DataFrame(columns=[*columns])
-    text: str = joined.to_csv(index=False, float_format="%.9g", lineterminator="\n")
-    return text
-
-
-def with_units(run: Run, events: pd.DataFrame) -> pd.DataFrame:
-    """Give events with the columns of events.csv and peaks.csv."""
-    weight = run.weight
-    return events.assign(
-        stamp_s=[_seconds(stamp) for stamp in events["stamp"]], load_N=events["load"], load_BW=events["load"] / weight,
-        contact_force_N=events["contact_force"], contact_force_BW=events["contact_force"] / weight,
-        penetration_depth_mm=MM * events["penetration_depth"], contact_force_error_N=events["force_error_estimate"],
-        penetration_depth_error_mm=MM * events["error_estimate"],
-    )  # fmt: skip
 
 
 def curves_of(run: Run) -> pd.DataFrame:
     """Give the columns of cycles.csv: mean and standard deviation, which a single cycle has not, at every percent."""
     columns = {"gait_cycle_percent": PERCENT.astype(int), "cycles": len(run.gathered.spans)}
-    for name, (field, factor) in CURVES.items():
-        curves = pd.DataFrame(run.gathered.curves[field]) * (factor or 1.0 / run.weight)
+    for name, quantity in CURVES.items():
+        curves = pd.DataFrame(quantity.scaled(run.gathered.curves[quantity.field], run.weight))
         columns |= {f"{name}_mean": curves.mean(skipna=False), f"{name}_sd": curves.std(skipna=False)}
-    return pd.DataFrame(columns)
-
-
-def _seconds(stamp: int) -> str:
-    """Text of a stamp [ns] in seconds, with all its digits."""
-    return f"{stamp // NANOSECONDS}.{stamp % NANOSECONDS:09d}"
+    return pd.DataFrame(columns)[: None if run.gathered.spans else 0]
 
 
 def _side_by_side(columns: Sequence[Sequence[tuple[str, str]]], found: Sequence[Run], note: str = "") -> Table:

@@ -44,22 +44,51 @@ Source = Path | dict[str, Any]
 MM, MEGA = 1e3, 1e-6
 PERCENT = np.arange(101.0)
 """Percent of the gait cycle at which curves are given, shape (101,)"""
+
+
+class Quantity(NamedTuple):
+    """Quantity of the tables over the gait cycle, and of a figure if it has one."""
+
+    field: str
+    """Name of the field of the answers, or of the readout"""
+    factor: float | None
+    """Factor from SI units to the unit of the tables; None: a force in body weights"""
+    figure: str = ""
+    """Name of the figure's file, without the suffix; empty: there is none"""
+    title: str = ""
+    unit: str = ""
+    """Unit on the figure's axis"""
+
+    def scaled(self, values: Any, weight: float) -> Any:
+        """Values in the unit of the tables, for a body weight [N]."""
+        return values / weight if self.factor is None else self.factor * values
+
+
 CURVES = {
-    "flexion_angle_deg": ("flexion_angle", math.degrees(1.0)), "load_N": ("load", 1.0), "load_BW": ("load", None),
-    "contact_force_N": ("contact_force", 1.0), "contact_force_BW": ("contact_force", None),
-    "penetration_depth_mm": ("penetration_depth", MM), "bone_depth_mm": ("bone_depth", MM),
-    "contact_point_x_mm": ("contact_point_x", MM), "sliding_velocity_mm_per_s": ("sliding_velocity", MM),
-    "patch_half_width_mm": ("half_width", MM), "mean_pressure_MPa": ("mean_pressure", MEGA),
-    "peak_pressure_MPa": ("peak_pressure", MEGA), "cartilage_strain_percent": ("strain", 100.0),
+    "flexion_angle_deg": Quantity("flexion_angle", math.degrees(1.0), "flexion", "Flexion angle", "°"),
+    "load_N": Quantity("load", 1.0), "load_BW": Quantity("load", None),
+    "contact_force_N": Quantity("contact_force", 1.0),
+    "contact_force_BW": Quantity("contact_force", None, "contact_force", "Contact force", "BW"),
+    "penetration_depth_mm": Quantity("penetration_depth", MM, "depth", "Penetration depth", "mm"),
+    "bone_depth_mm": Quantity("bone_depth", MM),
+    "contact_point_x_mm": Quantity("contact_point_x", MM, "contact_point", "Contact point along the plateau", "mm"),
+    "sliding_velocity_mm_per_s": Quantity("sliding_velocity", MM),
+    "patch_half_width_mm": Quantity("half_width", MM, "patch_half_width", "Half-width of the contact patch", "mm"),
+    "mean_pressure_MPa": Quantity("mean_pressure", MEGA),
+    "peak_pressure_MPa": Quantity("peak_pressure", MEGA, "peak_pressure", "Peak contact pressure", "MPa"),
+    "cartilage_strain_percent": Quantity("strain", 100.0),
 }  # fmt: skip
-"""Curves over the gait cycle: name in cycles.csv → field of the answers, or readout, and its factor from SI units;
-None: in body weights"""
-CURVED = list(dict.fromkeys(field for field, _ in CURVES.values()))
+"""Curves over the gait cycle, by their names in cycles.csv"""
+CURVED = list(dict.fromkeys(each.field for each in CURVES.values()))
 FIELDS = [*(field for field in CURVED if field not in SPREAD), "gap", "stamp", "error_estimate",
           "force_error_estimate", "femoral_height", "contact_state", "fidelity", "status", "evaluations"]  # fmt: skip
 """Fields of the answers that are kept"""
-AT_EVENTS = ("load", "contact_force", "penetration_depth", "force_error_estimate", "error_estimate", "status")
-"""Fields of the answers that are given at events"""
+AT_EVENTS = ("load_N", "load_BW", "contact_force_N", "contact_force_BW", "penetration_depth_mm")
+"""Quantities of `CURVES` that are given at events"""
+EVENT_COLUMNS = ("event", "stamp_s", "time_s", *AT_EVENTS, "text")
+PEAK_COLUMNS = ("peak", "stamp_s", "time_s", "cycle", "gait_cycle_percent", *AT_EVENTS, "contact_force_error_N",
+                "penetration_depth_error_mm")  # fmt: skip
+"""Columns of events.csv and peaks.csv, after the run's label"""
 FIRST, SECOND = "first", "second"
 SECTION = "contact."
 NONE, UNKNOWN = "–", "not told"
@@ -110,7 +139,7 @@ class Gathered:
         """Whole gait cycles, from heel strike to heel strike"""
         self.strikes = 0
         """Number of heel strikes that another one followed, which is that of cycles if all of them were plausible"""
-        cycles, events = list[tuple[dict[str, float], Floats]](), list[dict[str, Any]]()
+        cycles, events = list[tuple[dict[str, Any], Floats]](), list[dict[str, Any]]()
         for begin, end in pairwise([*np.flatnonzero(anew).tolist(), len(stamps)]):
             part = {name: column[begin:end] for name, column in self.columns.items()}
             finder, own = GaitEvents(body_weight), part["stamp"]
@@ -122,22 +151,30 @@ class Gathered:
             for event in found:
                 at = max(int(np.searchsorted(own, event.stamp, "right")) - 1, 0)
                 time = (int(self.elapsed[begin + at]) + event.stamp - int(own[at])) / NANOSECONDS
-                row = {"event": event.kind, "stamp": event.stamp, "time_s": time, "text": event.text, "peak": ""}
+                row = {
+                    "event": event.kind, "stamp_s": seconds(event.stamp), "time_s": time, "text": event.text,
+                    "peak": "", "tick": begin + at, "status": part["status"][at],
+                    **{name: CURVES[name].scaled(part[CURVES[name].field][at], body_weight) for name in AT_EVENTS},
+                    "contact_force_error_N": part["force_error_estimate"][at],
+                    "penetration_depth_error_mm": MM * part["error_estimate"][at],
+                }  # fmt: skip
                 for number, span in enumerate(whole, start=len(self.spans) + 1):
                     if event.kind == LOAD_PEAK and span.start <= event.stamp < span.end:
                         row |= {"cycle": number, "gait_cycle_percent": span.percent(event.stamp)}
                         if event.stamp < span.toe_off:
                             row["peak"] = FIRST if 2 * event.stamp < span.start + span.toe_off else SECOND
-                events.append(row | {"tick": begin + at} | {name: part[name][at] for name in AT_EVENTS})
+                events.append(row)
             self.spans += whole
-        names = ["event", "stamp", "time_s", "text", "tick", "cycle", "gait_cycle_percent", "peak", *AT_EVENTS]
-        self.events = pd.DataFrame(events, columns=names).sort_values("time_s", kind="stable", ignore_index=True)
+        names = dict.fromkeys((*EVENT_COLUMNS, *PEAK_COLUMNS, "tick", "status"))
+        self.events = pd.DataFrame(events, columns=[*names]).sort_values("time_s", kind="stable", ignore_index=True)
         """Gait events in the order of time, with the answers at them"""
         peaks = self.events[self.events["event"] == LOAD_PEAK]
-        largest = peaks[peaks["peak"] != ""].groupby(["cycle", "peak"])["load"].idxmax()
+        largest = peaks[peaks["peak"] != ""].groupby(["cycle", "peak"])["load_N"].idxmax()
         self.peaks = peaks.assign(peak=peaks["peak"].where(peaks.index.isin(largest), ""))
         """Peaks of the load; `peak` is `FIRST` or `SECOND` for the largest in the first or second half of a stance"""
         self.strides = pd.DataFrame([numbers for numbers, _ in cycles], columns=[*NUMBERS])
+        self.strides.insert(0, "cycle", range(1, len(cycles) + 1))
+        """Numbers of each cycle, `NUMBERS`, in the units of their names"""
         self.curves = dict(zip(CURVED, np.array([c for _, c in cycles]).reshape(-1, len(CURVED), 101).swapaxes(0, 1),
                                strict=True))  # fmt: skip
         """Values of each of `CURVED` at every percent of every cycle, in SI units, shape (cycles, 101)"""
@@ -154,7 +191,7 @@ class Gathered:
 
 
 NUMBERS = (
-    "duration_s", "stance_percent", "sliding_distance_mm", "largest_sliding_velocity_mm_per_s",
+    "heel_strike_s", "duration_s", "stance_percent", "sliding_distance_mm", "largest_sliding_velocity_mm_per_s",
     "largest_contact_force_N", "largest_penetration_depth_mm", "impulse_N_s", "stance_impulse_N_s",
     "loading_rate_N_per_s", "bone_contact_s", "lifted_off_s", "largest_patch_half_width_mm",
     "largest_mean_pressure_MPa", "largest_peak_pressure_MPa", "largest_cartilage_strain_percent",
@@ -162,7 +199,12 @@ NUMBERS = (
 """Names of a cycle's characteristic values in strides.csv, with their units"""
 
 
-def _cycle(columns: Mapping[str, NDArray[Any]], span: Span) -> tuple[dict[str, float], Floats]:
+def seconds(stamp: int) -> str:
+    """Text of a stamp [ns] in seconds, with all its digits."""
+    return f"{stamp // NANOSECONDS}.{stamp % NANOSECONDS:09d}"
+
+
+def _cycle(columns: Mapping[str, NDArray[Any]], span: Span) -> tuple[dict[str, Any], Floats]:
     """Give a cycle's characteristic values, `NUMBERS`, NaN where unknown, and its curves, shape (`CURVED`, 101)."""
     first, last = np.searchsorted(columns["stamp"], (span.start, span.end))
     near = {name: column[max(first - 1, 0) : last + 1] for name, column in columns.items()}
@@ -175,9 +217,10 @@ def _cycle(columns: Mapping[str, NDArray[Any]], span: Span) -> tuple[dict[str, f
     speed = np.abs(cycle[:, CURVED.index("sliding_velocity")])[state != ContactState.SEPARATED].max(initial=0.0)
     apart, bone = (float(steps[state[1:] == each].sum()) for each in (ContactState.SEPARATED, ContactState.BONE))
     numbers = (
-        span.duration, span.stance, MM * stride.sliding_distance, MM * float(speed), stride.peak_force,
-        MM * stride.peak_depth, stride.impulse, stride.stance_impulse, stride.loading_rate, bone, apart,
-        MM * most["half_width"], MEGA * most["mean_pressure"], MEGA * most["peak_pressure"], 100.0 * most["strain"],
+        seconds(span.start), span.duration, span.stance, MM * stride.sliding_distance, MM * float(speed),
+        stride.peak_force, MM * stride.peak_depth, stride.impulse, stride.stance_impulse, stride.loading_rate, bone,
+        apart, MM * most["half_width"], MEGA * most["mean_pressure"], MEGA * most["peak_pressure"],
+        100.0 * most["strain"],
     )  # fmt: skip
     return dict(zip(NUMBERS, numbers, strict=True)), at_stamps(stamps, values, percents)[:, :-1].T
 

@@ -13,8 +13,7 @@ from knee_contact_ros.bags.reader import BagReader, read_answers
 from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.report.figures import MEDIAL, TOTAL
-from knee_contact_ros.lab.report.page import EVENT_COLUMNS, PEAK_COLUMNS, STRIDE_COLUMNS
-from knee_contact_ros.lab.report.runs import CURVES, PERCENT
+from knee_contact_ros.lab.report.runs import CURVES, EVENT_COLUMNS, NUMBERS, PEAK_COLUMNS, PERCENT
 from knee_contact_ros.model.readouts import SPREAD
 from knee_contact_ros.model.types import FLAT
 from knee_contact_ros.offline.solve import solve
@@ -85,7 +84,7 @@ def test_curves_are_those_of_the_answers_and_strides_are_written(both: Path, rec
     at = strikes[0] + (strikes[1] - strikes[0]) * PERCENT / 100.0
     units = {"deg": np.degrees(1.0), "mm": 1e3, "s": 1e3, "N": 1.0, "MPa": 1e-6, "percent": 100.0,
              "BW": 1.0 / BODY_WEIGHT}  # fmt: skip
-    for name, (field, _) in CURVES.items():
+    for name, (field, *_) in CURVES.items():
         values = read_off[field] if field in SPREAD else answers.view(FLAT)[field]
         expected = np.interp(at, answers["stamp"] / 1e9, values) * units[name.rsplit("_", 1)[1]]
         # Nine digits in the file; stamps are rounded to 1 ns, of a course of at most 1 BW in 10 ms
@@ -96,7 +95,7 @@ def test_curves_are_those_of_the_answers_and_strides_are_written(both: Path, rec
     strides = runs_of(both / "strides.csv")
     assert list(strides) == RUNS
     (row,) = strides[RUNS[1]]
-    assert tuple(row) == STRIDE_COLUMNS
+    assert tuple(row) == ("run", "cycle", *NUMBERS)
     assert f"sliding distance [mm] {float(row['sliding_distance_mm']):.1f}" in text_of(both)
 
 
@@ -104,7 +103,7 @@ def test_peaks_and_events_are_those_of_the_demo(both: Path) -> None:
     runs = runs_of(both / "peaks.csv")
     assert list(runs) == RUNS
     right = runs[RUNS[0]]
-    assert tuple(right[0]) == PEAK_COLUMNS
+    assert tuple(right[0]) == ("run", *PEAK_COLUMNS)
     assert [row["stamp_s"] for row in right] == ["0.785000000", "1.205000000", "2.015000000", "2.430000000"]
     assert [(row["peak"], row["cycle"]) for row in right] == [("first", "1"), ("second", "1"), ("", ""), ("", "")]
     assert numbers(right, "time_s") == pytest.approx([0.255, 0.675, 1.485, 1.900], abs=1e-9)
@@ -113,7 +112,7 @@ def test_peaks_and_events_are_those_of_the_demo(both: Path) -> None:
     assert numbers(right, "penetration_depth_mm") == pytest.approx([0.635, 0.729, 0.658, 0.747], abs=0.0005)
     assert numbers(right[:2], "gait_cycle_percent") == pytest.approx([13.2, 47.3], abs=0.05)
     left = runs_of(both / "events.csv")["left"]
-    assert tuple(left[0]) == EVENT_COLUMNS
+    assert tuple(left[0]) == ("run", *EVENT_COLUMNS)
     kinds = ["load peak", "toe-off", "heel strike", "load peak", "load peak", "toe-off", "heel strike"]
     assert [row["event"] for row in left] == kinds
     assert numbers(left, "stamp_s") == pytest.approx(numbers(left, "time_s") + 0.53, abs=1e-8)

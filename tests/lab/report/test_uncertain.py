@@ -29,7 +29,7 @@ def test_a_report_says_what_python_says(right_bag: Path, deviations: Path, tmp_p
     asked = ["report", str(right_bag), "--output", str(out)]
     assert main([*asked, "--uncertainty", str(deviations), "--compare", "osteoarthritis"]) == 0
     rows = rows_of(out / "uncertainty.csv")
-    assert tuple(rows[0]) == UNCERTAINTY_COLUMNS
+    assert tuple(rows[0]) == ("run", *UNCERTAINTY_COLUMNS)
     assert {row["run"] for row in rows} == {"gait2354_right"}  # a comparison has none of its own
     assert [row["input"] for row in rows] == [
         "axial_load", "medial_share", "contact.stiffness", "femur.radius", ALL_OF_THEM, NUMERICAL,
