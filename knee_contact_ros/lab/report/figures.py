@@ -177,7 +177,7 @@ def over_cycle(runs: Sequence[Run], cyclic: Sequence[Run]) -> list[Figure]:
         FLEXION: "",
         PRESSURE: f"In the middle of the patch. {'; '.join(laws)}.",
         PATCH: "Of a round patch, from the depth and the radii of the law.",
-        POINT: "Position on the tibial plateau, from the tibia frame's origin, anterior positive.",
+        POINT: "Position along the tibial plateau, from the tibia frame's origin, anterior positive.",
     }
     several = any(len(run.gathered.spans) > 1 for run in cyclic)
     lines = "Thick: mean over the cycles, with one standard deviation; thin: single ones. " * several
