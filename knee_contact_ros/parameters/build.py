@@ -199,11 +199,8 @@ def parameter_doubts(parameters: Parameters, model: KneeModel) -> list[str]:
     ]
     soft, hard = contact.stiffness, contact.stiffness_2
     if len(model.law.layers) > 1 and contact.stiffness_from == "value" and hard < soft:
-        meant = f"; {_per_millimetre(contact, hard)}" if MM**contact.exponent * hard >= soft else ""
-        doubts.append(
-            f"contact.stiffness_2 {_per_metre(contact, hard)} is below contact.stiffness {_per_metre(contact, soft)}: "
-            f"bone softer than cartilage{meant}"
-        )
+        finding = f"is below contact.stiffness, {soft:.7g}: bone softer than cartilage"
+        doubts.append(f"contact.stiffness_2 {_units(contact, hard, finding)}")
     if pairing.angle_delay > 0.0 and pairing.wait <= pairing.angle_delay:
         doubts.append(
             f"pairing.wait {pairing.wait:.7g} s does not exceed pairing.angle_delay {pairing.angle_delay:.7g} s: "
@@ -232,19 +229,11 @@ def _stiffness_doubt(parameters: Parameters, model: KneeModel) -> str:
     depth = model.static_depth(load)
     if depth <= limit:
         return ""
-    under = f"{load:.1f} N ({share:g} body weights)"
-    finding = f"gives {MM * depth:.3g} mm of depth under {under}, {beyond_words(model)}"
-    exponent = 2.0 if contact.law == "elastic_foundation" else contact.exponent
-
-    def fits(factor: float) -> bool:  # approximate for laws with two layers
-        return bool(depth / factor ** (1.0 / exponent) <= limit)
-
+    finding = f"gives {MM * depth:.3g} mm of depth under {load:.1f} N ({share:g} body weights), {beyond_words(model)}"
     if contact.stiffness_from == "material" or contact.law == "elastic_foundation":
         value = contact.youngs_modulus
-        meant = f"; {value:.7g} MPa would be {1e6 * value:.7g} Pa" if fits(1e6) else ""
-        return f"contact.youngs_modulus {value:.7g} Pa {finding}{meant}"
-    meant = f"; {_per_millimetre(contact, contact.stiffness)}" if fits(MM**contact.exponent) else ""
-    return f"contact.stiffness {_per_metre(contact, contact.stiffness)} {finding}{meant}"
+        return f"contact.youngs_modulus {value:.7g} Pa {finding}; {value:.7g} MPa would be {1e6 * value:.7g} Pa"
+    return f"contact.stiffness {_units(contact, contact.stiffness, finding)}"
 
 
 def beyond_words(model: KneeModel) -> str:
@@ -254,11 +243,8 @@ def beyond_words(model: KneeModel) -> str:
     return f"beyond {MM * limit:.3g} mm, {what}"
 
 
-def _per_metre(contact: ContactParameters, stiffness: float) -> str:
-    return f"{stiffness:.7g} N/m^{contact.exponent:g}"
-
-
-def _per_millimetre(contact: ContactParameters, stiffness: float) -> str:
-    """Phrase that converts a number to N/m^n as if it were in N/mm^n."""
-    meant = _per_metre(contact, MM**contact.exponent * stiffness)
-    return f"{stiffness:.7g} N/mm^{contact.exponent:g} would be {meant}"
+def _units(contact: ContactParameters, stiffness: float, finding: str) -> str:
+    """Phrase with a stiffness, a finding about it, and what it would be if it were meant in N/mm^n."""
+    per_metre, per_millimetre = (f"N/{unit}^{contact.exponent:g}" for unit in ("m", "mm"))
+    meant = f"{MM**contact.exponent * stiffness:.7g} {per_metre}"
+    return f"{stiffness:.7g} {per_metre} {finding}; {stiffness:.7g} {per_millimetre} would be {meant}"

@@ -7,7 +7,7 @@ mapping, or several of these, of which the later one wins.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
@@ -121,35 +121,31 @@ def load_parameters(source: Any, schema: Any = Parameters, namespace: str = "") 
     if isinstance(source, schema):
         return source
     merged: dict[str, Any] = {}
-    sections: Sections = {}  # of files in a row, which ROS takes together
-    alone: dict[str, Any] = {}
+    before: dict[str, Any] = {}  # the values before a row of files, whose sections ROS takes together
+    sections: Sections = {}
+    alone: dict[str, Any] = {}  # profiles, by bone, beside which a part does not set the bone's geometry
     for part in source if isinstance(source, Sequence) and not isinstance(source, str) else [source]:
         if isinstance(part, (str, Path)) and part != "":
             given = values_set_in(part, schema, namespace)
-            alone |= _profiles_alone(given)
             read_sections(parameter_file(str(part)), sections)
-            continue
-        merged, sections = merged | values_for(sections, _node(schema, namespace)), {}
-        if isinstance(part, schema):
-            merged |= flat_parameters(part)
-        elif isinstance(part, Mapping):
-            of_nodes = as_sections(part)
-            given = dotted(part) if of_nodes is None else _own_values(of_nodes, "the mapping", schema, namespace)
-            alone |= _profiles_alone(given)
-            merged |= given
+            merged = before | values_for(sections, _node(schema, namespace))
         else:
-            raise UsageError(f"parameters: {short(repr(part))} is not allowed; {ALLOWED}")
-    merged |= values_for(sections, _node(schema, namespace))
+            if isinstance(part, schema):
+                given = flat_parameters(part)
+            elif isinstance(part, Mapping):
+                of_nodes = as_sections(part)
+                given = dotted(part) if of_nodes is None else _own_values(of_nodes, "the mapping", schema, namespace)
+            else:
+                raise UsageError(f"parameters: {short(repr(part))} is not allowed; {ALLOWED}")
+            merged, sections = merged | given, {}
+            before = merged
+        for bone in ("femur", "tibia"):
+            if given.get(f"{bone}.profile") and f"{bone}.geometry" not in given:
+                alone[bone] = given[f"{bone}.profile"]
     for bone, profile in alone.items():
         if merged.get(f"{bone}.geometry") != "profile":
             raise UsageError(f"parameter {bone}.profile: {profile!r} is not used; set {bone}.geometry to profile, too")
-    return _validated(merged, "", schema)
-
-
-def _profiles_alone(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Profiles, by bone, in dotted values that do not say whether the bone's geometry is one."""
-    given = {bone: values.get(f"{bone}.profile") for bone in ("femur", "tibia") if f"{bone}.geometry" not in values}
-    return {bone: profile for bone, profile in given.items() if profile}
+    return _checked(_nested(merged, "", schema), "", schema)
 
 
 def values_set_in(name: str | Path, schema: type[NodeSection] = Parameters, namespace: str = "") -> dict[str, Any]:
@@ -166,7 +162,7 @@ def values_set_in(name: str | Path, schema: type[NodeSection] = Parameters, name
         reason += f"; did you mean {shipped[near[0]]}?" if near else ""
         raise UsageError(f"{short(str(name))}: cannot read the parameter file: {reason}")
     values = _own_values(read_sections(path), str(name), schema, namespace)
-    _validated(values, f"{name}: ", schema)
+    _checked(_nested(values, f"{name}: ", schema), f"{name}: ", schema)
     return values
 
 
@@ -202,7 +198,8 @@ def check_file(path: Path, schema: type[NodeSection]) -> None:
     ]
     for names in spaces or [[]]:
         namespace = "/".join("x" if name == "*" else name for name in names if name != "**")
-        _validated(values_for(sections, _node(schema, namespace)), f"{path}: ", schema)
+        values = values_for(sections, _node(schema, namespace))
+        _checked(_nested(values, f"{path}: ", schema), f"{path}: ", schema)
 
 
 def check_value(name: str, value: Any) -> None:
@@ -215,43 +212,17 @@ def check_value(name: str, value: Any) -> None:
 
 
 def variations_of(parameters: Parameters) -> Callable[[Mapping[str, Any]], Parameters]:
-    """Function that returns these parameters with some values changed, in a tenth of the time of `load_parameters`.
+    """Function that returns these parameters with some values changed, in a quarter of the time of `load_parameters`.
 
-    Sections without a changed value are not checked again. Lateral values follow the medial ones where both
-    compartments are modelled; elsewhere nothing uses them.
+    Lateral values follow the medial ones unless they differ from them.
     """
-    flat = flat_parameters(parameters)
-    following = [name for name in known_parameters() if name not in flat and has_both(parameters)]
+    common = _nested(flat_parameters(parameters), "", Parameters)
 
-    def replaced(section: Section, values: Mapping[str, Any]) -> dict[str, Any]:
-        fields = dict(vars(section))
-        for name, value in values.items():
-            own = fields[name]
-            fields[name] = replaced(own, value) if isinstance(own, Section) else value
-        return fields
+    def overlaid(section: Mapping[str, Any], values: Mapping[str, Any]) -> dict[str, Any]:
+        inner = {name: overlaid(section.get(name, {}), v) for name, v in values.items() if isinstance(v, Mapping)}
+        return {**section, **values, **inner}
 
-    def varied(values: Mapping[str, Any]) -> Parameters:
-        if "load.compartment" in values:
-            return load_parameters(flat | dict(values))
-        given = _with_medial_values(values, following)
-        return _checked(replaced(parameters, _nested(given, "", Parameters)), "", Parameters)
-
-    return varied
-
-
-def _validated(values: Mapping[str, Any], where: str, schema: type[P]) -> P:
-    """Parameters from dotted values, checked each alone and in combination; errors begin with `where`."""
-    return _checked(_nested(_with_medial_values(values, known_parameters(schema)), where, schema), where, schema)
-
-
-def _with_medial_values(values: Mapping[str, Any], known: Iterable[str]) -> dict[str, Any]:
-    """Dotted values, and for each lateral one of the `known` names that is missing the medial compartment's value."""
-    following = {
-        name: values[name.removeprefix(LATERAL)]
-        for name in known
-        if name.startswith(LATERAL) and name not in values and name.removeprefix(LATERAL) in values
-    }
-    return {**values, **following}
+    return lambda values: _checked(overlaid(common, _nested(values, "", Parameters)), "", Parameters)
 
 
 def _nested(values: Mapping[str, Any], where: str, schema: type[NodeSection]) -> dict[str, Any]:

@@ -12,6 +12,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
+from itertools import takewhile
 from pathlib import Path
 from typing import Any
 
@@ -62,44 +63,30 @@ def scalar(text: str) -> Any:
     return text
 
 
-class _Reader:
-    """Reader of the events of a YAML text."""
-
-    def __init__(self, text: str) -> None:
-        self._events: Iterator[Any] = iter(YAML(typ="safe", pure=True).parse(text))
-
-    def documents(self) -> Iterator[Any]:
-        """Contents of the documents: mappings as lists of pairs, as names may be repeated."""
-        for event in self._events:
-            if isinstance(event, (events.NodeEvent, events.CollectionStartEvent)):
-                yield self._content(event)
-
-    def _content(self, event: Any) -> Any:
-        if isinstance(event, events.AliasEvent):
-            raise UsageError(f"ROS 2 reads no aliases (*{event.anchor})")
-        if isinstance(event, events.ScalarEvent):
-            quoted = event.style in ("'", '"') or str(event.tag).endswith(":str")
-            if not quoted and not event.value:
-                raise ValueError(f"no value at line {event.start_mark.line + 1}")
-            if HALF.search(event.value):
-                raise ValueError("it has half a character, which cannot be written")
-            return event.value if quoted else scalar(event.value)
-        if isinstance(event, events.SequenceStartEvent):
-            return [self._content(each) for each in iter(self._next, None)]
-        pairs = []
-        for key in iter(self._next, None):
-            if not isinstance(key, events.ScalarEvent):
-                raise UsageError("a name is no text")
-            pairs.append((str(key.value), self._content(next(self._events))))
-        return Pairs(pairs)
-
-    def _next(self) -> Any:
-        event = next(self._events)
-        return None if isinstance(event, (events.MappingEndEvent, events.SequenceEndEvent)) else event
+def _content(event: Any, more: Iterator[Any]) -> Any:
+    """Content that begins with an event of a YAML text and takes `more` of them; a mapping is a list of pairs."""
+    if isinstance(event, events.AliasEvent):
+        raise UsageError(f"ROS 2 reads no aliases (*{event.anchor})")
+    if isinstance(event, events.ScalarEvent):
+        quoted = event.style in ("'", '"') or str(event.tag).endswith(":str")
+        if not quoted and not event.value:
+            raise ValueError(f"no value at line {event.start_mark.line + 1}")
+        if HALF.search(event.value):
+            raise ValueError("it has half a character, which cannot be written")
+        return event.value if quoted else scalar(event.value)
+    inner = takewhile(lambda each: not isinstance(each, events.CollectionEndEvent), more)
+    if isinstance(event, events.SequenceStartEvent):
+        return [_content(each, more) for each in inner]
+    pairs = Pairs()
+    for key in inner:
+        if not isinstance(key, events.ScalarEvent):
+            raise UsageError("a name is no text")
+        pairs.append((str(key.value), _content(next(more), more)))
+    return pairs
 
 
 class Pairs(list[tuple[str, Any]]):
-    """Entries of a mapping."""
+    """Entries of a mapping; names may be repeated."""
 
 
 def read_sections(path: Path, known: Sections | None = None) -> Sections:
@@ -124,7 +111,7 @@ def read_sections(path: Path, known: Sections | None = None) -> Sections:
 
 
 def contents(text: str) -> list[Any]:
-    """Contents of the documents of a YAML text, as `_Reader` gives them.
+    """Contents of the documents of a YAML text; mappings are `Pairs`.
 
     Raises:
         UsageError: it is no YAML, or nested too deep.
@@ -132,7 +119,9 @@ def contents(text: str) -> list[Any]:
     try:
         if opened(text) > DEEPEST:
             raise ValueError(TOO_DEEP)
-        return list(_Reader(text).documents())
+        parsed = iter(YAML(typ="safe", pure=True).parse(text))
+        begins = (events.NodeEvent, events.CollectionStartEvent)
+        return [_content(event, parsed) for event in parsed if isinstance(event, begins)]
     except RecursionError:
         raise UsageError(f"not a YAML file: {TOO_DEEP}") from None
     except Exception as error:  # the parser raises what it likes

@@ -14,7 +14,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, get_type_hints
 
-from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, create_model
+from pydantic import AfterValidator, BaseModel, BeforeValidator, ConfigDict, Field, create_model, model_validator
 from pydantic.fields import FieldInfo
 
 from knee_contact_ros.joint_reaction.compartments import BOTH, RULES, SPLITS
@@ -41,32 +41,27 @@ class Rule(AfterValidator):
 
     words: str
     """What is allowed"""
-    least: float = -math.inf
-    """No allowed number is below it"""
-    most: float = math.inf
-    """No allowed number is above it"""
 
 
-def rule(allows: Callable[[Any], bool], words: str, least: float, most: float = math.inf) -> Rule:
-    """Rule that allows some values, described by `words`; numbers among them lie between `least` and `most`."""
+def rule(allows: Callable[[Any], bool], words: str) -> Rule:
+    """Rule that allows some values, described by `words`."""
 
     def check(value: Any) -> Any:
         if not allows(value):
             raise ValueError(f"allowed: {words}")
         return value
 
-    return Rule(check, words, least, most)
+    return Rule(check, words)
 
 
 def one_of(*allowed: str | float) -> Rule:
     """Rule that allows these values only."""
-    numbers = [value for value in allowed if not isinstance(value, str)] or [-math.inf, math.inf]
-    return rule(allowed.__contains__, ", ".join(map(str, allowed)), min(numbers), max(numbers))
+    return rule(allowed.__contains__, ", ".join(map(str, allowed)))
 
 
 def off_or_at_least(least: float, zero: str = "off", numbers: str = "a number") -> Rule:
     """Rule that allows 0, which means `zero`, and numbers from `least` on, described by `numbers`."""
-    return rule(lambda value: value == 0 or value >= least, f"0 ({zero}) or {numbers} >= {least:g}", 0.0)
+    return rule(lambda value: value == 0 or value >= least, f"0 ({zero}) or {numbers} >= {least:g}")
 
 
 class Limits(NamedTuple):
@@ -85,7 +80,6 @@ def limits_of(field: FieldInfo) -> Limits:
     least, most, words = -math.inf, math.inf, []
     for rule in field.metadata:
         if isinstance(rule, Rule):
-            least, most = max(least, rule.least), min(most, rule.most)
             words.append(rule.words)
         least, most = getattr(rule, "ge", least), getattr(rule, "le", most)  # the rules of annotated_types
         if hasattr(rule, "gt"):
@@ -225,11 +219,11 @@ class Record(Section):
     """MCAP file to write; {stamp} in the name becomes the time; empty: do not record"""
     flush_period: float = Field(0.03, ge=0.001, le=60.0)
     """[s] period of writing to the file; a crash loses at most this much"""
-    sync_period: Annotated[float, off_or_at_least(0.05)] = Field(1.0, le=3600.0)
+    sync_period: Annotated[float, off_or_at_least(0.05)] = Field(1.0, ge=0.0, le=3600.0)
     """[s] period of syncing the disk; a power failure loses at most this much; 0: off"""
-    max_size: Annotated[float, off_or_at_least(0.1)] = Field(0.0, le=1e9)
+    max_size: Annotated[float, off_or_at_least(0.1)] = Field(0.0, ge=0.0, le=1e9)
     """[MB] start a new file at this size; 0: off"""
-    max_duration: Annotated[float, off_or_at_least(1.0)] = Field(0.0, le=1e9)
+    max_duration: Annotated[float, off_or_at_least(1.0)] = Field(0.0, ge=0.0, le=1e9)
     """[s] start a new file after this span of stamps; 0: off"""
     min_free: float = Field(100.0, ge=0.0, le=1e9)
     """[MB] end the recording if the disk has less free space"""
@@ -436,9 +430,9 @@ class FidelityParameters(Section):
     """equations that a tick solves; auto: dynamic"""
     tolerance: float = Field(1.0e-6, ge=1e-10, le=1e-3)
     """[m] wanted error of the penetration depth; below 1e-10 m rounding can be larger than the estimates"""
-    force_tolerance: Annotated[float, off_or_at_least(1e-9)] = Field(0.0, le=1e6)
+    force_tolerance: Annotated[float, off_or_at_least(1e-9)] = Field(0.0, ge=0.0, le=1e6)
     """[N] wanted error of the contact force; 0: off"""
-    budget: Annotated[int, off_or_at_least(100, "a hundred thousand", "an integer")] = BUDGET
+    budget: Annotated[int, off_or_at_least(100, "a hundred thousand", "an integer")] = Field(BUDGET, ge=0)
     """largest number of contact law evaluations in a tick; a tick that reaches it gets the static contact and a
     flag, and so do later ticks until the contact has settled; 0: 100000"""
 
@@ -489,6 +483,14 @@ class Parameters(NodeSection):
     diagnostics: ContactDiagnostics = ContactDiagnostics()
     record: Record = Record()
     rerun: Rerun = Rerun()
+
+    @model_validator(mode="before")
+    @classmethod
+    def _lateral_follows(cls, values: dict[str, Any]) -> dict[str, Any]:
+        """Give the lateral compartment the medial one's values where it has none of its own."""
+        own = values.get("lateral", {})
+        both = {name: {**values.get(name, {}), **own.get(name, {})} for name in Lateral.model_fields}
+        return {**values, "lateral": both}
 
     def joints(self) -> dict[str, str]:
         """Joints of the knee; see `NodeSection`."""
@@ -644,9 +646,11 @@ class LoadParameters(NodeSection):
     person: PersonParameters = PersonParameters()
     calibrated: bool = False
     """true: the constants were fitted to a measured knee of this person"""
-    standard_deviation: Annotated[float, off_or_at_least(0.01, "as measured for the level")] = Field(0.0, le=10.0)
+    standard_deviation: Annotated[float, off_or_at_least(0.01, "as measured for the level")] = Field(
+        0.0, ge=0.0, le=10.0
+    )
     """standard deviation of the axial force, as a fraction of body weight; 0: as measured for the level"""
-    motion_window: Annotated[float, off_or_at_least(0.01, "no inertia")] = Field(0.05, le=1.0)
+    motion_window: Annotated[float, off_or_at_least(0.01, "no inertia")] = Field(0.05, ge=0.0, le=1.0)
     """[s] window for the accelerations of the joints, which delays them by half of it; 0: no inertia"""
     pairing: Pairing = Pairing()
     autostart: bool = True

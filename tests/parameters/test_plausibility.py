@@ -50,8 +50,6 @@ def test_the_defaults_and_all_shipped_files_make_sense(config: Path) -> None:
         ({"pairing.angle_delay": 0.12},
          r"^pairing\.wait 0\.1 s does not exceed pairing\.angle_delay 0\.12 s: live, the node answers every force .* "
          r"\(INPUT_HELD\)$"),
-        ({"contact.stiffness": 2.5, "contact.exponent": 1.0},
-         r"^contact\.stiffness 2\.5 N/m\^1 gives 1\.47e\+05 mm of depth .*radius$"),  # 2.5 N/mm is no cartilage either
         (TYPED | {"load.compartment": "total"}, r"under 737\.1 N \(1 body weights\), "),
         (TYPED | {"load.compartment": "moment_balance"}, HALF),
         (TYPED | {"load.share": 0.7}, r"under 515\.9 N \(0\.7 body weights\), "),
@@ -61,7 +59,7 @@ def test_the_defaults_and_all_shipped_files_make_sense(config: Path) -> None:
         ({"contact.stiffness_from": "material", "contact.youngs_modulus": 24.0},
          rf"^contact\.youngs_modulus 24 Pa gives 1\.94e\+04 mm of depth {HALF}, {FIFTH}; 24 MPa would"),
         ({"contact.law": "two_layer_elastic", "contact.stiffness_2": 98408.0},
-         r"^contact\.stiffness_2 98408 N/m\^1\.5 is below contact\.stiffness 7\.905694e\+07 N/m\^1\.5: bone softer "
+         r"^contact\.stiffness_2 98408 N/m\^1\.5 is below contact\.stiffness, 7\.905694e\+07: bone softer "
          r"than cartilage; 98408 N/mm\^1\.5 would be 3\.111934e\+09 N/m\^1\.5$"),
         ({"contact.law": "two_layer_elastic", "contact.stiffness": 2500.0, "contact.stiffness_2": 98408.0},
          r"^contact\.stiffness 2500 N/m\^1\.5 gives 24\.6 mm .*; 2500 N/mm\^1\.5 would be 7\.905694e\+07"),
