@@ -575,20 +575,18 @@ def sink_for(knee: Knee) -> Sink | None:
 
 
 def open_output(
-    path: Path, provenance: Mapping[str, str], names: Mapping[str, str], settings: Settings, told_as: str = PROVENANCE,
-    expected: Path | None = None,
-) -> Recorder:  # fmt: skip
+    path: Path, provenance: Mapping[str, str], names: Mapping[str, str], settings: Settings, told_as: str = PROVENANCE
+) -> Recorder:
     """Open a recording in the process of a sink, under the first of its possible names that is free.
 
-    Its remarks tell of another name than `path`, unless it was `expected`, and of interrupted recordings in the same
-    folder.
+    Its remarks tell of another name than `path`, and of interrupted recordings in the same folder.
 
     Raises:
         UsageError: The recording cannot be written; see `refuse` and `BagWriter`.
     """
     refuse(path, settings.min_free)
     bag = BagWriter(path, limits=settings.limits, next_free_name=True)
-    remarks = [] if bag.path in (path, expected) else [f"{path} is there already: this recording is {bag.path}"]
+    remarks = [] if bag.path == path else [f"{path} is there already: this recording is {bag.path}"]
     remarks += map(output_files.cut_off, output_files.leftovers(path.parent, ".mcap"))
     return Recorder(AnswerWriter(bag, provenance, names, told_as), settings, remarks)
 

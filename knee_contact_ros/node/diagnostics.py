@@ -183,7 +183,8 @@ class Health:
             self.ticks(),
             *self.special_entries(),
         ]
-        for name, values, text, lost in outputs.reports():
+        for name, sink in outputs.sinks.items():
+            values, text, lost = sink.report()
             entries.append((name, values, (ERROR if lost else warned(text)[0], text)))
         status = [
             DiagnosticStatus(

@@ -5,9 +5,7 @@ It imports no ROS, and what its output needs only once it runs. The node's side 
 
 from __future__ import annotations
 
-import math
 import os
-import select
 import signal
 import sys
 import time
@@ -24,14 +22,11 @@ SWITCH_PERIOD = 1e-4
 """Longest time [s] that a computing thread keeps the interpreter from the one that receives: it asks for it often"""
 LOOK_PERIOD = 1.0
 """Time [s] between two checks whether the output has to end, and between two reports"""
-NEARLY = 0.875
-"""Share of the time between two flushes from which a flush is due already when something was written"""
 
 
 def work(connection: Connection, module: str, arguments: tuple[Any, ...]) -> bool:
     """Open an output and write what is sent until the end, flushed in time; return False if it has failed."""
-    output, written, readable = None, 0, select.poll()  # quicker than the connection's own
-    readable.register(connection.fileno(), select.POLLIN)
+    output, written = None, 0
 
     def report(state: str, reason: str = "", news: tuple[str, ...] = ()) -> None:
         with suppress(OSError):  # nobody may be there any more
@@ -40,26 +35,23 @@ def work(connection: Connection, module: str, arguments: tuple[Any, ...]) -> boo
     try:
         output = import_module(module).open_output(*arguments)
         report(OPEN)
-        looked, flushed, unflushed = -math.inf, -math.inf, True  # what opening it has written is flushed at once
+        flush_at = look_at = 0.0  # monotonic times [s]; what opening has written is flushed at once
         sent: Any = ()
         while not isinstance(sent, Ending | None):
-            due = min(looked + LOOK_PERIOD, flushed + output.period if unflushed else math.inf)
-            if readable.poll(1e3 * max(due - time.monotonic(), 0.0)):
-                unflushed, sent = True, None
-                with suppress(EOFError, OSError):  # the node may be gone
-                    sent = connection.recv()
+            if connection.poll(max(min(flush_at, look_at) - time.monotonic(), 0.0)):
+                sent = received(connection)
                 if isinstance(sent, Note):
                     output.note(*sent)
                 elif isinstance(sent, list):
                     output.write(sent)
                     written += len(sent)
             now = time.monotonic()
-            if unflushed and now >= flushed + NEARLY * output.period:
+            if now >= flush_at:
                 output.flush()
-                flushed, unflushed = now, False
-            if now >= looked + LOOK_PERIOD:
-                looked = now
+                flush_at = now + output.period
+            if now >= look_at:
                 report(OPEN, news=output.news())
+                look_at = now + LOOK_PERIOD
         output.finish(sent)
         report(ENDED, news=output.news())
     except UsageError as error:
@@ -68,6 +60,14 @@ def work(connection: Connection, module: str, arguments: tuple[Any, ...]) -> boo
         report(FAILED, (isinstance(error, OSError) and error.strerror) or f"{type(error).__name__}: {error}")
         return False
     return True
+
+
+def received(connection: Connection) -> Any:
+    """What comes next; None if the node is gone."""
+    try:
+        return connection.recv()
+    except (EOFError, OSError):
+        return None
 
 
 def step_back(niceness: int) -> None:
@@ -88,11 +88,8 @@ def main() -> None:
     step_back(int(sys.argv[2]))
     sys.setswitchinterval(SWITCH_PERIOD)
     with Connection(int(sys.argv[1])) as connection:
-        try:
-            module, arguments = connection.recv()
-        except (EOFError, OSError):
-            return
-        well = work(connection, module, arguments)
+        asked = received(connection)
+        well = not asked or work(connection, *asked)
     if not well:
         os._exit(1)  # libraries that try once more to write what could not be written would only be in the way
 

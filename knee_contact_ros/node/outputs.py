@@ -1,9 +1,9 @@
 """The node's outputs: recorder and viewer, each in a process of its own, so that none of them ever delays a tick.
 
-The node's side of an output is a queue and a thread that sends what waits; it is woken right after a tick, when the
-next sample is furthest. The other side is `output_process.py`. They communicate through a pair of sockets: the node
-sends module and arguments, then lists of parts of answers, notes, and at last the `Ending`; the process sends
-`Report`s. Each side learns from the socket that the other one has ended, for whatever reason.
+The node's side of an output is a queue and a thread that sends what waits. The other side is `output_process.py`. They
+communicate through a pair of sockets: the node sends module and arguments, then lists of parts of answers, notes, and
+at last the `Ending`; the process sends `Report`s. Each side learns from the socket that the other one has ended, for
+whatever reason.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import signal
 import threading
 import time
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from importlib import import_module
 from multiprocessing.connection import Connection
@@ -35,10 +35,9 @@ MB = 10**6
 WORKER = "knee_contact_ros.node.output_process"
 
 LATEST = 0.05
-"""Longest time [s] that the last answers wait to be sent when no more come, unless they are gathered for longer"""
-BATCH, PAUSE = 64, 0.001
-"""Largest number of answers sent at once, which holds the interpreter for some 0.1 ms; and the time [s] in which other
-threads get it if more wait"""
+"""Longest time [s] from one look for reports to the next while an output begins or ends"""
+BATCH = 64
+"""Largest number of answers sent at once, which holds the interpreter for some 0.1 ms"""
 ANSWER_SIZE, RECORD_SIZE = 450, 150
 """Memory [B] that an answer takes, and that each of its records takes beyond the message"""
 START, PATIENCE = 180.0, 3.0
@@ -64,15 +63,14 @@ class SinkProcess:
         """One of `STARTING`, `OPEN`, `FAILED` and `ENDED`"""
         self.process: Process | None = None
         """Process of the sink; None if it has not been started yet, or could not be started"""
-        self.name = sink.name
-        """Name of the file; empty if there is none"""
+        self.name, self.label = sink.name, f"{sink.kind} {sink.name}".rstrip()
+        """Name of the file, empty if there is none; name of the output in messages"""
         self.failure = ""
         """Message that says what is wrong; empty while all is well"""
         self._sink, self._log = sink, log
         self._waiting: deque[Any] = deque()
         self._put_size = self._sent_size = 0  # [B]; each is written by one thread
         self._refused = self._lost = 0  # answers that found no room, and that waited when the output stopped
-        self._due = 0.0  # when to send next
         self._closed = False  # the last item is in the queue
         self._last = Report("", 0)
         self._wake, self._known = threading.Event(), threading.Event()
@@ -88,9 +86,7 @@ class SinkProcess:
             return
         self._put_size += size_of(item)
         self._waiting.append(item)
-        now = time.monotonic()
-        if now >= self._due or not len(self._waiting) % BATCH:  # many may not fit while they are gathered
-            self._due = now + self._sink.gather
+        if not len(self._waiting) % BATCH:  # many may not fit while they are gathered
             self._wake.set()
 
     @property
@@ -100,18 +96,13 @@ class SinkProcess:
 
     def report(self) -> tuple[dict[str, str], str, bool]:
         """Values for `/diagnostics`, what is wrong (empty if nothing is), and whether answers are lost by that."""
-        full, process = f"{100.0 * self._fill():.0f}", str(self.process.pid) if self.process else "none"
-        values = {"backlog": str(len(self._waiting)), "full [%]": full, "dropped": str(self.dropped)}
+        fill, process = self._fill(), str(self.process.pid) if self.process else "none"
+        values = {"backlog": str(len(self._waiting)), "full [%]": f"{100.0 * fill:.0f}", "dropped": str(self.dropped)}
         values |= {"written": str(self._last.written), "process": process}
         if self.failure or self.dropped:
             return values, self.failure or f"{self.label}: {self._too_many()}", True
-        late = f"{self.label} is behind: {full} % of its queue is full"
-        return values, late if self._fill() >= WORTH_A_WARNING else "", False
-
-    @property
-    def label(self) -> str:
-        """Name of the output in messages: its kind and its file."""
-        return f"{self._sink.kind} {self.name}".rstrip()
+        late = f"{self.label} is behind: {100.0 * fill:.0f} % of its queue is full"
+        return values, late if fill >= WORTH_A_WARNING else "", False
 
     def is_over(self) -> bool:
         """Whether the output is complete or has stopped."""
@@ -160,7 +151,7 @@ class SinkProcess:
         return f"more waited than {limits}, as its process is slow or stands still"
 
     def _run(self) -> None:
-        """Start the process, send and listen until it is gone; runs in the thread."""
+        """Start the process, and hand over what waits until it is gone; runs in the thread."""
         reason = ""
         try:
             connection, self.process = connected(WORKER, str(self._sink.niceness))
@@ -170,7 +161,7 @@ class SinkProcess:
                 except (EOFError, ConnectionError):  # the process has ended; what it said before is still to be heard
                     with suppress(EOFError, OSError):
                         while True:
-                            self._hear(connection)
+                            self._hear(connection.recv())
             code = reap(self.process)
             if not reason and self._last.state != ENDED:
                 ended = f"was ended by {signal.Signals(-code).name}" if code < 0 else f"ended with code {code}"
@@ -188,25 +179,20 @@ class SinkProcess:
 
     def _feed(self, connection: Connection) -> str:
         """Send what waits until an exception says that the process is gone, or until the reason that is returned."""
-        readable, writable = select.poll(), select.poll()  # quicker than the connection's own
-        readable.register(connection.fileno(), select.POLLIN)
-        writable.register(connection.fileno(), select.POLLOUT)
         connection.send((self._sink.module, self._sink.arguments))
         while True:
-            gathers = self.state == OPEN and not self._closed
-            self._wake.wait(max(LATEST, 2.0 * self._sink.gather) if gathers else LATEST)
+            self._wake.wait(self._sink.gather if self.state == OPEN and not self._closed else LATEST)
             self._wake.clear()
-            while readable.poll(0):
-                self._hear(connection)
+            while connection.poll():
+                self._hear(connection.recv())
             if self._refused and not self.failure:
                 if not self._sink.gaps_allowed:
                     return self._too_many()
                 self._fail(f"{self.label} has gaps: {self._too_many()}")
-            due = len(self._waiting)  # what comes meanwhile is gathered again
-            while due > 0 and writable.poll(0):  # sending to a process that stands still might never end
+            # What comes meanwhile is gathered again; sending to a process that stands still might never end.
+            due = len(self._waiting)
+            while due > 0 and select.select([], [connection], [], 0)[1]:
                 due -= self._send_batch(connection)
-                if due > 0:
-                    time.sleep(PAUSE)
 
     def _send_batch(self, connection: Connection) -> int:
         """Send the oldest answers, or the oldest item if it is none; return how many."""
@@ -220,13 +206,14 @@ class SinkProcess:
         connection.send_bytes(pickle.dumps(sent, pickle.HIGHEST_PROTOCOL))  # takes half the time of `send`
         return len(items)
 
-    def _hear(self, connection: Connection) -> None:
-        """Take a report; raises EOFError if there will be none."""
-        self._last = connection.recv()
-        self.name = self._last.name or self.name
-        for remark in self._last.remarks:
+    def _hear(self, report: Report) -> None:
+        """Take a report."""
+        self._last = report
+        if report.name:
+            self.name, self.label = report.name, f"{self._sink.kind} {report.name}"
+        for remark in report.remarks:
             self._log.warning(remark)
-        if self._last.state == OPEN:
+        if report.state == OPEN:
             self.state = OPEN
             self._known.set()
 
@@ -299,20 +286,21 @@ class Outputs:
         """Recordings that are being completed"""
         self._deadline = math.inf
         """Monotonic time [s] until which `close` waits, once all outputs were told to end"""
-        self._sinks: dict[str, SinkProcess] = {}
+        self.sinks: dict[str, SinkProcess] = {}
+        """Outputs by their titles"""
         described = [sink_of(section, knee) for section in sections_of_outputs(type(knee.parameters))]
         for sink in filter(None, described):  # started when all are possible
-            self._sinks[sink.title] = SinkProcess(sink, log)
+            self.sinks[sink.title] = SinkProcess(sink, log)
 
     def wait_until_known(self) -> None:
         """Wait until all outputs are open or cannot be opened, which is reported; the node runs on without those."""
-        for sink in self._sinks.values():
+        for sink in self.sinks.values():
             sink.wait_until_known()
 
     def put(self, item: Answer | Note) -> None:
         """Hand an answer, or a note between two of them, to all outputs."""
         self.ring.put(item)
-        for sink in self._sinks.values():
+        for sink in self.sinks.values():
             sink.put(item)
 
     def start_recording(self, knee: Knee) -> Path:
@@ -323,29 +311,28 @@ class Outputs:
         Raises:
             UsageError: the parameters name no file, it cannot be written, or too many files are being written already.
         """
-        recording = self._sinks.get(RECORDER)
+        recording = self.sinks.get(RECORDER)
         if recording and not recording.failure:
             raise UsageError("a recording is being written already")
         if not knee.parameters.record.path:
             raise UsageError("parameter record.path names no file")
-        self._sinks[RECORDER], name = self._recording(knee)
-        return name
+        self.sinks[RECORDER] = recording = self._recording(knee)
+        return Path(recording.name)
 
-    def save_snapshot(self, items: Sequence[Answer | Note], knee: Knee) -> Path:
-        """Write answers and notes that have been to a recording of their own, and return the name of its file.
+    def save_snapshot(self, items: Sequence[Answer | Note], knee: Knee) -> None:
+        """Write answers and notes that have been to a recording of their own.
 
         Raises:
             UsageError: as for `start_recording`.
         """
-        recording, name = self._recording(knee, sum(item.size for item in items if isinstance(item, Answer)))
+        recording = self._recording(knee, sum(item.size for item in items if isinstance(item, Answer)))
         for item in items:
             recording.put(item)
         recording.end(Ending((), {}))
         self._ending.append(recording)
-        return name
 
-    def _recording(self, knee: Knee, size: int = 0) -> tuple[SinkProcess, Path]:
-        """Begin a recording that will have at least this size [B]; return it and the name of its file."""
+    def _recording(self, knee: Knee, size: int = 0) -> SinkProcess:
+        """Begin a recording that will have at least this size [B]."""
         path = Path(knee.parameters.record.path)
         self._ending = [sink for sink in self._ending if not sink.is_over()]
         if any(sink.state == STARTING for sink in self._ending):
@@ -355,10 +342,9 @@ class Outputs:
                 f"{len(self._ending)} recordings are still being completed; try again when one is complete"
             )
         refuse(path, knee.parameters.record.min_free * MB, size)
-        sink, name = sink_of("record", knee), next(all_names(path))
+        sink = sink_of("record", knee)
         assert sink  # noqa: S101  (there is a path)
-        expected = (name,) if size else ()  # every snapshot but the first has another name than the parameter's
-        return SinkProcess(sink._replace(name=str(name), arguments=(*sink.arguments, *expected)), self._log), name
+        return SinkProcess(sink._replace(name=str(next(all_names(path)))), self._log)
 
     def stop_recording(self, ending: Ending) -> str:
         """Have the recording completed, and return the name of its file.
@@ -366,22 +352,17 @@ class Outputs:
         Raises:
             UsageError: nothing is being recorded.
         """
-        recording = self._sinks.pop(RECORDER, None)
+        recording = self.sinks.pop(RECORDER, None)
         if recording is None or recording.failure:
             raise UsageError(recording.failure if recording else "nothing is being recorded")
         recording.end(ending)
         self._ending.append(recording)
         return recording.name
 
-    def reports(self) -> Iterator[tuple[str, dict[str, str], str, bool]]:
-        """For every output its name, its diagnostic values, what is wrong, and whether answers are lost by that."""
-        for name, sink in self._sinks.items():
-            yield name, *sink.report()
-
     def end(self, ending: Ending) -> None:
         """Have all files completed, without waiting for it."""
         self._deadline = min(self._deadline, time.monotonic() + PATIENCE)
-        for sink in [*self._ending, *self._sinks.values()]:
+        for sink in [*self._ending, *self.sinks.values()]:
             sink.end(ending)
 
     def close(self, ending: Ending) -> bool:
@@ -390,7 +371,7 @@ class Outputs:
         Waits for at most `PATIENCE`, counted from `end` if that was called before.
         """
         self.end(ending)
-        complete = [sink.wait(self._deadline) for sink in [*self._ending, *self._sinks.values()]]
+        complete = [sink.wait(self._deadline) for sink in [*self._ending, *self.sinks.values()]]
         return all(complete)
 
 

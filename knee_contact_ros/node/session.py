@@ -34,7 +34,7 @@ from knee_contact_ros.streams.output import Knee, Note
 from knee_contact_ros.streams.pairing import PairedSample, PairedStreams
 from knee_contact_ros.streams.topics import JOINT_STATES, Answer, Ending
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.output_files import stamped
+from knee_contact_ros.system.output_files import all_names, stamped
 
 OUTPUT_DEPTH = 100
 """Number of messages that a publisher keeps for slow subscribers"""
@@ -259,12 +259,12 @@ class Session(ABC):
                 "there is nothing to save: no answer since the parameters changed, or record.snapshot is 0"
             )
         path = Path(self.parameters.record.path or f"{self.node.get_name()}.mcap")
-        path = path.with_name(f"{path.stem}_snapshot{path.suffix}")
-        record = self.parameters.record.model_copy(update={"path": stamped(str(path))})
+        path = next(all_names(Path(stamped(str(path.with_name(f"{path.stem}_snapshot{path.suffix}"))))))
+        record = self.parameters.record.model_copy(update={"path": str(path)})
         knee = self._described(self.parameters.model_copy(update={"record": record}))
         before = {TICKS_BEFORE: str(self.pipeline.ticks - answers)}
-        name = self.outputs.save_snapshot(items, knee._replace(provenance={**knee.provenance, **before}))
-        return f"{name} will be complete in a moment: {answers} answers, {duration:.3f} s"
+        self.outputs.save_snapshot(items, knee._replace(provenance={**knee.provenance, **before}))
+        return f"{path} will be complete in a moment: {answers} answers, {duration:.3f} s"
 
     def _knee(self) -> Knee:
         """Description for outputs that begin now, with the time in the names of their files."""
