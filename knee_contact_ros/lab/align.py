@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 from rich import box
 from rich.console import Console
-from rich.table import Table
+from rich.table import Column, Table
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 from scipy.stats import t as student
@@ -29,6 +29,7 @@ from knee_contact_ros.lab.tables import Floats, Series
 from knee_contact_ros.parameters.files import values_set_in
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.output_files import refuse_existing
 from knee_contact_ros.system.terminal import WIDTH, say, shown, warn
 
 STRETCH = 1.0
@@ -90,11 +91,10 @@ def align(files: Sequence[Path], maps: Sequence[Path], output: Path, longest_lag
     sensors = read_map(maps)
     if sensors.reference is None:
         raise UsageError(f"map {maps[-1]}: reference: is missing: the angle that `angle` is compared with")
-    if output.exists() and not overwrite:
-        raise UsageError(f"{output} exists already; give another --output, or --overwrite")
+    if not overwrite:
+        refuse_existing(output)
     sensor, reference = read_channels(files, sensors, ("angle", "reference")).values()
-    if fault := checks.impossible(sensor) or checks.impossible(reference):
-        raise UsageError(fault)
+    checks.refuse(checks.impossible(sensor) + checks.impossible(reference))
     alignment = aligned(sensor, reference, longest_lag, sensors.max_gap)
     output.write_text(overlay(alignment, sensor.columns, reference.columns, sensors.angle.sign), encoding="utf-8")
     values_set_in(output)
@@ -113,11 +113,8 @@ class Pair:
 
     def __init__(self, sensor: Series, reference: Series, max_gap: float) -> None:
         """Both have the same clock; `rows` leaves out rows in gaps of the reference longer than `max_gap` [s]."""
-        first = reference.stamps[0]
-        self.times: Floats = (sensor.stamps - first) / NANOSECONDS
-        self.values = sensor.values
-        self._known: Floats = (reference.stamps - first) / NANOSECONDS
-        self._curve = CubicSpline(self._known, reference.values)
+        self.times, self._known = ((each.stamps - reference.stamps[0]) / NANOSECONDS for each in (sensor, reference))
+        self.values, self._curve = sensor.values, CubicSpline(self._known, reference.values)
         self._wide = np.diff(self._known) > max_gap
         self.step = max(float(np.median(np.diff(times))) for times in (self.times, self._known))
         """Time from row to row of the slower one [s]"""
@@ -133,35 +130,29 @@ class Pair:
             there &= (self.times - least <= begin) | (self.times - most >= end)
         rows = np.flatnonzero(there)
         if len(rows) < ENOUGH:
-            raise UsageError(
-                f"angle and reference have {len(rows)} rows in common (with lags from {least:.3g} to {most:.3g} s), "
-                f"and {ENOUGH} are needed"
-            )
+            lags = f"with lags from {least:.3g} to {most:.3g} s"
+            raise UsageError(f"angle and reference have {len(rows)} rows in common ({lags}), and {ENOUGH} are needed")
         return rows[:: 1 + len(rows) // MOST_ROWS]
 
     def moved(self, rows: Rows, lag: float) -> Floats:
         """Angles of the reference [rad] at rows of the sensor, if that is late by `lag` [s]."""
         return np.asarray(self._curve(self.times[rows] - lag))
 
-    def correlation(self, rows: Rows, lag: float) -> float:
-        """Correlation of both at rows of the sensor, if that is late by `lag` [s]; 0 if one of them is constant."""
-        one, other = (each - each.mean() for each in (self.values[rows], self.moved(rows, lag)))
+    def fit(self, rows: Rows, lag: float, offset: float = 0.0) -> tuple[float, float]:
+        """Correlation (0 if one is constant), and RMS difference [rad], with lag [s] and offset [rad] removed."""
+        sensor, moved = self.values[rows] + offset, self.moved(rows, lag)
+        one, other = sensor - sensor.mean(), moved - moved.mean()
         scale = math.sqrt(float(one @ one) * float(other @ other))
-        return float(one @ other) / scale if scale > 0.0 else 0.0
+        return float(one @ other) / scale if scale > 0.0 else 0.0, float(np.sqrt(np.mean((sensor - moved) ** 2)))
 
     def best(self, rows: Rows, within: tuple[float, float]) -> tuple[float, float, float]:
         """Offset [rad], lag [s] and gain of rows of the sensor, at the lag `within` which both correlate best."""
         found = minimize_scalar(
-            lambda lag: -self.correlation(rows, lag), bounds=within, method="bounded", options={"xatol": 1e-6}
+            lambda lag: -self.fit(rows, lag)[0], bounds=within, method="bounded", options={"xatol": 1e-6}
         )
         sensor, moved = self.values[rows], self.moved(rows, float(found.x))
         around = moved - moved.mean()
         return float(np.mean(moved - sensor)), float(found.x), float(around @ sensor) / float(around @ around)
-
-    def fit(self, rows: Rows, lag: float, offset: float) -> tuple[float, float]:
-        """Correlation, and RMS difference [rad] of both, with a lag [s] and an offset [rad] of the sensor removed."""
-        off = self.values[rows] + offset - self.moved(rows, lag)
-        return self.correlation(rows, lag), float(np.sqrt(np.mean(off**2)))
 
 
 def aligned(sensor: Series, reference: Series, longest: float, max_gap: float) -> Alignment:
@@ -173,7 +164,7 @@ def aligned(sensor: Series, reference: Series, longest: float, max_gap: float) -
     pair, both = Pair(sensor, reference, max_gap), f"{sensor.where} and {reference.where}"
     rows = pair.rows(-longest, longest)
     lags = np.linspace(-longest, longest, 1 + 2 * math.ceil(longest / (0.5 * pair.step)))
-    correlations = np.array([pair.correlation(rows, lag) for lag in lags])
+    correlations = np.array([pair.fit(rows, lag)[0] for lag in lags])
     at, against = int(correlations.argmax()), -float(correlations.min())
     if correlations[at] < ALIKE:
         why = "are both of one knee, in one time?"
@@ -195,7 +186,7 @@ def aligned(sensor: Series, reference: Series, longest: float, max_gap: float) -
         raise UsageError(
             f"{sensor.where} moves {gain.value:.3g} times as far as {reference.where}: are both units right?"
         )
-    before, after = pair.fit(rows, 0.0, 0.0), pair.fit(rows, lag.value, offset.value)
+    before, after = pair.fit(rows, 0.0), pair.fit(rows, lag.value, offset.value)
     return Alignment(offset, lag, gain, len(rows), before, after)
 
 
@@ -219,17 +210,16 @@ def overlay(alignment: Alignment, sensor: str, reference: str, sign: float) -> s
 
 def show(alignment: Alignment, output: Path) -> None:
     """Print the estimates with their intervals, and the correlation and difference before and after."""
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for heading in ("", "value", "95 % interval", "parameter"):
-        table.add_column(heading, justify="right" if heading == "value" else "left", no_wrap=True)
+    table = Table(
+        "", Column("value", justify="right"), "95 % interval", "parameter", box=box.SIMPLE_HEAD, pad_edge=False
+    )
     for name, estimate, factor, digits, parameter in (
         ("offset [deg]", alignment.offset, math.degrees(1.0), 2, "knee.flexion_offset [rad]"),
         ("lag [ms]", alignment.lag, 1e3, 1, "pairing.angle_delay [s]"),
         ("gain", alignment.gain, 1.0, 3, "none; angle.scale in the map"),
     ):
-        value, half = factor * estimate.value, factor * estimate.half
-        interval = f"{value - half:.{digits}f} to {value + half:.{digits}f}"
-        table.add_row(shown(name), f"{value:.{digits}f}", interval, shown(parameter))
+        value, low, high = (f"{factor * each:.{digits}f}" for each in (estimate.value, *estimate.bounds))
+        table.add_row(shown(name), value, f"{low} to {high}", shown(parameter))
     Console(width=WIDTH, emoji=False).print(table, highlight=False)
     for label, (r, rms) in {"as they are": alignment.before, "aligned": alignment.after}.items():
         say(f"{label}: r {r:.4f}, {math.degrees(rms):.2f} deg RMS")

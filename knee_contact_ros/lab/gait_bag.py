@@ -75,8 +75,9 @@ class Signal(NamedTuple):
         return self.rows((self.stamps >= window[0]) & (self.stamps <= window[1]))
 
     def around(self, window: tuple[int, int]) -> Signal:
-        """Select the rows within a window [ns], and a neighbour at each end."""
-        return self.rows(_around(self.stamps, window))
+        """Select the rows within a window [ns], and a neighbour at each end, so that all in it can be interpolated."""
+        first = max(int(np.searchsorted(self.stamps, window[0], "right")) - 1, 0)
+        return self.rows(slice(first, int(np.searchsorted(self.stamps, window[1], "left")) + 1))
 
     def with_rate(self) -> Signal:
         """Give an angle with its rate: derived by differences of second order if there is none."""
@@ -144,62 +145,62 @@ def common_window(*known: Stamps, start: float | None = None, end: float | None 
     return max(first, begin), min(last, stop)
 
 
-def grid(window: tuple[int, int], rate: float) -> Stamps:
-    """Stamps [ns] at the multiples of 1/`rate` [Hz] within a window [ns].
-
-    Raises:
-        UsageError: there are fewer than two.
-    """
-    period = NANOSECONDS / rate
-    counts = np.arange(np.ceil(window[0] / period - 1e-6), np.floor(window[1] / period + 1e-6) + 1)
-    if len(counts) < 2:
-        raise UsageError(f"--rate {rate:g}: fewer than two samples in {(window[1] - window[0]) / NANOSECONDS:g} s")
-    return np.clip(np.rint(counts * period).astype(np.int64), *window)
-
-
-def samples(
-    joints: Sequence[Stamps], wrenches: dict[str, Signal], others: Sequence[Stamps] = (), *, rate: float | None,
-    max_gap: float, start: float | None = None, end: float | None = None, beyond: int = 0,
-) -> tuple[Stamps, dict[str, Signal], list[str]]:  # fmt: skip
-    """Choose the samples in the time that all signals cover, within `start` and `end` [s].
+def sampled(
+    side: str, joints: Mapping[str, Sequence[Signal]], wrenches: Mapping[str, Signal], others: Sequence[Stamps] = (),
+    *, rate: float | None, max_gap: float, start: float | None = None, end: float | None = None, beyond: int = 0,
+) -> Gait:  # fmt: skip
+    """Make a gait of the time that all signals cover, within `start` and `end` [s].
 
     With a `rate` [Hz] all are interpolated there, outside of gaps longer than `max_gap` [s]. Without one every row
-    keeps its stamp; angles, at the first of the stamps `joints`, go on for `beyond` [ns] and one row, so that every
-    wrench lies between two.
+    keeps its stamp: each wrench its own, and angles those of the first joint, which go on for `beyond` [ns] and one
+    row, so that every wrench lies between two.
 
-    Returns:
-        Stamps [ns] of the angles, the wrenches by name, and notes on what was interpolated or left out.
+    Args:
+        side: `right` or `left`; of a left leg the ground's wrench is mirrored.
+        joints: By the joints' names in the bag, an angle with or without its rate, then an actuator's torque if any.
+        wrenches: `load` or `ground_force` or both.
+        others: Stamps [ns] of what else must be known.
+        rate: Rate of the samples.
+        max_gap: Longest time between rows across which is interpolated.
+        start: First time.
+        end: Last time.
+        beyond: How much longer than the wrenches the angles go on.
 
     Raises:
         UsageError: fewer than two samples are left.
     """
-    named = {"angle": joints[0], **{name: wrench.stamps for name, wrench in wrenches.items()}}
-    every = [*joints, *others, *named.values()]
+    turning = [signal.stamps for signals in joints.values() for signal in signals]
+    every, known = [*turning, *others, *(wrench.stamps for wrench in wrenches.values())], turning[0]
     window = common_window(*every, start=start, end=end)
-    notes = [note for name, stamps in named.items() for note in _gaps(name, stamps[_around(stamps, window)], max_gap)]
+    named = {"angle": Signal(known, known[:, None]), **wrenches}
+    notes = [note for name, signal in named.items() for note in _gaps(name, signal.around(window).stamps, max_gap)]
     if rate:
-        at = grid(window, rate)
+        period = NANOSECONDS / rate
+        counts = np.arange(np.ceil(window[0] / period - 1e-6), np.floor(window[1] / period + 1e-6) + 1)
+        at = np.clip(np.rint(counts * period).astype(np.int64), *window)
         at = at[np.all([bridged(at, each, max_gap) for each in every], axis=0)]
-        if len(at) < 2:
-            raise UsageError(f"rate {rate:g}: fewer than two samples lie outside gaps of {max_gap:g} s")
+        inside = {name: wrench.at(at) for name, wrench in wrenches.items()}
         notes.append(f"interpolated linearly at {rate:g} Hz, with gaps left out")
-        return at, {name: wrench.at(at) for name, wrench in wrenches.items()}, notes
-    inside = {name: wrench.inside(window) for name, wrench in wrenches.items()}
-    for name, wrench in inside.items():
-        if len(wrench.stamps) < 2:
-            low, high = (stamp / NANOSECONDS for stamp in window)
-            raise UsageError(f"fewer than two rows of the {name} are within {low:g} to {high:g} s")
-        if outside := len(wrenches[name].stamps) - len(wrench.stamps):
-            notes.append(f"{name}: {outside} rows left out, before time 0 or where another signal or time is not")
-    first, last = common_window(*joints)
-    kept = joints[0][_around(joints[0], (window[0] - beyond, window[1] + beyond))]
-    return kept[(kept >= first) & (kept <= last)], inside, notes
-
-
-def _around(stamps: Stamps, window: tuple[int, int]) -> slice:
-    """Rows within a window [ns], and a neighbour at each end, so that all in it can be interpolated."""
-    first = max(int(np.searchsorted(stamps, window[0], "right")) - 1, 0)
-    return slice(first, int(np.searchsorted(stamps, window[1], "left")) + 1)
+    else:
+        inside = {name: wrench.inside(window) for name, wrench in wrenches.items()}
+        first, last = common_window(*turning)
+        at = named["angle"].around((window[0] - beyond, window[1] + beyond)).inside((first, last)).stamps
+        for name, wrench in inside.items():
+            if outside := len(wrenches[name].stamps) - len(wrench.stamps):
+                notes.append(f"{name}: {outside} rows left out, before time 0 or where another signal or time is not")
+    if short := [name for name, wrench in {"angle": Signal(at, at), **inside}.items() if len(wrench.stamps) < 2]:
+        low, high = (stamp / NANOSECONDS for stamp in window)
+        at_rate = f" at {rate:g} Hz, outside gaps of {max_gap:g} s" if rate else ""
+        raise UsageError(f"fewer than two rows of the {short[0]} are within {low:g} to {high:g} s{at_rate}")
+    if side == "left" and "ground_force" in inside:
+        ground = inside["ground_force"]
+        inside["ground_force"] = Signal(ground.stamps, ground.values * MIRROR)
+        notes.append("ground: left leg mirrored to a right one (force z, torque x and y turned)")
+    moved = {
+        name: Signal(at, np.hstack([angle.at(at).with_rate().values, *(torque.at(at).values for torque in torques)]))
+        for name, (angle, *torques) in joints.items()
+    }
+    return Gait(side, moved, inside.get("load", NOTHING), {}, notes, inside.get("ground_force"))
 
 
 def _gaps(name: str, known: Stamps, longest: float) -> list[str]:

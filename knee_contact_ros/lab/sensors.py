@@ -8,7 +8,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import Field, ValidationError, model_validator
 
 from knee_contact_ros.lab import checks, gait_bag, tables
@@ -21,7 +20,6 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import find_file, read_mapping
 from knee_contact_ros.system.output_files import work_folder
 
-Bools = NDArray[np.bool_]
 BEYOND = NANOSECONDS
 """Time [ns] before and behind the loads within which angles are kept: as far as `pairing.angle_delay` reaches"""
 GROUND = ("ground_force_x", "ground_force", "ground_force_z", "ground_torque_x", "ground_torque_y", "ground_torque_z")
@@ -132,36 +130,33 @@ def import_csv(files: Sequence[Path], maps: Sequence[Path], output: Path, overwr
         raise UsageError(f"map {maps[-1]}: load: is missing, or ground_force: for estimate-load; only align needs none")
     gait_bag.check_output(output, overwrite)
     channels = read_channels(files, sensors, IMPORTED)
-    doubtful = check(channels, sensors)
-    if doubtful and not anyway:
-        raise UsageError(f"{doubtful[0]} (--anyway imports it as it is)")
-    unusual = checks.unusual(channels["load"], sensors.body_weight) if sensors.load else []
-    gait = gait_of(channels, sensors)._replace(doubts=[*doubtful, *unusual])
+    doubts = check(channels, sensors, anyway)
+    gait = gait_of(channels, sensors)._replace(doubts=doubts)
     used = {f"file {number}": path for number, path in enumerate(files, start=1)}
     with work_folder(output.parent) as work:
         gait_bag.store({output: gait}, "CSV", used, {"map": sensors.model_dump_json(exclude_defaults=True)}, work)
 
 
-def check(channels: dict[str, Series], sensors: SensorMap) -> list[str]:
-    """List what is likely a mistake.
+def check(channels: dict[str, Series], sensors: SensorMap, anyway: bool) -> list[str]:
+    """List what may be a mistake.
 
     Raises:
-        UsageError: the values are not those of a leg at all.
+        UsageError: the values are not those of a leg at all, or, but for `anyway`, are likely a mistake.
     """
     load, ground, weight = channels.get("load"), channels.get("ground_force"), sensors.body_weight
     for name in ANGLES:
-        if name in channels and (fault := checks.impossible(channels[name], load)):
-            raise UsageError(fault)
-    if ground:
-        checks.check_upright(ground.values, ground.where)
+        if name in channels:
+            checks.refuse(checks.impossible(channels[name], load))
     unit = sensors.load.unit if sensors.load else None
     doubts = checks.doubts(channels["angle"], load, unit, weight, sensors.max_gap)
     for name in (*ANGLES[1:], *TORQUES):
         if name in channels:
             doubts += checks.joint_doubts(channels[name], is_torque=name in TORQUES)
     if ground and sensors.ground_force:
-        doubts += checks.ground_doubts(ground, sensors.ground_force.unit, weight)
-    return doubts
+        checks.check_upright(ground.values, ground.where)
+        doubts += checks.peak_doubts(ground, sensors.ground_force.unit, weight, *checks.OF_GROUND)
+    checks.refuse(doubts, anyway)
+    return doubts + (checks.unusual(load, weight) if load else [])
 
 
 def read_map(paths: Sequence[Path]) -> SensorMap:
@@ -250,22 +245,20 @@ def _kind(name: str) -> str:
 
 def _home(channel: Channel, name: str, headers: dict[Path, Header]) -> Path:
     """Find the only file that has a channel's columns, by the names of the columns of each file."""
-    candidates = [path for path in headers if fnmatchcase(path.name, channel.file or "*")]
-    if not candidates:
-        given = ", ".join(path.name for path in headers)
-        raise UsageError(f"map: {name}.file: no file is named as {channel.file}; given are {given}")
-    lacking = {path: [column for column in channel.weights if not headers[path].places(column)] for path in candidates}
-    homes = [path for path in candidates if not lacking[path]]
-    if len(homes) > 1:
+    named = {path: header for path, header in headers.items() if fnmatchcase(path.name, channel.file or "*")}
+    lacking = {path: [each for each in channel.weights if not header.places(each)] for path, header in named.items()}
+    homes = [path for path, missing in lacking.items() if not missing]
+    if len(homes) == 1:
+        return homes[0]
+    if homes:
         both, columns = " and ".join(path.name for path in homes), ", ".join(map(str, channel.weights))
         raise UsageError(f"map: {name}: {both} both have {columns}; say which with {name}.file")
-    if not homes:
-        missing = min(lacking.values(), key=len)[0]
-        where = " and ".join(str(path) for path in candidates if missing in lacking[path])
-        everywhere = list(dict.fromkeys(column for path in candidates for column in headers[path].names))
-        hint = tables.meant(str(missing), everywhere)
-        raise UsageError(f"{where} has no column {missing} (map: {name}); {hint}")
-    return homes[0]
+    if not named:
+        given = ", ".join(path.name for path in headers)
+        raise UsageError(f"map: {name}.file: no file is named as {channel.file}; given are {given}")
+    missing, where = min(lacking.values(), key=len)[0], " and ".join(map(str, named))
+    hint = tables.meant(str(missing), [each for header in named.values() for each in header.names])
+    raise UsageError(f"{where} has no column {missing} (map: {name}); {hint}")
 
 
 def _series(name: str, channel: Channel, table: Table, to_si: float, leave_out: bool) -> Series:
@@ -280,7 +273,7 @@ def _series(name: str, channel: Channel, table: Table, to_si: float, leave_out: 
             tables.check_unit(table.path, column, said, channel.unit, _kind(name), f"map: {name}.unit")
     places = [table.names.index(str(column)) for column in channel.weights]
     numbers = np.isfinite(table.values[:, places])
-    there: Bools = np.asarray(numbers.all(axis=1))
+    there = np.asarray(numbers.all(axis=1))
     rows, lost = len(there), np.count_nonzero(~there)
     if lost and not leave_out:
         row = int(np.argmin(there))
@@ -308,38 +301,31 @@ def gait_of(channels: dict[str, Series], sensors: SensorMap) -> Gait:
     Raises:
         UsageError: there is no such time, or fewer than two samples are left.
     """
-    notes = list(dict.fromkeys(note for series in channels.values() for note in series.notes))
-    wrenches: dict[str, Signal] = {}
-    for name, parts in (("load", ("", "load", "", "moment", "", "")), ("ground_force", GROUND)):
-        if name in channels:
-            wrenches[name] = _wrench(channels, parts, channels[name].stamps)
-    joints = {name: channels[name] for name in ANGLES if name in channels}
-    known = [channels[name].stamps for name in (*ANGLES, *TORQUES) if name in channels]
-    others = [series.stamps for series in channels.values()]
-    at, wrenches, sampled = gait_bag.samples(
-        known, wrenches, others, rate=sensors.rate, max_gap=sensors.max_gap, beyond=BEYOND
-    )
-    ground = wrenches.get("ground_force")
-    if ground and sensors.side == "left":
-        ground = Signal(ground.stamps, ground.values * gait_bag.MIRROR)
-        notes.append("ground: left leg mirrored to a right one (force z, torque x and y turned)")
-    signals = {}
-    for name, series in joints.items():
-        angle = Signal(at, series.at(at)[:, None]).with_rate()
-        torque = channels.get(TORQUES[ANGLES.index(name)])
-        values = np.column_stack([angle.values, torque.at(at)]) if torque else angle.values
-        signals[sensors.angle.joint if name == "angle" else name] = Signal(at, values)
+    joints = {
+        sensors.angle.joint if name == "angle" else name: [_signal(channels[each]) for each in pair if each in channels]
+        for name, pair in zip(ANGLES, zip(ANGLES, TORQUES, strict=True), strict=True)
+        if name in channels
+    }
+    wrenches = {}
+    if "load" in channels:
+        wrench = _wrench(channels, ("", "load", "", "moment", "", ""), "load", 0.0)
+        wrenches["load"] = wrench._replace(values=wrench.values * [1.0, -1.0, 1.0, 1.0, 1.0, 1.0] + 0.0)  # no minus 0
+    if "ground_force" in channels:
+        wrenches["ground_force"] = _wrench(channels, GROUND, "ground_force", np.nan)  # what is not measured
+    every = [series.stamps for series in channels.values()]
+    rate, gap = sensors.rate, sensors.max_gap
+    gait = gait_bag.sampled(sensors.side, joints, wrenches, every, rate=rate, max_gap=gap, beyond=BEYOND)
+    notes = dict.fromkeys(note for series in channels.values() for note in series.notes)
     columns = {name: f"{series.columns} of {series.path.name}" for name, series in channels.items()}
-    reaction = wrenches.get("load", gait_bag.NOTHING)
-    return Gait(sensors.side, signals, reaction, columns, [*notes, *sampled], ground, weight=sensors.body_weight)
+    return gait._replace(notes=[*notes, *gait.notes], columns=columns, weight=sensors.body_weight)
 
 
-def _wrench(channels: dict[str, Series], parts: Sequence[str], stamps: tables.Stamps) -> Signal:
-    """Make a wrench at stamps [ns]; of the ground, what is not measured is not a number."""
-    wrench = np.full((len(stamps), 6), np.nan if parts is GROUND else 0.0)
-    for place, name in enumerate(parts):
-        if name in channels:
-            wrench[:, place] = channels[name].at(stamps)
-    if parts is not GROUND:
-        wrench[:, 1] = 0.0 - wrench[:, 1]  # no minus zero
-    return Signal(stamps, wrench)
+def _wrench(channels: dict[str, Series], parts: Sequence[str], main: str, unknown: float) -> Signal:
+    """Make a wrench of the channels `parts` at the stamps of the channel `main`; the others are `unknown`."""
+    stamps = channels[main].stamps
+    columns = [channels[name].at(stamps) if name in channels else np.full(len(stamps), unknown) for name in parts]
+    return Signal(stamps, np.column_stack(columns))
+
+
+def _signal(series: Series) -> Signal:
+    return Signal(series.stamps, series.values[:, None])

@@ -73,30 +73,30 @@ def by_share(folder: Path, time: np.ndarray, angle: np.ndarray, load: np.ndarray
 
 
 ANGLES: dict[str, tuple[Change, str]] = {
-    "degrees for radians": (lambda t, q, f: (t, np.degrees(q), f), "degrees|more than any knee|beyond"),
+    "degrees for radians": (lambda t, q, f: (t, np.degrees(q), f), "degrees|range of motion|beyond"),
     "an offset of 5 rad": (lambda t, q, f: (t, q + 5.0, f), "offset|angle-unit|included|rad"),
     "the sign": (lambda t, q, f: (t, -q - 0.6, f), "sign"),
     "the included angle": (lambda t, q, f: (t, np.pi - q, f), "included angle|sign"),
-    "columns swapped": (lambda t, q, f: (t, f, q), "more than any knee|beyond|must not exceed|angle-unit"),
+    "columns swapped": (lambda t, q, f: (t, f, q), "range of motion|beyond|must not exceed|angle-unit"),
 }
 TIMES: dict[str, tuple[Change, str]] = {
-    "milliseconds": (lambda t, q, f: (1e3 * t, q, f), "milliseconds|In ms"),
+    "milliseconds": (lambda t, q, f: (1e3 * t, q, f), "milliseconds"),
 }
 LOADS: dict[str, tuple[Change, str]] = {
-    "no load": (lambda t, q, f: (t, q, 0.0 * f), "throughout|presses with"),
+    "no load": (lambda t, q, f: (t, q, 0.0 * f), "throughout|the peak"),
     "the other sign": (lambda t, q, f: (t, q, -f), "pulls|negative throughout"),
-    "kN": (lambda t, q, f: (t, q, f / 1e3), "kN|must be in N|presses with"),
+    "kN": (lambda t, q, f: (t, q, f / 1e3), "kN|the peak"),
     "body weights": (lambda t, q, f: (t, q, f / WEIGHT), "BW|body weights|must be in N"),
     "percent of body weight": (lambda t, q, f: (t, q, f / (0.01 * WEIGHT)), "%BW|percent|body weights"),
     "a spike": (lambda t, q, f: (t, q, np.where(t == t[50], 41e3, f)), "spike"),
 }
 OF_GAIT: dict[str, tuple[Change, str]] = {
     "pounds": (lambda t, q, f: (t, q, f / 4.448), "lbf|body weights"),
-    "radians for degrees": (lambda t, q, f: (t, np.radians(q), f), "moves by|like rad"),
-    "mN": (lambda t, q, f: (t, q, 1e3 * f), "spike|must be in N|beyond"),
+    "radians for degrees": (lambda t, q, f: (t, np.radians(q), f), "range of motion|like rad"),
+    "mN": (lambda t, q, f: (t, q, 1e3 * f), "spike|load.unit"),
     "kilograms": (lambda t, q, f: (t, q, f / 9.80665), "kgf|body weights|must be in N"),
     "an encoder": (lambda t, q, f: (t, q - 1.6, f), "offset|sign"),
-    "a loose contact": (lambda t, q, f: (t, np.where(t > t[200], q + 0.9, q), f), "jumps by|included"),
+    "a loose contact": (lambda t, q, f: (t, np.where(t > t[200], q + 0.9, q), f), "the step at|included"),
 }
 GROUND: dict[str, tuple[Change, str]] = {
     "kN": (lambda t, q, f: (t, q, f / 1e3), "must be in N"),
@@ -104,13 +104,13 @@ GROUND: dict[str, tuple[Change, str]] = {
     "percent of body weight": (lambda t, q, f: (t, q, f / (0.01 * WEIGHT)), "must be in N"),
     "body weights": (lambda t, q, f: (t, q, f / WEIGHT), "must be in N"),
     "pounds": (lambda t, q, f: (t, q, f / 4.448), "lbf"),
-    "a scale of 10": (lambda t, q, f: (t, q, 10.0 * f), "body weights at most"),
+    "a scale of 10": (lambda t, q, f: (t, q, 10.0 * f), "body weights, plausible"),
 }
 SHARES: dict[str, tuple[Change, str]] = {
     **{name: LOADS[name] for name in ("the other sign", "kN", "body weights", "percent of body weight")},
     **{name: ANGLES[name] for name in ("the sign", "degrees for radians", "columns swapped")},
     "no load": (LOADS["no load"][0], "the axial force reaches"),
-    "radians for degrees": (OF_GAIT["radians for degrees"][0], "moves by"),
+    "radians for degrees": (OF_GAIT["radians for degrees"][0], "moves by|range of motion"),
     "kilograms": (OF_GAIT["kilograms"][0], "body weights"),
     "pounds": (OF_GAIT["pounds"][0], "body weights"),
 }

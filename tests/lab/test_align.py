@@ -138,7 +138,7 @@ def test_a_map_without_a_reference_is_told(tmp_path: Path, capsys: pytest.Captur
         )
         == 2
     )
-    assert "more than any knee: is reference.unit right" in capsys.readouterr().err
+    assert "plausible is 0 to 180: is reference.unit right" in capsys.readouterr().err
 
 
 @needs_trials

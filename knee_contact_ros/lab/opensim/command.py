@@ -149,19 +149,19 @@ def read_knee(side: str, files: Files, settings: Settings, work: Path) -> Gait:
     Raises:
         UsageError: a file cannot be used, a column is missing, or unit, sign or frame are wrong or not clear.
     """
+    start, end = settings.start, settings.end
     for name in ("start", "end", "rate"):
         value = getattr(settings, name)
         if value is not None and not math.isfinite(value):
             raise UsageError(f"--{name} {value}: it must be a finite number")
     kinematics, reactions = read_storage(files.kinematics), read_storage(files.reactions)
     column = results.angle_column(kinematics, side, settings.coordinate)
-    kinematics = kinematics.needed([column], settings.start, settings.end)
+    kinematics = kinematics.needed([column], start, end)
     weight, bounds = results.read_model(files.model, coordinate_of(column)) if files.model else (None, None)
     angle, notes = results.read_angles(kinematics, column, files.speeds, settings, bounds)
     degrees = checks.unit_of(kinematics, column, settings.angle_unit) == "deg"
     chosen = results.find_reactions(reactions, side, settings.joint)
-    needed = [each.column(axis) for each in chosen for axis in results.AXES]
-    reactions = reactions.needed(needed, settings.start, settings.end)
+    reactions = reactions.needed([each.column(axis) for each in chosen for axis in results.AXES], start, end)
     poses, reactions, doubts = _poses(chosen, reactions, kinematics, degrees, angle, files.model, work)
     reaction, of_reaction = results.read_reaction(reactions, list(zip(chosen, poses, strict=True)), side)
     notes += of_reaction
@@ -169,37 +169,27 @@ def read_knee(side: str, files: Files, settings: Settings, work: Path) -> Gait:
         "angle": f"{column} of {files.kinematics.name}",
         "load": f"{' + '.join(each.column(results.ALL) for each in chosen)} of {files.reactions.name}",
     }
-    joints, wrenches = {gait_bag.JOINT: angle}, {"load": reaction}
+    joints, wrenches = {gait_bag.JOINT: [angle]}, {"load": reaction}
     if files.ground and files.ground_data and files.model:
         ground = legs.read_ground(files.ground, files.ground_data, side)
         names = legs.leg_joints(files.model, side, coordinate_of(column))
-        angles, wrenches["ground_force"], of_leg = legs.read_leg(
-            ground, kinematics, degrees, files.model, names, side, work
-        )
-        joints |= angles
-        columns |= {"hip": "by OpenSim", "ankle": "by OpenSim"}
+        angles, wrenches["ground_force"], of_leg = legs.read_leg(ground, kinematics, degrees, files.model, names, work)
+        joints |= {name: [each] for name, each in angles.items()}
+        columns |= dict.fromkeys(angles, "by OpenSim")
         columns["ground_force"] = f"{ground.columns} of {files.ground_data.name}"
         notes += of_leg
-    start, end = settings.start, settings.end
     window = gait_bag.common_window(angle.stamps, *(each.stamps for each in wrenches.values()), start=start, end=end)
-    flexion, force = (
-        each.inside(window) if len(each.inside(window).stamps) > 1 else each for each in (angle, reaction)
-    )
-    load = Series(
-        "load", files.reactions, " + ".join(each.column("fy") for each in chosen), force.stamps, -force.values[:, 1]
-    )
+    flexion, force = (each.around(window) for each in (angle, reaction))
+    up = " + ".join(each.column("fy") for each in chosen)
+    load = Series("load", files.reactions, up, force.stamps, -force.values[:, 1])
     seen = Series("angle", files.kinematics, column, flexion.stamps, flexion.values[:, 0])
-    doubtful = checks.doubts(seen, load, None, weight, results.MAX_GAP, mapped=False)
-    if doubtful and not settings.anyway:
-        raise UsageError(f"{doubtful[0]} (--anyway imports it as it is)")
-    at, wrenches, sampled = gait_bag.samples(
-        [angle.stamps], wrenches, rate=settings.rate, max_gap=results.MAX_GAP, start=start, end=end
-    )
-    resampled = {name: joint.at(at).with_rate() for name, joint in joints.items()}
-    doubts += [*doubtful, *checks.unusual(load, weight)]
-    return Gait(
-        side, resampled, wrenches["load"], columns, [*notes, *sampled], wrenches.get("ground_force"), doubts, weight
-    )
+    checks.refuse(checks.impossible(seen, load))
+    likely = checks.doubts(seen, load, None, weight, results.MAX_GAP, mapped=False)
+    checks.refuse(likely, settings.anyway)
+    rate, gap = settings.rate, results.MAX_GAP
+    gait = gait_bag.sampled(side, joints, wrenches, rate=rate, max_gap=gap, start=start, end=end)
+    doubts += [*likely, *checks.unusual(load, weight)]
+    return gait._replace(columns=columns, notes=notes + gait.notes, doubts=doubts, weight=weight)
 
 
 def _poses(

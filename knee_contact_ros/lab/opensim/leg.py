@@ -14,7 +14,7 @@ from typing import NamedTuple
 import numpy as np
 
 from knee_contact_ros.lab import checks
-from knee_contact_ros.lab.gait_bag import MIRROR, Signal
+from knee_contact_ros.lab.gait_bag import Signal
 from knee_contact_ros.lab.opensim import child, pipeline
 from knee_contact_ros.lab.opensim.results import (
     FEMUR,
@@ -213,12 +213,12 @@ def _vector(data: Table, name: str, where: np.ndarray | None = None) -> Floats:
 
 
 def read_leg(
-    ground: GroundFile, kinematics: Table, degrees: bool, model: Path, joints: Sequence[str], side: str, work: Path
+    ground: GroundFile, kinematics: Table, degrees: bool, model: Path, joints: Sequence[str], work: Path
 ) -> tuple[dict[str, Signal], Signal, list[str]]:
     """Simulate the sensors of a leg: angles of hip and ankle, what the ground exerts about the ankle, and notes.
 
     The hip's is the angle between thigh and vertical in the sagittal plane, positive when the knee is ahead of the hip;
-    the ankle's is positive in dorsiflexion, 0 at a right angle. A left leg's wrench is mirrored.
+    the ankle's is positive in dorsiflexion, 0 at a right angle.
 
     Args:
         ground: ground reactions on the foot.
@@ -226,7 +226,6 @@ def read_leg(
         degrees: whether angles in the kinematics are in degrees.
         model: file of the model.
         joints: names of hip, knee and ankle in the model.
-        side: `right` or `left`.
         work: folder for a process of OpenSim and its log.
 
     Raises:
@@ -249,9 +248,6 @@ def read_leg(
     ]
     if not all(force.torque for force in ground.forces):
         notes.append("ground: no free moment in the file")
-    if side == LEFT:
-        wrench = Signal(wrench.stamps, wrench.values * MIRROR)
-        notes.append("ground: left leg mirrored to a right one (force z, torque x and y turned)")
     signals = {name: Signal(kinematics.stamps, np.arctan2(*each)[:, None]) for name, each in angles.items()}
     return signals, wrench, notes
 
