@@ -22,6 +22,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import Field
+from scipy import constants
 
 from knee_contact_ros.parameters.schema import Section, one_of
 from knee_contact_ros.streams.topics import NANOSECONDS
@@ -46,7 +47,6 @@ SEARCHED = 300
 """Number of lines at the beginning of a text table among which its names are looked for"""
 HALF_DAY, DAY = 43_200.0, 86_400.0
 """[s]"""
-POUND_FORCE, KILOPOND, INCH = 4.4482216152605, 9.80665, 0.0254
 TIME, ANGLE, FORCE, MOMENT = "time", "angle", "force", "moment"
 BODY_WEIGHT, PERCENT = "BW", "%BW"
 """Units of force that need the map's `body_weight`"""
@@ -69,10 +69,12 @@ SOME = 3
 """Number of cells from which a column's way to write numbers is told"""
 UNITS = {
     TIME: {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
-    ANGLE: {"rad": 1.0, "deg": math.radians(1.0), "mrad": 1e-3, "rev": 2.0 * math.pi},
-    FORCE: {"N": 1.0, "kN": 1e3, "mN": 1e-3, "lbf": POUND_FORCE, "kgf": KILOPOND, BODY_WEIGHT: 1.0, PERCENT: 0.01},
-    MOMENT: {"N*m": 1.0, "N*mm": 1e-3, "kN*m": 1e3, "lbf*in": POUND_FORCE * INCH, "lbf*ft": 12.0 * POUND_FORCE * INCH},
-}
+    ANGLE: {"rad": 1.0, "deg": constants.degree, "mrad": 1e-3, "rev": 2.0 * math.pi},
+    FORCE: {"N": 1.0, "kN": 1e3, "mN": 1e-3, "lbf": constants.lbf, "kgf": constants.kgf, BODY_WEIGHT: 1.0,
+            PERCENT: 0.01},
+    MOMENT: {"N*m": 1.0, "N*mm": 1e-3, "kN*m": 1e3, "lbf*in": constants.lbf * constants.inch,
+             "lbf*ft": constants.lbf * constants.foot},
+}  # fmt: skip
 """Factors of units to s, rad, N (or body weights) and N m, by quantity"""
 ALIASES = {
     "sec": "s", "second": "s", "seconds": "s", "µs": "us", "μs": "us",
@@ -138,11 +140,6 @@ class Table(NamedTuple):
     def time(self, row: int) -> str:
         """Return the time [s] of a row as text."""
         return f"{self.stamps[row] / NANOSECONDS:g}"
-
-    @property
-    def span(self) -> str:
-        """First and last time [s] as text."""
-        return f"{self.time(0)} to {self.time(-1)} s"
 
 
 class Series(NamedTuple):
@@ -258,20 +255,16 @@ def factor(unit: str, kind: str, what: str, body_weight: float | None = None) ->
     """Factor of a unit to SI; `kind` is the quantity that it must be of, `what` names the value in messages.
 
     Raises:
-        UsageError: the unit is not known or is of another quantity, or in body weights without `body_weight` [N].
+        UsageError: the unit is not one of this quantity, or in body weights without `body_weight` [N].
     """
     name = ALIASES.get(unit, unit)
-    if name in {BODY_WEIGHT, PERCENT} and kind == FORCE:
-        if body_weight is None:
-            raise UsageError(f"{what}: unit {name} needs body_weight [N] in the map")
-        return UNITS[FORCE][name] * body_weight
-    if name in UNITS[kind]:
+    if name not in UNITS[kind]:
+        raise UsageError(f"{what}: unit {unit!r} is not one of a {kind}; allowed: {', '.join(UNITS[kind])}")
+    if name not in {BODY_WEIGHT, PERCENT}:
         return UNITS[kind][name]
-    known = ", ".join(UNITS[kind])
-    other = next((quantity for quantity, units in UNITS.items() if name in units), None)
-    if other is not None:
-        raise UsageError(f"{what}: unit {unit} cannot be: it is a unit of {other}, and {kind} is wanted: {known}")
-    raise UsageError(f"{what}: unit {unit!r} is not known; allowed: {known}")
+    if body_weight is None:
+        raise UsageError(f"{what}: unit {name} needs body_weight [N] in the map")
+    return UNITS[kind][name] * body_weight
 
 
 def header_of(path: Path, wanted: Collection[Column], table_format: TableFormat) -> Header:
@@ -307,29 +300,24 @@ def storage_header(path: Path) -> Header:
         UsageError: the file cannot be read, or is no storage file.
     """
     text, _ = _text_of(path)
-    lines = [line.rstrip("\r\n") for line in _each_line(text)]
-    end = next((number for number, line in enumerate(lines) if line.strip().lower() == END), None)
+    lines = [line.strip() for line in _each_line(text)]
+    end = next((number for number, line in enumerate(lines) if line.lower() == END), None)
     if end is None:
         raise UsageError(f"{path} is not an OpenSim storage file (.sto, .mot): it has no line {END}")
-    entries = dict(line.split("=", 1) for line in lines[:end] if "=" in line)
-    entries = {key.strip().lower(): value.strip() for key, value in entries.items()}
+    entries = {key.strip().lower(): value.strip() for key, _, value in (line.partition("=") for line in lines[:end])}
     if entries.get("datatype", "double").lower() != "double":
         raise UsageError(f"{path} holds {entries['datatype']} (DataType in its header); only numbers can be read")
-    above, rows = end, []
-    for number in range(end + 1, len(lines)):
-        cells = re.split(r"[\s,;]+", lines[number].strip(), maxsplit=1)
-        if _is_number(cells[0]):
-            rows = lines[number:]
-            break
-        above = number if cells[0] else above
-    delimiter = next((mark for mark in "\t;," if mark in lines[above].strip()), " ")
-    names = _cells(lines[above].strip(), delimiter)
-    if not rows:
-        raise UsageError(f"{path} has no rows")
+    below = [number for number in range(end + 1, len(lines)) if lines[number]]
+    first = next((n for n, line in enumerate(below) if _is_number(re.split(r"[\s,;]+", lines[line])[0])), 0)
+    if not first:
+        raise UsageError(f"{path} has no rows below its names")
+    place, rows = below[first - 1], [lines[number] for number in below[first:]]
+    delimiter = next((mark for mark in "\t;," if mark in lines[place]), " ")
+    names = _cells(lines[place], delimiter)
     if names[0].lower() != TIME:
         raise UsageError(f"{path}: its first column is {names[0]}, and must be {TIME}")
     comma = not any("." in row for row in rows) and any(map(DECIMAL_COMMA.match, rows))
-    return Header(path, tuple(names), above + 1, delimiter, text, (), entries, "," if comma else ".")
+    return Header(path, tuple(names), place + 1, delimiter, text, (), entries, "," if comma else ".")
 
 
 def read_storage(path: Path) -> Table:
@@ -340,8 +328,7 @@ def read_storage(path: Path) -> Table:
     """
     header = storage_header(path)
     numbers, _, _ = read_numbers(header, range(len(header.names)), TableFormat(), strict=False)
-    stamps = _stamps(path, TIME, numbers[:, 0])
-    return _over_time(path, header.names[1:], stamps, numbers[:, 1:])._replace(degrees=header.degrees)
+    return _over_time(header, header.names[1:], TIME, numbers[:, 0], numbers[:, 1:])
 
 
 def repaired(path: Path) -> str:
@@ -461,14 +448,15 @@ def read_columns(header: Header, wanted: Sequence[Column], time: TimeColumn, tab
         day = ""
     elif day is None:
         check_unit(path, timed[0], units[timed[0]], time.unit, TIME, "time.unit")
-    stamps = _stamps(path, timed[0] if timed else time.column, first, seconds, time.offset)
-    table = _over_time(path, [str(name) for name in wanted], stamps, numbers[:, len(timed) :])
+    column = timed[0] if timed else time.column
+    values = numbers[:, len(timed) :]
+    table = _over_time(header, [str(name) for name in wanted], column, first * seconds + time.offset, values)
     if table.duplicates > MOST_STANDING * len(numbers):
         raise UsageError(
             f"{path}: in {table.duplicates} of {len(numbers)} rows column {time.column} has the value of the next row; "
             f"is it the time, in {time.unit}, with enough digits?"
         )
-    return table._replace(day=day, units=units, notes=(*header.notes, *table.notes), degrees=header.degrees)
+    return table._replace(day=day, units=units)
 
 
 def check_unit(path: Path, column: Column, said: str, unit: str, kind: str, what: str) -> None:
@@ -481,33 +469,31 @@ def check_unit(path: Path, column: Column, said: str, unit: str, kind: str, what
         )
 
 
-def _stamps(path: Path, column: Column, time: Floats, factor: float = 1.0, offset: float = 0.0) -> Stamps:
-    """Convert times to stamps [ns]; refuse one that is not a number, or that a stamp cannot hold."""
-    seconds = time * factor + offset
+def _over_time(header: Header, names: Sequence[str], column: Column, seconds: Floats, values: Floats) -> Table:
+    """Make a table of times [s], which are those of `column`, and columns `names`, shape (n, columns).
+
+    Raises:
+        UsageError: a time is not a number, or cannot be a stamp, or times decrease.
+    """
+    path = header.path
     wrong = ~(np.abs(seconds) < LAST_TIME)
     if wrong.any():
         row = int(np.argmax(wrong))
-        fault = f"{path}: column {column} is {time[row]:g} in row {row + 1}"
+        fault = f"{path}: column {column} is {seconds[row]:g} s in row {row + 1}"
         raise UsageError(f"{fault}; it must be a time below {LAST_TIME} s")
-    return np.rint(seconds * NANOSECONDS).astype(np.int64)
-
-
-def _over_time(path: Path, names: Sequence[str], stamps: Stamps, values: Floats) -> Table:
-    """Make a table of stamps [ns] and columns `names`, shape (n, columns).
-
-    Raises:
-        UsageError: times decrease.
-    """
+    stamps = np.rint(seconds * NANOSECONDS).astype(np.int64)
     steps = np.diff(stamps)
     if (steps < 0).any():
         row = int(np.argmax(steps < 0))
         before, after = stamps[row : row + 2] / NANOSECONDS
-        cure = "; of several recordings choose one (table.rows in the map)" if path.suffix.lower() in PARQUETS else ""
-        raise UsageError(f"{path}: time goes back from {before:.7g} to {after:.7g} s (rows {row + 1}, {row + 2}){cure}")
+        raise UsageError(
+            f"{path}: time goes back from {before:.7g} to {after:.7g} s (rows {row + 1}, {row + 2}); of several "
+            "recordings choose one (table.rows in the map)"
+        )
     last = np.append(steps > 0, True)
     twice = int(np.count_nonzero(~last))
-    notes = (f"{path.name}: {twice} rows gave way to the next with the same time",) * bool(twice)
-    return Table(path, tuple(names), stamps[last], values[last], None, twice, notes=notes)
+    notes = (*header.notes, *(f"{path.name}: {twice} rows gave way to the next with the same time",) * bool(twice))
+    return Table(path, tuple(names), stamps[last], values[last], header.degrees, twice, notes=notes)
 
 
 def read_numbers(
@@ -534,16 +520,15 @@ def read_numbers(
         for number, place in enumerate(places):
             cell = cells[place].strip()
             try:
-                if number < times and ":" in cell:
-                    flat.append(clock.seconds(cell))
-                    continue
-                flat.append(_number(cell, decimal, thousands=thousands or not decimal))
+                is_clock = number < times and ":" in cell
+                value = clock.seconds(cell) if is_clock else _number(cell, decimal, thousands or not decimal)
             except ValueError:
                 if strict:
+                    cure = "table.decimal ('.' or ',') says which mark is the decimal one, table.rows which rows count"
                     fault = f"{header.path}: line {line}, column {header.names[place]}: {cell[:40]!r} is not a number"
-                    said = f"; is {decimal or '.'!r} the decimal mark? Say it: table.decimal ('.' or ',')"
-                    raise UsageError(fault + said * (not header.decimal and bool({",", "."} & {*cell}))) from None
-                flat.append(math.nan)
+                    raise UsageError(f"{fault}; {cure}") from None
+                value = math.nan
+            flat.append(value)
             if not stated:
                 mark = "." if "." in cell else "," * ("," in cell)
                 unsure = bool(mark) and GROUPED.fullmatch(cell) and not (mark == "." and "," in cell)
@@ -664,7 +649,7 @@ class Clock:
         return DAY * (today - self.day) + at
 
 
-def _number(cell: str, decimal: str, *, thousands: bool) -> float:
+def _number(cell: str, decimal: str, thousands: bool) -> float:
     """Number in a cell, NaN if it is empty or not a number; a ValueError if it is something else.
 
     Args:

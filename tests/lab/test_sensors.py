@@ -343,15 +343,15 @@ SPOILT: dict[str, tuple[Callable[[dict], dict], str]] = {
     "time stands still": (lambda t: t | {"time_s": np.floor(t["time_s"] * 20.0) / 20.0},
                           r"in 600 of 720 rows column time_s has the value of the next row"),
     "time is not a number": (lambda t: t | {"time_s": np.where(t["time_s"] == 1.0, np.nan, t["time_s"])},
-                             r"column time_s is nan in row 121; it must be a time"),
+                             r"column time_s is nan s in row 121; it must be a time"),
     "missing column": (lambda t: {("gonio_deg" if n == "goniometer_deg" else n): v for n, v in t.items()},
                        r"has no column goniometer_deg \(map: angle\); did you mean gonio_deg\?"),
     "pounds given as newtons": (lambda t: t | {n: v / 4.448 for n, v in t.items() if n.endswith("_n")},
                                 r"the peak of \d+\.\d N is 0\.49\d+ body weights, .*In lbf it would be 2\.2 body"),
 }  # fmt: skip
 MAPS = {
-    ("unit: N", "unit: deg"): r"map: load: unit deg cannot be: it is a unit of angle, and force is wanted: N, kN",
-    ("unit: N", "unit: newtn"): r"map: load: unit 'newtn' is not known; .*allowed: N",
+    ("unit: N", "unit: deg"): r"map: load: unit 'deg' is not one of a force; allowed: N, kN",
+    ("unit: N", "unit: newtn"): r"map: load: unit 'newtn' is not one of a force; allowed: N",
     ("goniometer_deg, unit: deg", "goniometer_deg, unit: rad"): r"says deg of column goniometer_deg, and map: angle\.",
     ("{column: goniometer_deg, unit: deg", "{column: 6, unit: rad"): r"deg, plausible is 0 to 180: is angle\.unit",
     ("{column: time_s}", "{column: times}"): r"has no column times; did you mean time_s\?",

@@ -170,8 +170,8 @@ def during(ground: GroundFile, stamps: Stamps) -> GroundFile:
         checks.check_upright(_vector(data, names.force)[:, 1], f"{data.path}: {names.force}y")
     within = Signal(data.stamps, data.values).around((int(stamps[0]), int(stamps[-1])))
     if len(within.stamps) < 2:
-        span = " to ".join(f"{stamp / NANOSECONDS:g}" for stamp in (stamps[0], stamps[-1]))
-        raise UsageError(f"{data.path} spans {data.span}, and the kinematics {span} s")
+        spans = [" to ".join(f"{each[row] / NANOSECONDS:g}" for row in (0, -1)) for each in (data.stamps, stamps)]
+        raise UsageError(f"{data.path} spans {spans[0]} s, and the kinematics {spans[1]} s")
     return ground._replace(data=data._replace(stamps=within.stamps, values=within.values))
 
 

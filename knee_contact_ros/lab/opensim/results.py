@@ -235,7 +235,7 @@ def read_angles(
     if name is None:
         return signal, [*notes, "rate: derived from the angle", *table.notes]
     if source.stamps[0] > table.stamps[0] or source.stamps[-1] < table.stamps[-1]:
-        raise UsageError(f"{source.path} spans {source.span}, less than the angles")
+        raise UsageError(f"{source.path} spans {source.time(0)} to {source.time(-1)} s, less than the angles")
     rate = sign * source.column(name) * (math.radians(1.0) if source.degrees else 1.0)
     given = Signal(source.stamps, rate[:, None]).at(table.stamps).values
     checks.check_rate(given[:, 0], signal.with_rate().values[:, 1], f"{source.path}: {name}")
