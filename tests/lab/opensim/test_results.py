@@ -216,7 +216,11 @@ def test_reactions_without_an_angle_are_left_out_and_counted(tmp_path: Path) -> 
     [
         ({}, {"start": 5.0}, "--start 5 --end 1.2: nothing is left of 0 to 1.2 s"),
         ({}, {"start": 0.5001, "end": 0.5004}, r"fewer than two rows of the load are within 0\.5001 to 0\.5004 s"),
-        ({}, {"rate": 1.0, "start": 0.3, "end": 0.5}, r"fewer than two rows of the angle are within 0\.3 to 0\.5 s at 1 Hz"),
+        (
+            {},
+            {"rate": 1.0, "start": 0.3, "end": 0.5},
+            r"fewer than two rows of the angle are within 0\.3 to 0\.5 s at 1 Hz",
+        ),
         ({"sign": -1.0}, {}, "fy pulls the knee apart by up to 1800 N, and presses with -900 N"),
         ({"sign": 1.0 / 750.0}, {}, r"fy: the peak is 2\.4 N, plausible is .*, in N, and without"),
         ({"rows": 11, "start": 3.0, "end": 4.0}, {}, r"no time in common: 0 to 1\.2 s and 3 to 4 s"),
