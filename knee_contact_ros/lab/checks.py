@@ -235,7 +235,7 @@ def peak_doubts(
     if weight is None:
         return outside(load.where, "the peak", peak, "N", (limits[0] * LIGHTEST, limits[1] * HEAVIEST), cure)
     for other in (PERCENT, BODY_WEIGHT, "kN", "kgf", "N", "lbf") if unit else ():
-        there = peak / factor(unit, FORCE, "load", weight) * factor(other, FORCE, "load", weight) / weight
+        there = peak / factor(str(unit), FORCE, "load", weight) * factor(other, FORCE, "load", weight) / weight
         if right[0] <= there <= right[1]:
             cure = f"is {load.name}.unit {unit} right? In {other} it would be {there:.2g} body weights"
     return outside(load.where, f"the peak of {peak:.4g} N", peak / weight, "body weights", limits, cure)

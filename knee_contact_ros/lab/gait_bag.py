@@ -170,14 +170,14 @@ def sampled(
         UsageError: fewer than two samples are left.
     """
     turning = [signal.stamps for signals in joints.values() for signal in signals]
-    every, known = [*turning, *others, *(wrench.stamps for wrench in wrenches.values())], turning[0]
+    every = [*turning, *others, *(wrench.stamps for wrench in wrenches.values())]
     window = common_window(*every, start=start, end=end)
-    named = {"angle": Signal(known, known[:, None]), **wrenches}
+    named = {"angle": next(iter(joints.values()))[0], **wrenches}
     notes = [note for name, signal in named.items() for note in _gaps(name, signal.around(window).stamps, max_gap)]
     if rate:
         period = NANOSECONDS / rate
-        counts = np.arange(np.ceil(window[0] / period - 1e-6), np.floor(window[1] / period + 1e-6) + 1)
-        at = np.clip(np.rint(counts * period).astype(np.int64), *window)
+        steps = np.arange(np.ceil(window[0] / period - 1e-6), np.floor(window[1] / period + 1e-6) + 1)
+        at = np.clip(np.rint(steps * period).astype(np.int64), *window)
         at = at[np.all([bridged(at, each, max_gap) for each in every], axis=0)]
         inside = {name: wrench.at(at) for name, wrench in wrenches.items()}
         notes.append(f"interpolated linearly at {rate:g} Hz, with gaps left out")
@@ -188,7 +188,8 @@ def sampled(
         for name, wrench in inside.items():
             if outside := len(wrenches[name].stamps) - len(wrench.stamps):
                 notes.append(f"{name}: {outside} rows left out, before time 0 or where another signal or time is not")
-    if short := [name for name, wrench in {"angle": Signal(at, at), **inside}.items() if len(wrench.stamps) < 2]:
+    counts = {"angle": len(at), **{name: len(wrench.stamps) for name, wrench in inside.items()}}
+    if short := [name for name, count in counts.items() if count < 2]:
         low, high = (stamp / NANOSECONDS for stamp in window)
         at_rate = f" at {rate:g} Hz, outside gaps of {max_gap:g} s" if rate else ""
         raise UsageError(f"fewer than two rows of the {short[0]} are within {low:g} to {high:g} s{at_rate}")

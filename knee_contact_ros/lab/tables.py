@@ -67,7 +67,7 @@ BRACKETED = re.compile(r"(?:[\[(]([^\[(\])]+)[\])]|_([a-zµ°%]+))$", re.IGNOREC
 """A unit at the end of a name: Force [N], time_ms"""
 SOME = 3
 """Number of cells from which a column's way to write numbers is told"""
-UNITS = {
+UNITS: dict[str, dict[str, float]] = {
     TIME: {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
     ANGLE: {"rad": 1.0, "deg": constants.degree, "mrad": 1e-3, "rev": 2.0 * math.pi},
     FORCE: {"N": 1.0, "kN": 1e3, "mN": 1e-3, "lbf": constants.lbf, "kgf": constants.kgf, BODY_WEIGHT: 1.0,
@@ -257,14 +257,14 @@ def factor(unit: str, kind: str, what: str, body_weight: float | None = None) ->
     Raises:
         UsageError: the unit is not one of this quantity, or in body weights without `body_weight` [N].
     """
-    name = ALIASES.get(unit, unit)
-    if name not in UNITS[kind]:
-        raise UsageError(f"{what}: unit {unit!r} is not one of a {kind}; allowed: {', '.join(UNITS[kind])}")
+    name, factors = ALIASES.get(unit, unit), UNITS[kind]
+    if name not in factors:
+        raise UsageError(f"{what}: unit {unit!r} is not one of a {kind}; allowed: {', '.join(factors)}")
     if name not in {BODY_WEIGHT, PERCENT}:
-        return UNITS[kind][name]
+        return factors[name]
     if body_weight is None:
         raise UsageError(f"{what}: unit {name} needs body_weight [N] in the map")
-    return UNITS[kind][name] * body_weight
+    return factors[name] * body_weight
 
 
 def header_of(path: Path, wanted: Collection[Column], table_format: TableFormat) -> Header:
