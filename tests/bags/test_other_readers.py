@@ -39,6 +39,9 @@ def test_rosbags_reads_it_as_one_bag(recording: Path) -> None:
     with Reader(recording) as reader:  # the strict one
         assert reader.message_count == NUMBER * TICK
         assert reader.duration == (NUMBER - 1) * MS + 1
+        for connection in reader.connections:
+            assert connection.digest.startswith("RIHS01_")
+            assert connection.ext.offered_qos_profiles[0].reliability.name == "RELIABLE"
 
 
 @needs_viewer

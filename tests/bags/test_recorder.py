@@ -141,6 +141,7 @@ def test_a_recording_has_no_gaps(started: Started, tmp_path: Path, monkeypatch: 
     os.kill(pid(sink), signal.SIGSTOP)
     put(sink, range(900))
     assert settled_backlog(sink) > 0
+    assert re.fullmatch(rf"recording {sink.name} is behind: [4-9]\d % of its queue is full", sink.report()[1])
     put(sink, range(900, 900 + fits))
     wait_until(lambda: started.told)  # while it stands still
     said = sink.report()[1:]
@@ -149,25 +150,3 @@ def test_a_recording_has_no_gaps(started: Started, tmp_path: Path, monkeypatch: 
     waited = f"more waited than {queue.queue} answers (parameter record.queue) or {queue.queue_size:g} MB"
     assert f"out.mcap stopped: {waited} (record.queue_size)" in sink.failure
     assert started.told == [sink.failure]
-
-
-@pytest.mark.parametrize("queue", QUEUES)
-def test_a_queue_that_fills_is_a_warning_and_holds_no_more_than_it_may(
-    started: Started, tmp_path: Path, queue: MayWait
-) -> None:
-    sink = started.recorder(tmp_path / "out.mcap", queue=queue)
-    os.kill(pid(sink), signal.SIGSTOP)
-    number = 0
-    while sink.report()[1:] == ("", False):
-        put(sink, range(number, number + 1))
-        number += 1
-        if settled := int(sink.report()[0]["full [%]"]):
-            assert settled <= 26  # so soon
-    _, words, lost = sink.report()
-    assert not lost
-    assert re.fullmatch(rf"recording {sink.name} is behind: 2\d % of its queue is full", words)
-    put(sink, range(number, number + 3000))
-    assert int(sink.report()[0]["backlog"]) <= queue.queue
-    assert int(sink.report()[0]["full [%]"]) <= 100
-    os.kill(pid(sink), signal.SIGKILL)
-    close(sink)

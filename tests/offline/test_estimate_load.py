@@ -177,23 +177,3 @@ def test_a_damaged_bag_is_read_as_far_as_it_can_be(
     whole, part = estimate(long, None), raw(output, {REACTION: TYPES[REACTION]})
     assert 1000 < len(part) < 3000
     assert [m.log_time for m in part] == whole.stamps[: len(part)].tolist()
-
-
-def test_ctrl_c_leaves_nothing_behind(tmp_path: Path) -> None:
-    bag, output = walking_bag(tmp_path / "bag.mcap", walk(600)), tmp_path / "o" / "out.mcap"
-
-    def interrupt(done: int, _total: int) -> None:
-        assert done == 1000  # in the middle
-        raise KeyboardInterrupt
-
-    with pytest.raises(KeyboardInterrupt):
-        estimate_load(bag, load_parameters({}, LoadParameters), output, interrupt)
-    assert not output.parent.exists() or list(output.parent.iterdir()) == []
-
-
-def test_a_bag_whose_angles_end_has_its_last_forces_held(tmp_path: Path) -> None:
-    bag = walking_bag(tmp_path / "bag.mcap", [m for m in WALK if m.topic == FORCE or m.log_time <= 1000 * MS])
-    summary = estimate(bag, tmp_path / "o.mcap")
-    assert summary.flagged == {"INPUT_HELD": 39, "STALE_INPUT": 19}
-    status = [m.message.status for m in read_bag(tmp_path / "o.mcap", {ESTIMATE: TYPES[ESTIMATE]})]
-    assert status[200:203] == [0, Status.INPUT_HELD, Status.INPUT_HELD]

@@ -13,7 +13,6 @@ from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.bags.reader import BagReader, metadata_records
-from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
@@ -264,24 +263,3 @@ def test_another_body_takes_the_place_of_one_that_is_gone(tmp_path: Path) -> Non
     assert angles[:100] == [0.1] * 100
     assert angles[-(100 - gap - 1) :] == [0.2] * (100 - gap - 1)
     assert summary.refused["another_body"] == 50 + gap
-
-
-def test_a_march_bag_gives_what_an_insole_gives(tmp_path: Path) -> None:
-    """The preset of both nodes: from the ground force to the contact."""
-    names = ["left_knee", "right_knee"]
-    march = {
-        "/joint_states": (ANGLE[1][0], joint_state(names, lambda angle: [9.0, angle])),
-        "/state_estimation/ground_reaction_force/right": CASES["a vector's axis"][2]["/right_grf"],
-    }
-    insole = {
-        "/joint_states": (ANGLE[1][0], joint_state(names, lambda angle: [9.0, angle])),
-        "/ground_reaction_force": (FORCE[1][0], lambda t, _, load: wrench(t, 0.0, load, 0.0)),
-    }
-    made = []
-    for name, topics, how in (("march", march, "project_march"), ("insole", insole, {"knee.joint_name": "right_knee"})):
-        bag = bag_of(tmp_path / f"{name}_bag.mcap", topics)
-        estimate_load(bag, load_parameters(how, LoadParameters), tmp_path / name, lambda *_: None)
-        solve(tmp_path / name, load_parameters("project_march"), tmp_path / f"{name}.mcap", lambda *_: None)
-        made.append(answers(tmp_path / f"{name}.mcap"))
-    assert made[0] == made[1]
-    assert len(made[0]) == len(STAMPS)
