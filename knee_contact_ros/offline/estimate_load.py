@@ -3,24 +3,20 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import ExitStack
-from functools import partial
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, get_type_hints
 
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.provenance import ORIGIN, provenance_record, stored_load, weight_of
-from knee_contact_ros.bags.reader import OWN_NAMES, Names, refuse_input
-from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
+from knee_contact_ros.bags.provenance import ORIGIN, stored_load, weight_of
+from knee_contact_ros.bags.reader import OWN_NAMES, Names
 from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms
-from knee_contact_ros.offline.solve import mark_damage, nothing_computed, parameters_for
+from knee_contact_ros.offline.solve import finish, nothing_computed, parameters_for, recorded, recording_of
 from knee_contact_ros.parameters.schema import LoadParameters, PersonParameters
-from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.load_stream import LoadStream
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
 from knee_contact_ros.streams.topics import LOAD_RECORDED, Answer
@@ -105,50 +101,39 @@ def estimate_load(
     Raises:
         UsageError: the bag or the output cannot be used, or nothing could be estimated. No output is left then.
     """
-    with ExitStack() as opened:
-        if output:
-            refuse_input(bag, output)
-        inputs = opened.enter_context(BagInputs(bag, parameters, names))
+    with BagInputs(bag, parameters, names) as inputs:
         check_joints(inputs, parameters.joints())
-        pipeline, recorder = LoadStream(parameters), None
+        pipeline, damage = LoadStream(parameters), inputs.reader.damage
         if parameters.frame.ground:
             learn_transforms(bag, pipeline.frame)
-        if output:
-            writer = opened.enter_context(BagWriter(output, overwrite=overwrite, alone=True))
-            if weight_of(bag) or parameters.person != PersonParameters():
+        with recording_of(bag, output, overwrite, LOAD_RECORDED, parameters, told_as=LOAD_PROVENANCE) as recorder:
+            if recorder and (weight_of(bag) or parameters.person != PersonParameters()):
                 weight = f"{parameters.person.constants.weight:.7g} N"
-                writer.add_metadata(ORIGIN, {"source": "knee-contact estimate-load", "body_weight": weight})
-            topics = {topic: f"/{topic}" for topic in LOAD_RECORDED}
-            recorder = AnswerWriter(writer, provenance_record(parameters, source=bag), topics, LOAD_PROVENANCE)
-        each, take = partial(_rows, pipeline, recorder, keep), (pipeline.joint_state, pipeline.force)
-        blocks, done = list[NDArray[Any]](), 0
-        for block in inputs.blocks(MESSAGES_PER_ADVANCE):
-            blocks.append(each(answer for which, _, data in block for answer in take[which](data)))
-            done += len(block)
-            advance(done, inputs.reader.count)
-        blocks.append(each(pipeline.finish()))
-        refused, damage = pipeline.synchroniser.refused, list(inputs.reader.damage)
-        if recorder:
-            recorder.finish(pipeline.ending())
-            mark_damage(recorder, bag, damage)
-        summary = LoadSummary(np.concatenate(blocks), refused, damage, pipeline.level, parameters.calibrated)
-        if not len(summary.estimates):
-            raise nothing_computed(bag, "joint reaction could be estimated", pipeline, damage)
-    return summary
+                recorder.note(ORIGIN, {"source": "knee-contact estimate-load", "body_weight": weight})
+            answers = recorded(recorder, pipeline, _answers(inputs, pipeline, advance))
+            estimates = np.fromiter(_rows(pipeline, answers, keep), ESTIMATE)
+            finish(recorder, pipeline, bag, damage)
+            if not len(estimates):
+                raise nothing_computed(bag, "joint reaction could be estimated", pipeline, damage)
+    return LoadSummary(estimates, pipeline.synchroniser.refused, damage, pipeline.level, parameters.calibrated)
 
 
 def _rows(
-    pipeline: LoadStream, recorder: AnswerWriter | None, keep: Callable[[LoadStream], object] | None,
-    answers: Iterable[Answer],
-) -> NDArray[Any]:  # fmt: skip
-    """Rows of answers, which are recorded."""
-    rows = []
-    for answer in answers:
-        if recorder and pipeline.frame.turn_note:
-            recorder.note(FORCE_TURNED, pipeline.frame.take_turn_note())
-        if recorder:
-            recorder.write(answer.records)
-        rows.append((pipeline.sensed.stamp, *pipeline.estimate))
+    pipeline: LoadStream, answers: Iterable[Answer], keep: Callable[[LoadStream], object] | None
+) -> Iterator[tuple[Any, ...]]:
+    """Stamp and estimate of each answer, as `ESTIMATE`."""
+    for _ in answers:
         if keep:
             keep(pipeline)
-    return np.array(rows, ESTIMATE)
+        yield pipeline.sensed.stamp, *pipeline.estimate
+
+
+def _answers(inputs: BagInputs, pipeline: LoadStream, advance: Callable[[int, int], None]) -> Iterator[Answer]:
+    """Answers to all messages of a bag, one by one; `advance` is called after each block."""
+    take, done = (pipeline.joint_state, pipeline.force), 0
+    for block in inputs.blocks(MESSAGES_PER_ADVANCE):
+        for which, _, data in block:
+            yield from take[which](data)
+        done += len(block)
+        advance(done, inputs.reader.count)
+    yield from pipeline.finish()

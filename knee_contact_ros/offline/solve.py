@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from operator import attrgetter
 from pathlib import Path
@@ -39,6 +39,7 @@ from knee_contact_ros.parameters.files import Source, all_values, curve_texts, d
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters, Section, has_both
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.frames import FORCE_TURNED
+from knee_contact_ros.streams.output import PROVENANCE
 from knee_contact_ros.streams.pairing import PairedStreams
 from knee_contact_ros.streams.topics import Answer, recorded_topics
 from knee_contact_ros.streams.watch import held_sentence, unanswered_sentence
@@ -93,21 +94,15 @@ def solve(
     with ExitStack() as opened:
         inputs = opened.enter_context(BagInputs(bag, parameters, names))
         reader = inputs.reader
-        if output:
-            refuse_input(bag, output)
         check_joints(inputs, parameters.joints())
         pipeline = ContactStream(parameters, compiled=False, curves=curves)
-        ticks = reader.count // MESSAGES_OF_A_TICK
-        pipeline.frame.is_known = recording is not None
-        pipeline.is_lost = recording is not None and recording.ticks_before > 0
-        if parameters.frame.tibia and not recording:
+        if recording:
+            pipeline.frame.is_known, pipeline.is_lost = True, recording.ticks_before > 0
+        elif parameters.frame.tibia:
             learn_transforms(bag, pipeline.frame)
-        recorder = None
-        if output:
-            writer = opened.enter_context(BagWriter(output, overwrite=overwrite, alone=True))
-            topics = {topic: f"/{topic}" for topic in recorded_topics(has_both(parameters))}
-            recorder = AnswerWriter(writer, provenance_record(parameters, curves, bag), topics)
-        if worth_compiling(ticks) if compiled is None else compiled:
+        topics = recorded_topics(has_both(parameters))
+        recorder = opened.enter_context(recording_of(bag, output, overwrite, topics, parameters, curves))
+        if worth_compiling(reader.count // MESSAGES_OF_A_TICK) if compiled is None else compiled:
             pipeline.compile()
         prepare(pipeline)
         summary, *others = (Summary(parameters.body_weight, one.doubts) for one in pipeline.compartments)
@@ -120,14 +115,12 @@ def solve(
             advance(done, reader.count)
         run.keep(pipeline.finish())
         summary.finish()
-        damage = reader.damage
+        summary.damage, summary.refused = reader.damage, pipeline.synchroniser.refused
         if recording:
             late = ["changes in the node may be applied too late, because ticks before them are missing"]
-            damage = [*recording.damage, *damage, *(late if damage and recording.changes else [])]
-        if recorder:
-            recorder.finish(pipeline.ending())
-            mark_damage(recorder, bag, damage)
-        summary.refused, summary.damage = pipeline.synchroniser.refused, damage
+            lost = late if reader.damage and recording.changes else []
+            summary.damage = [*recording.damage, *reader.damage, *lost]
+        finish(recorder, pipeline, bag, summary.damage)
         summary.split = pipeline.split if pipeline.varies else None
         summary.unanswered = unanswered_sentence(pipeline, inputs.forces)
         seen = (
@@ -137,8 +130,45 @@ def solve(
         )
         summary.publishers = list(filter(None, seen))
         if not summary.ticks:
-            raise nothing_computed(bag, "tick could be computed", pipeline, damage)
+            raise nothing_computed(bag, "tick could be computed", pipeline, summary.damage)
     return summary
+
+
+@contextmanager
+def recording_of(
+    bag: Path, output: Path | None, overwrite: bool, topics: Iterable[str], parameters: Parameters | LoadParameters,
+    curves: Mapping[str, str] = {}, told_as: str = PROVENANCE,
+) -> Iterator[AnswerWriter | None]:  # fmt: skip
+    """Open the recording of what is computed from a bag, which is left out if that fails; None without an `output`.
+
+    Raises:
+        UsageError: the output is the bag, or cannot be written.
+    """
+    if output is None:
+        yield None
+        return
+    refuse_input(bag, output)
+    with BagWriter(output, overwrite=overwrite, alone=True) as writer:
+        record = provenance_record(parameters, curves, bag)
+        yield AnswerWriter(writer, record, {topic: f"/{topic}" for topic in topics}, told_as)
+
+
+def recorded(recorder: AnswerWriter | None, pipeline: PairedStreams, answers: Iterable[Answer]) -> Iterator[Answer]:
+    """Record answers as they come, and that the forces are turned from here on; without a recorder pass them on."""
+    for answer in answers:
+        if recorder and pipeline.frame.turn_note:
+            recorder.note(FORCE_TURNED, pipeline.frame.take_turn_note())
+        if recorder:
+            recorder.write(answer.records)
+        yield answer
+
+
+def finish(recorder: AnswerWriter | None, pipeline: PairedStreams, bag: Path, damage: Sequence[str]) -> None:
+    """Write what ends a recording: the remaining inputs, refused samples and the damage of the bag it comes from."""
+    if recorder:
+        recorder.finish(pipeline.ending())
+        if damage:
+            recorder.bag.add_metadata(SOURCE_DAMAGE, {"source": bag.name, "faults": "\n".join(damage)})
 
 
 def nothing_computed(bag: Path, what: str, pipeline: PairedStreams, damage: Sequence[str]) -> UsageError:
@@ -147,12 +177,6 @@ def nothing_computed(bag: Path, what: str, pipeline: PairedStreams, damage: Sequ
     why = "; ".join(filter(None, (reasons, pipeline.last_refusal))) or "no angle and force at one time"
     damaged = f"; the bag is damaged: {in_a_line(damage)}" if damage else ""
     return UsageError(f"bag {bag}: no {what} ({why}){damaged}")
-
-
-def mark_damage(recorder: AnswerWriter, bag: Path, damage: Sequence[str]) -> None:
-    """Write the damage of the bag that a recording was computed from into it, if there is any."""
-    if damage:
-        recorder.bag.add_metadata(SOURCE_DAMAGE, {"source": bag.name, "faults": "\n".join(damage)})
 
 
 def parameters_in(basis: Parameters | Provenance) -> Parameters:
@@ -187,17 +211,15 @@ class Run:
     def take(self, block: Batch) -> None:
         """Compute the ticks of a block of angles (number 0) and forces (number 1), at once if possible."""
         if self.pipeline.is_lost or self.changes or not self._take_at_once(block):
-            self.keep(answer for number, _, data in block for answer in self._take_one(number, data))
+            takes = self.pipeline.joint_state, self.pipeline.force
+            self.keep(answer for number, _, data in block for answer in takes[number](data))
 
     def keep(self, answers: Iterable[Answer]) -> None:
         """Record answers and pass their rows on; make the changes that are due between them."""
         rows = []
         self._wait()
-        for answer in answers:
-            if self.pipeline.frame.turn_note:
-                self._note(FORCE_TURNED, self.pipeline.frame.take_turn_note())
-            if self.recorder:
-                self.recorder.write(answer.records)
+        self._make_changes()
+        for answer in recorded(self.recorder, self.pipeline, answers):
             rows.append(answer.row)
             self._make_changes()
         if rows:
@@ -208,11 +230,12 @@ class Run:
         answers = take(self.pipeline, block.of(0), block.of(1), block.numbers)
         if answers is None:
             return False
+        rows, messages = answers
         if self.recorder:
-            parts = [part._replace(topic=f"/{part.topic}") for part in answers.messages]
+            parts = [part._replace(topic=f"/{part.topic}") for part in messages]
             self._wait()
             self._writing = self.thread.submit(write_messages, self.recorder.bag, parts)
-        self._pass_on(answers.rows)
+        self._pass_on(rows)
         return True
 
     def _wait(self) -> None:
@@ -228,10 +251,6 @@ class Run:
     def _note(self, name: str, values: dict[str, str]) -> None:
         if self.recorder:
             self.recorder.note(name, values)
-
-    def _take_one(self, number: int, data: bytes) -> Iterator[Answer]:
-        self._make_changes()
-        return (self.pipeline.force if number else self.pipeline.joint_state)(data)
 
     def _make_changes(self) -> None:
         """Make the changes whose tick has come, and record them.

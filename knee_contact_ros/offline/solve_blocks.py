@@ -43,13 +43,9 @@ Fresh = NDArray[np.bool_]
 """Whether an angle of a block is still to be recorded, for each angle, shape (n,)"""
 
 
-class Answers(NamedTuple):
-    """The answers to a block of messages."""
-
-    rows: tuple[Rows, ...]
-    """Rows of the answers, an array of shape (n,) for each compartment"""
-    messages: tuple[Messages, ...]
-    """Messages to record, inputs and outputs, with their places in the order of the recording"""
+Answers = tuple[tuple[Rows, ...], tuple[Messages, ...]]
+"""Answers to a block: for each compartment the rows, shape (n,), and the messages to record, inputs and outputs, with
+their places in the order of the recording"""
 
 
 class _Received(NamedTuple):
@@ -108,17 +104,14 @@ def take(pipeline: ContactStream, states: Column, forces: Column, numbers: Numbe
 
 def _apart(steady: Steady, samples: _Samples, numbers: Numbers, delay: int, max_gap: int) -> bool:
     """Whether stamps lie apart from the other stream's last one by more than `max_gap` [ns]; see `Synchroniser`."""
-    loads = numbers == 1
-    count = int(np.count_nonzero(loads))
-    both = np.empty(len(numbers), np.int64)
-    both[loads] = samples.wrenches.stamps[len(samples.wrenches.stamps) - count :]
-    both[~loads] = samples.states.stamps[len(samples.stamps) - (len(numbers) - count) :]
-    others = []
-    for chosen, last, moved in ((loads, steady.last_load, 0), (~loads, steady.last_angle, delay)):
-        place = np.maximum.accumulate(np.where(chosen, np.arange(len(both)), -1))
-        others.append(np.where(place < 0, both if last is None else last + moved, both[place]))
-    turns = np.diff(loads, prepend=not loads[0])
-    return bool((turns & (np.abs(both - np.where(loads, others[1], others[0])) > max_gap)).any())
+    loads, (states, forces) = numbers == 1, (samples.states.stamps, samples.wrenches.stamps)
+    stamps, count = np.empty(len(numbers), np.int64), int(np.count_nonzero(loads))
+    stamps[loads], stamps[~loads] = forces[len(forces) - count :], states[len(states) - len(loads) + count :]
+    turns, before = np.diff(loads, prepend=not loads[0]), steady.last_load
+    if loads[0]:
+        before = None if steady.last_angle is None else steady.last_angle + delay
+    steps = np.diff(stamps, prepend=stamps[0] if before is None else before)
+    return bool((turns & (np.abs(steps) > max_gap)).any())
 
 
 def _with_held(steady: Steady, states: Column, forces: Column) -> tuple[_Received, Fresh]:
@@ -213,7 +206,7 @@ def _computed(pipeline: ContactStream, samples: _Samples, paired: PairedSamples,
         *leg,
         Messages(KNEE_CONTACT_WRENCH, stamps, wrenches, place + each - 1),
     )
-    return Answers(rows, messages)
+    return rows, messages
 
 
 def _hand_over(
