@@ -16,7 +16,7 @@ from contextlib import ExitStack, suppress
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from functools import lru_cache
-from itertools import islice, pairwise, zip_longest
+from itertools import pairwise, zip_longest
 from pathlib import Path
 from resource import RLIMIT_NOFILE, getrlimit, setrlimit
 from types import MappingProxyType
@@ -39,7 +39,7 @@ from knee_contact_ros.bags.mcap_file import (
     Records,
     definition_of,
 )
-from knee_contact_ros.bags.recorder import CONTINUED, MAGIC, METADATA
+from knee_contact_ros.bags.recorder import MAGIC, METADATA
 from knee_contact_ros.model.types import Rows
 from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATE, DYNAMIC_JOINT_STATES
 from knee_contact_ros.streams.columns import Column, decode_answers
@@ -88,8 +88,6 @@ NUMBERED = re.compile(r"(.+)_(\d+)(\.mcap|\.db3)")
 """Name of a numbered file in a rosbag2 folder: stem, number and suffix"""
 LARGEST_MESSAGE = 2**24
 """Largest size [B] of a message that was compressed by itself"""
-FIRST_RECORDS = 4
-"""Number of records at the beginning of a file among which the record `continued` is searched for"""
 AT_ONCE = 1024
 """Number of rows of a sqlite3 file that are read at once"""
 DECODED = 8192
@@ -305,24 +303,15 @@ def read_answers(path: Path, topic: str = f"/{KNEE_CONTACT}") -> Rows:
     return np.concatenate(list(answer_blocks(path, topic)))
 
 
-def metadata_records(path: Path, most: int | None = None) -> list[Metadata]:
-    """Readable metadata records among the first `most` records of a file, or all, in their order.
+def metadata_records(path: Path) -> list[Metadata]:
+    """Readable metadata records of a file in their order.
 
     Raises:
         OSError: The file cannot be read.
     """
     with open_regular(path) as file:
-        pieces = islice(Records(file, path.stat().st_size).pieces(), most)
+        pieces = Records(file, path.stat().st_size).pieces()
         return [piece.content for piece in pieces if isinstance(piece.content, Metadata)]
-
-
-def goes_on_with(path: Path) -> str:
-    """Name of the first file of the recording that a file continues; empty if the file does not name one."""
-    with suppress(OSError):
-        for record in metadata_records(path, FIRST_RECORDS):
-            if record.name == CONTINUED:
-                return record.metadata.get("first", "")
-    return ""
 
 
 def absolute(name: str, namespace: str = "") -> str:
@@ -477,7 +466,7 @@ class Contents(NamedTuple):
 def contents_of(folder: Path) -> Contents:
     """Files of the bag in a folder.
 
-    Without a usable `metadata.yaml` these are the only file, the numbered ones of one name, or those of one recording.
+    Without a usable `metadata.yaml` these are the only file, or the numbered ones of one name.
 
     Raises:
         UsageError: It is not clear which files belong to the bag, or there are none.
@@ -497,9 +486,8 @@ def contents_of(folder: Path) -> Contents:
     names = sorted(path.name for path in folder.iterdir() if path.suffix in MAGICS)
     if not names:
         raise UsageError(f"{folder} is not a rosbag2 folder: it has no usable {METADATA}, and no files")
-    begins = [name for name in names if not goes_on_with(folder / name)]
-    stems = {NUMBERED.sub(r"\1\3", name) for name in names}
-    if len(names) > 1 and not (len(stems) == 1 and (len(begins) == 1 or all(map(NUMBERED.fullmatch, names)))):
+    numbered = [match for match in map(NUMBERED.fullmatch, names) if match]
+    if len(names) > 1 and (len(numbered) < len(names) or len({match[1] + match[3] for match in numbered}) > 1):
         raise UsageError(
             f"{folder} has more than one recording, and no usable {METADATA} that names one; "
             f"give one of these files: {listed(names)}"
