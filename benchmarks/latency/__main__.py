@@ -11,7 +11,7 @@ import math
 import os
 import shutil
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import partial
 from itertools import zip_longest
 from pathlib import Path
@@ -26,19 +26,15 @@ from benchmarks.latency.driver import (
     DISTRIBUTIONS,
     OURS,
     PARAMETERS,
-    Candidate,
     Driver,
     Figures,
     Run,
     Taken,
-    Usage,
-    between,
     figures,
     joined,
-    ratios,
-    rotated,
     running,
-    snapshot,
+    taken,
+    usage,
 )
 from benchmarks.report import Section, machine, save, table
 from knee_contact_ros.bags.reader import BagReader
@@ -62,21 +58,19 @@ class Page(NamedTuple):
     title: str
     introduction: str
     sections: Sequence[Section]
-    fields: Sequence[str]
-    """Names of the columns of the data"""
-    lines: Sequence[Sequence[Any]]
-    """Rows of the data"""
+    rows: Sequence[Any]
+    """Named tuples: the data"""
 
 
 def write(page: Page, folder: Path, command: str) -> list[Path]:
     """Write page and data under the page's title, and return their paths; `command` is what has made them."""
     paths = [folder / f"{page.title.lower()}{suffix}" for suffix in (".md", ".csv")]
-    sections = [Section("", page.introduction, (), ()), *page.sections]
+    sections = [Section("", page.introduction.strip(), (), ()), *page.sections]
     save(paths[0], page.title, command, sections, machine(*DISTRIBUTIONS))
     with paths[1].open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(page.fields)
-        writer.writerows([f"{value:.6g}" if isinstance(value, float) else value for value in row] for row in page.lines)
+        writer.writerow(page.rows[0]._fields)
+        writer.writerows([f"{value:.6g}" if isinstance(value, float) else value for value in row] for row in page.rows)
     return paths
 
 
@@ -85,12 +79,23 @@ def milliseconds(time: float) -> str:
     return "-" if math.isnan(time) else f"{time:.3f}" if time < 100.0 else f"{time:.0f}"
 
 
-def ratio(value: float) -> str:
-    """Format a ratio."""
-    return "-" if math.isnan(value) else f"{value:.2f}"
+def turns(driver: Driver, work: Path, rounds: int, advance: Advance) -> Iterator[tuple[int, str, Child]]:
+    """Run all candidates round after round, each time another one first: the round's number, name and process.
+
+    Raises:
+        UsageError: a node failed.
+    """
+    names = list(CANDIDATES)
+    for number in range(rounds):
+        for place in range(len(names)):
+            advance(number * len(names) + place, rounds * len(names))
+            name = names[(number + place) % len(names)]
+            with running(CANDIDATES[name], driver, work / "node") as node:
+                yield number + 1, name, node
+            shutil.rmtree(work / "node")
 
 
-# Latency at a given rate: all candidates take turns, round after round.
+# Latency at a given rate.
 
 WARM_UP = 1.0
 """Time [s] that a node is fed before anything counts"""
@@ -100,19 +105,18 @@ publishes angle and force and listens to `knee_contact`; it includes what this p
 candidate is a process of its own, started anew for every round of {duration:g} s at {rate:g} Hz; the order changes from
 round to round, and the first second does not count. Read the ratios: times are of this machine and this run.
 """
-SLIPS = (
-    "How late the measuring process itself was in publishing, which is not part of the latency; and the share of the "
-    "machine's processors that others took meanwhile: with more than a few per cent, measure again."
+HOW_TO_READ = (
+    "CPU time per sample is that of the node's process, and behind the plus that of its child processes. Slip: how "
+    "late the measuring process was in publishing, which is not part of the latency. Others: the share of the "
+    "machine's processors that other processes took; with more than a few per cent, measure again."
 )
-CPU = "CPU time per sample is that of the node's process, and behind the plus that of its child processes."
 
 
 class Part(NamedTuple):
     """Run of one candidate in one round."""
 
     round: int
-    """Number of the round, counted from 1"""
-    candidate: Candidate
+    candidate: str
     run: Run
     taken: Taken
     """Processor time of the node and of others"""
@@ -141,95 +145,70 @@ class Line(NamedTuple):
     others_percent: float
     """Share of the machine's processor time that other processes took"""
 
+    @property
+    def latency(self) -> Figures:
+        """Percentiles of the latency [ms]."""
+        return Figures(self.median_ms, self.p99_ms, self.p999_ms, self.max_ms)
+
 
 def compare(driver: Driver, work: Path, rate: float, duration: float, rounds: int, advance: Advance) -> list[Part]:
-    """Run all candidates at `rate` [Hz] for `duration` [s] per round.
-
-    Raises:
-        UsageError: a node failed.
-    """
-    parts: list[Part] = []
-    for number in range(rounds):
-        for candidate in rotated(CANDIDATES, number):
-            advance(len(parts), rounds * len(CANDIDATES))
-            with running(candidate, driver, work / "node") as node:
-                driver.run(rate, round(WARM_UP * rate))
-                before = snapshot(node.process.pid)
-                run = driver.run(rate, round(duration * rate))
-                after = snapshot(node.process.pid)
-            shutil.rmtree(work / "node")
-            parts.append(Part(number + 1, candidate, run, between(before, after)))
+    """Run all candidates at `rate` [Hz] for `duration` [s] per round."""
+    parts = []
+    for number, name, node in turns(driver, work, rounds, advance):
+        driver.run(rate, round(WARM_UP * rate))
+        before = usage(node.process.pid)
+        run = driver.run(rate, round(duration * rate))
+        parts.append(Part(number, name, run, taken(before, usage(node.process.pid))))
     return parts
 
 
-def pooled(parts: Iterable[Part], candidate: Candidate) -> list[Part]:
-    """Parts of a candidate."""
-    return [part for part in parts if part.candidate == candidate]
-
-
-def latencies(parts: Iterable[Part]) -> Figures:
-    """Figures of the latencies of all parts."""
-    return figures([latency for part in parts for latency in part.run.latencies])
-
-
-def line(parts: Sequence[Part], rate: float) -> Line:
-    """Row of latency.csv for one part, or for a candidate's parts in all rounds."""
+def line(parts: Sequence[Part], rate: float, name: str, number: int = 0) -> Line:
+    """Row of latency.csv for a candidate's part in a round, or for its parts in all rounds."""
+    parts = [part for part in parts if part.candidate == name and number in (0, part.round)]
     published = sum(part.run.published for part in parts)
     return Line(
-        parts[0].candidate.name, str(parts[0].round) if len(parts) == 1 else "all", rate, published,
-        sum(part.run.lost for part in parts), *latencies(parts),
+        name, str(number or "all"), rate, published, sum(part.run.lost for part in parts),
+        *figures([latency for part in parts for latency in part.run.latencies]),
         1e6 * sum(part.taken.cpu for part in parts) / published,
         1e6 * sum(part.taken.cpu_children for part in parts) / published,
         *figures([slip for part in parts for slip in part.run.slips]),
-        1e2 * sum(part.taken.others for part in parts) / sum(part.taken.machine for part in parts),
+        mean(part.taken.others_percent for part in parts),
     )  # fmt: skip
 
 
 def latency_page(parts: Sequence[Part], rate: float, duration: float) -> Page:
     """Page of the comparison; its data have a row per candidate and round, and one per candidate for all rounds."""
-    of_candidates = [pooled(parts, candidate) for candidate in CANDIDATES]
-    lines = [line([part], rate) for each in of_candidates for part in each]
-    lines += [line(each, rate) for each in of_candidates if len(each) > 1]
-    candidates = [[each.name, each.about] for each in CANDIDATES]
-    about = Section("Candidates", "", ("candidate", "what it does"), candidates)
-    summary = [line(each, rate) for each in of_candidates]
-    sheets = (about, latency_sheet(summary), ratio_sheet(parts), slip_sheet(summary))
-    introduction = LATENCY_INTRODUCTION.strip().format(rate=rate, duration=duration)
-    return Page("Latency", introduction, sheets, Line._fields, lines)
-
-
-def latency_sheet(summary: Sequence[Line]) -> Section:
-    """Table of latencies, losses and processor times: a row per candidate."""
-    rows = []
-    for each in summary:
-        times = map(milliseconds, (each.median_ms, each.p99_ms, each.p999_ms, each.max_ms))
-        children = f" + {each.cpu_children_us:.0f}" if each.cpu_children_us else ""
-        rows.append([each.candidate, *times, str(each.lost), f"{each.cpu_us:.0f}{children}"])
-    return Section("Latency", CPU, ("latency [ms]", "median", "p99", "p99.9", "max", "lost", "CPU [us]"), rows)
-
-
-def ratio_sheet(parts: Sequence[Part]) -> Section:
-    """Table of ratios to the bare node: round by round for ours, all rounds together for the others."""
     rounds = sorted({part.round for part in parts})
-    chosen = [(f"{OURS.name}, round {number}", OURS, [part for part in parts if part.round == number])
-              for number in rounds if len(rounds) > 1]  # fmt: skip
-    chosen += [(candidate.name, candidate, list(parts)) for candidate in CANDIDATES if candidate != BARE]
-    rows = []
-    for name, candidate, of in chosen:
-        over_bare = ratios(latencies(pooled(of, candidate)), latencies(pooled(of, BARE)))
-        rows.append([name, *map(ratio, over_bare[:3])])  # the largest latency is one sample's chance
-    return Section("Ratios", "", (f"latency over that of {BARE.name}", "median", "p99", "p99.9"), rows)
-
-
-def slip_sheet(summary: Sequence[Line]) -> Section:
-    """Table of how late samples were published: a row per candidate."""
-    rows = []
-    for each in summary:
-        times = (each.slip_median_ms, each.slip_p99_ms, each.slip_p999_ms, each.slip_max_ms)
-        rows.append([each.candidate, *map(milliseconds, times), f"{each.others_percent:.0f}"])
-    return Section(
-        "The measuring process", SLIPS, ("late by [ms]", "median", "p99", "p99.9", "max", "others [%]"), rows
+    single = [line(parts, rate, name, number) for name in CANDIDATES for number in rounds if len(rounds) > 1]
+    every = {name: line(parts, rate, name) for name in CANDIDATES}
+    shown = [
+        [each.candidate, *map(milliseconds, each.latency), str(each.lost),
+         f"{each.cpu_us:.0f}" + (f" + {each.cpu_children_us:.0f}" if each.cpu_children_us else ""),
+         milliseconds(each.slip_p99_ms), f"{each.others_percent:.0f}"]
+        for each in every.values()
+    ]  # fmt: skip
+    header = ("latency [ms]", "median", "p99", "p99.9", "max", "lost", "CPU [us]", "slip's p99 [ms]", "others [%]")
+    sections = (
+        Section("Candidates", "", ("candidate", "what it does"), [[name, c.about] for name, c in CANDIDATES.items()]),
+        Section("Latency", HOW_TO_READ, header, shown),
+        ratios(single, every),
     )
+    introduction = LATENCY_INTRODUCTION.format(rate=rate, duration=duration)
+    return Page("Latency", introduction, sections, single + list(every.values()))
+
+
+def ratios(single: Sequence[Line], every: dict[str, Line]) -> Section:
+    """Table of ratios to the bare node: round by round for ours, all rounds together for the others."""
+    bare = {each.round: each.latency for each in single if each.candidate == BARE} | {"all": every[BARE].latency}
+    chosen = [each for each in single if each.candidate == OURS] + [
+        each for each in every.values() if each != every[BARE]
+    ]
+    rows = [
+        [each.candidate if each.round == "all" else f"{each.candidate}, round {each.round}",
+         *(f"{mine / theirs:.2f}" for mine, theirs in zip(each.latency[:3], bare[each.round][:3], strict=True))]
+        for each in chosen
+    ]  # fmt: skip
+    return Section("Ratios", "", (f"latency over that of {BARE}", "median", "p99", "p99.9"), rows)
 
 
 # The highest rate that a node sustains: every sample is answered, and the last ones soon.
@@ -247,12 +226,13 @@ PUNCTUAL = 0.98
 HIGHEST = 100_000.0
 """Rate [Hz] that no machine reaches, at which the search ends"""
 SUSTAINED, NODE, SENDER = "sustained", "node", "sender"
-SUSTAINED_INTRODUCTION = """
-A rate is sustained if every sample of {step:g} s is answered, the last one and the median one within {soon:g} ms, and
-at least {punctual:g} % of the rate was published. It rises from {first:g} Hz by a factor of {factor:g} until it fails
-twice in a row; {bisections} bisections follow. What the limit is: `node` if answers were missing or late, `sender` if
-the process that publishes and listens could do no more (one and the same for all candidates; then the node may sustain
-more). A candidate is started anew for every round.
+SUSTAINED_INTRODUCTION = f"""
+A rate is sustained if every sample of {STEP:g} s is answered, the last one and the median one within {1e3 * SOON:g} ms,
+and at least {1e2 * PUNCTUAL:g} % of the rate was published. It rises from {FIRST:g} Hz by a factor of {FACTOR:g} until
+it fails twice in a row; {BISECTIONS} bisections follow. What the limit is: `node` if answers were missing or late,
+`sender` if the process that publishes and listens could do no more (one and the same for all candidates; then the node
+may sustain more). A candidate is started anew for every round. Others are the other processes of this machine: with
+more than a few per cent, measure again.
 """
 
 
@@ -297,76 +277,51 @@ def search(attempt: Callable[[float], Step]) -> list[Step]:
     return steps
 
 
-def judged(run: Run, rate: float) -> str:
-    """Verdict on a run at a rate [Hz]: `SUSTAINED`, or whether `NODE` or `SENDER` was the limit."""
-    if run.published_rate < PUNCTUAL * rate:
-        return SENDER
-    soon = run.tail <= SOON and 1e-3 * figures(run.latencies).median <= SOON
-    return SUSTAINED if soon and not run.lost else NODE
-
-
-def attempt_at(driver: Driver, node: Child, candidate: Candidate, number: int, rate: float) -> Step:
+def attempt_at(driver: Driver, node: Child, name: str, number: int, rate: float) -> Step:
     """Try a rate [Hz] once with a node that is running."""
-    before = snapshot(node.process.pid)
+    before = usage(node.process.pid)
     run = driver.run(rate, round(STEP * rate))
-    taken = between(before, snapshot(node.process.pid))
+    middle = figures(run.latencies).median
+    soon = run.tail <= SOON and 1e-3 * middle <= SOON and not run.lost
+    verdict = SENDER if run.published_rate < PUNCTUAL * rate else SUSTAINED if soon else NODE
+    others = taken(before, usage(node.process.pid)).others_percent
     return Step(
-        number, candidate.name, rate, run.published_rate, run.published, run.lost,
-        figures(run.latencies).median, 1e3 * run.tail, judged(run, rate), taken.others_percent,
-    )  # fmt: skip
+        number, name, rate, run.published_rate, run.published, run.lost, middle, 1e3 * run.tail, verdict, others
+    )
 
 
 def find_rates(driver: Driver, work: Path, rounds: int, advance: Advance) -> list[Step]:
-    """Search the rates of all candidates, round after round.
-
-    Raises:
-        UsageError: a node failed.
-    """
+    """Search the rates of all candidates, round after round."""
     steps: list[Step] = []
-    for number in range(rounds):
-        for done, candidate in enumerate(rotated(CANDIDATES, number)):
-            advance(number * len(CANDIDATES) + done, rounds * len(CANDIDATES))
-            with running(candidate, driver, work / "node") as node:
-                driver.run(FIRST, round(FIRST))
-                steps += search(partial(attempt_at, driver, node, candidate, number + 1))
-            shutil.rmtree(work / "node")
+    for number, name, node in turns(driver, work, rounds, advance):
+        driver.run(FIRST, round(FIRST))
+        steps += search(partial(attempt_at, driver, node, name, number))
     return steps
 
 
-def highest(steps: Iterable[Step], candidate: Candidate, number: int) -> float:
-    """Highest rate [Hz] that a candidate sustained in a round; 0 if there is none."""
-    mine = [step for step in steps if step.candidate == candidate.name and step.round == number]
-    return max((step.rate for step in mine if step.verdict == SUSTAINED), default=0.0)
-
-
-def limit(steps: Iterable[Step], candidate: Candidate, number: int) -> str:
-    """Verdicts on the lowest rate that a candidate did not sustain in a round."""
-    best = highest(steps, candidate, number)
-    mine = [step for step in steps if step.candidate == candidate.name and step.round == number and step.rate > best]
-    lowest = min((step.rate for step in mine), default=0.0)
-    return "/".join(sorted({step.verdict for step in mine if step.rate == lowest})) or "-"
+def highest(steps: Sequence[Step], name: str, number: int) -> tuple[float, str]:
+    """Highest rate [Hz] that a candidate sustained in a round (0 if there is none), and what the limit was."""
+    mine = [step for step in steps if step.candidate == name and step.round == number]
+    best = max((step.rate for step in mine if step.verdict == SUSTAINED), default=0.0)
+    beyond = [step for step in mine if step.rate > best]
+    lowest = min((step.rate for step in beyond), default=0.0)
+    return best, "/".join(sorted({step.verdict for step in beyond if step.rate == lowest})) or "-"
 
 
 def sustained_page(steps: Sequence[Step]) -> Page:
     """Page of the sustained rates, with its data."""
-    numbers = sorted({step.round for step in steps})
-    rows = []
-    for candidate in CANDIDATES:
-        rates = [highest(steps, candidate, number) for number in numbers]
-        bare = [highest(steps, BARE, number) for number in numbers]
+    numbers, rows = sorted({step.round for step in steps}), []
+    bare = [highest(steps, BARE, number)[0] for number in numbers]
+    for name in CANDIDATES:
+        rates, limits = zip(*(highest(steps, name, number) for number in numbers), strict=True)
         to_bare = [mine / theirs for mine, theirs in zip(rates, bare, strict=True) if theirs]
-        limits = sorted({limit(steps, candidate, number) for number in numbers})
-        others = [step.others_percent for step in steps if step.candidate == candidate.name]
+        others = [step.others_percent for step in steps if step.candidate == name]
         rows.append(
-            [candidate.name, f"{median(rates):.0f}", f"{min(rates):.0f}-{max(rates):.0f}", ", ".join(limits),
-             ratio(median(to_bare)) if to_bare else "-", f"{mean(others):.0f} %" if others else "-"]
+            [name, f"{median(rates):.0f}", f"{min(rates):.0f}-{max(rates):.0f}", ", ".join(sorted({*limits})),
+             f"{median(to_bare):.2f}" if to_bare else "-", f"{mean(others):.0f} %" if others else "-"]
         )  # fmt: skip
-    introduction = SUSTAINED_INTRODUCTION.strip().format(
-        step=STEP, soon=1e3 * SOON, punctual=1e2 * PUNCTUAL, first=FIRST, factor=FACTOR, bisections=BISECTIONS
-    )
-    header = ("sustained [Hz]", "median", "rounds", "limit", f"/ {BARE.name}", "others")
-    about = "Others are the other processes of this machine: with more than a few per cent, measure again."
-    return Page("Sustained", introduction, (Section("Rates", about, header, rows),), Step._fields, steps)
+    header = ("sustained [Hz]", "median", "rounds", "limit", f"/ {BARE}", "others")
+    return Page("Sustained", SUSTAINED_INTRODUCTION, (Section("Rates", "", header, rows),), steps)
 
 
 # A long run of our node alone: its memory, and whether its recording equals what its samples give offline.
@@ -378,12 +333,9 @@ MEMORY_WARM_UP = 50_000
 SOAK_PATIENCE = 1200.0
 """Time [s] within which the node must complete its files"""
 MB = 1e6
-RECORDED = OURS._replace(start=partial(node_process, [PARAMETERS]))
-"""The node, whose recording must be complete here"""
 SOAK_INTRODUCTION = """
-The node ({about}) alone, fed at {rate:g} Hz.
-Memory is resident memory, looked at every {period} ticks. At the end the recording is computed again offline, and all
-bytes of its `knee_contact` messages are compared.
+The node ({about}) alone, fed at {rate:g} Hz. Memory is resident memory, looked at every {period} ticks. At the end the
+recording is computed again offline, and all bytes of its `knee_contact` messages are compared.
 """
 
 
@@ -408,35 +360,28 @@ class Moment(NamedTuple):
 
 
 def run_long(driver: Driver, work: Path, rate: float, ticks: int, advance: Advance) -> list[Moment]:
-    """Run the node for a number of ticks at `rate` [Hz]; its recording stays in `work / "node"`.
+    """Run the node for a number of ticks at `rate` [Hz]; its recording, which must be complete, is in `work / "node"`.
 
     Raises:
         UsageError: the node failed.
     """
     moments: list[Moment] = []
     done = lost = 0
-    with running(RECORDED, driver, work / "node", SOAK_PATIENCE) as node:
+    candidate = CANDIDATES[OURS]._replace(start=partial(node_process, [PARAMETERS]))
+    with running(candidate, driver, work / "node", SOAK_PATIENCE) as node:
         while done < ticks:
             advance(done, ticks)
-            before = snapshot(node.process.pid)
+            before = usage(node.process.pid)
             run = driver.run(rate, min(PERIOD, ticks - done))
-            after = snapshot(node.process.pid)
+            after = usage(node.process.pid)
             node.check()
             done, lost = done + run.published, lost + run.lost
-            own, *children = after.family
-            moments.append(
-                Moment(
-                    done, own.resident / MB, in_short(children), lost, run.published_rate, *figures(run.latencies),
-                    between(before, after).others_percent,
-                )
-            )  # fmt: skip
+            (_, own), *others = after.resident.items()
+            children = ", ".join(f"{number}: {resident / MB:.1f}" for number, resident in others)
+            moments.append(Moment(done, own / MB, children, lost, run.published_rate, *figures(run.latencies),
+                                  taken(before, after).others_percent))  # fmt: skip
         advance(done, ticks)
     return moments
-
-
-def in_short(children: Sequence[Usage]) -> str:
-    """Format the process number and memory [MB] of every child process."""
-    return ", ".join(f"{child.process}: {child.resident / MB:.1f}" for child in children)
 
 
 def same_answers(recording: Path, offline: Path) -> tuple[int, int, int]:
@@ -474,36 +419,21 @@ def soak_page(rate: float, moments: Sequence[Moment], compared: tuple[int, int, 
         ["answers offline", computed],
         ["of these not identical", different],
     ]
-    introduction = SOAK_INTRODUCTION.strip().format(about=OURS.about, rate=rate, period=PERIOD)
-    return Page("Soak", introduction, (Section("Figures", "", ("long run", "value"), rows),), Moment._fields, moments)
+    introduction = SOAK_INTRODUCTION.format(about=CANDIDATES[OURS].about, rate=rate, period=PERIOD)
+    return Page("Soak", introduction, (Section("Figures", "", ("long run", "value"), rows),), moments)
 
 
-# The command.
-
-
-def measured(
-    driver: Driver, work: Path, rate: float, duration: float, rounds: int, sustained: bool, soak: int
-) -> Iterator[Page]:
-    """Measure what is asked for, by default the comparison."""
-    if not (sustained or soak):
-        with progress("Measuring") as advance:
-            parts = compare(driver, work, rate, duration, rounds, advance)
-        yield latency_page(parts, rate, duration)
-    if sustained:
-        with progress("Searching the highest rates") as advance:
-            yield sustained_page(find_rates(driver, work, rounds, advance))
-    if soak:
-        with progress("Running") as advance:
-            moments = run_long(driver, work, rate, soak, advance)
-        recording, offline = work / "node" / RECORDING, work / "offline.mcap"
-        with progress("Computing the recording again") as advance:
-            solve(recording, load_parameters([PARAMETERS]), offline, advance)
-        yield soak_page(rate, moments, same_answers(recording, offline))
+def soaked(driver: Driver, work: Path, rate: float, ticks: int, advance: Advance) -> Page:
+    """Make the long run, and compute its recording again."""
+    moments = run_long(driver, work, rate, ticks, advance)
+    offline = work / "offline.mcap"
+    solve(work / "node" / RECORDING, load_parameters([PARAMETERS]), offline, advance)
+    return soak_page(rate, moments, same_answers(work / "node" / RECORDING, offline))
 
 
 @click.command(help=__doc__)
 @click.option("--output", type=click.Path(path_type=Path, file_okay=False), default="knee_contact_latency",
-              show_default=True, help="Folder of the pages; those of an earlier run are replaced.")  # fmt: skip
+              show_default=True, help="Folder of the page, which replaces an earlier one.")  # fmt: skip
 @click.option("--rate", type=click.FloatRange(10.0, 20_000.0), default=1000.0, show_default=True, help="Samples/s.")
 @click.option("--duration", type=click.FloatRange(0.5, 3600.0), default=20.0, show_default=True, help="s of a run.")
 @click.option("--rounds", type=click.IntRange(1, 100), default=3, show_default=True, help="Turns of all candidates.")
@@ -515,14 +445,17 @@ def main(output: Path, rate: float, duration: float, rounds: int, sustained: boo
     command = " ".join(["python -m benchmarks.latency", *sys.argv[1:]])
     with work_folder(output) as work, private_graph() as environment:
         os.environ.update(environment)
-        with joined(Driver) as driver:
-            pages = list(measured(driver, work, rate, duration, rounds, sustained, soak))
-        files = [path for page in pages for path in write(page, work, command)]
-        for path in files:
+        with joined(Driver) as driver, progress("Measuring") as advance:
+            if soak:
+                page = soaked(driver, work, rate, soak, advance)
+            elif sustained:
+                page = sustained_page(find_rates(driver, work, rounds, advance))
+            else:
+                page = latency_page(compare(driver, work, rate, duration, rounds, advance), rate, duration)
+        for path in write(page, work, command):
             replace(path, output / path.name)
-    for page in pages:
-        print(*(table(section.header, section.rows) for section in page.sections), sep="\n\n", end="\n\n")
-    print(*(output / path.name for path in files), sep="\n")
+            print(output / path.name)
+    print(*(table(section.header, section.rows) for section in page.sections), sep="\n\n")
 
 
 if __name__ == "__main__":

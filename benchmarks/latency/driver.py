@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
+import psutil
 import rclpy
 from geometry_msgs.msg import WrenchStamped
 from knee_contact_ros.msg import KneeContact
@@ -99,98 +100,48 @@ def figures(nanoseconds: Sequence[int]) -> Figures:
     return Figures(median, p99, p999, largest)
 
 
-def ratios(ours: Figures, theirs: Figures) -> Figures:
-    """Divide each figure by the other one; nan where the other one is 0."""
-    return Figures(*(mine / their if their else math.nan for mine, their in zip(ours, theirs, strict=True)))
-
-
-PROC = Path("/proc")
-
-
 class Usage(NamedTuple):
-    """Processor time and memory of one process."""
+    """Processor time and memory so far, of a process with its children, and of the machine."""
 
-    process: int
-    parent: int
-    cpu: float
-    """Processor time [s] of all its threads, in user and system mode"""
-    cpu_ended: float
-    """Processor time [s] of those of its children that have ended"""
-    resident: int
-    """Resident memory [B]"""
-
-
-class Snapshot(NamedTuple):
-    """Processor time and memory of a process, its children, and the whole machine so far."""
-
-    family: list[Usage]
-    """The process, then its children, their children and so on"""
-    cpu_of_all: float
-    """Processor time [s] of all processes; that of an ended process is its parent's"""
-    own: float
-    """Processor time [s] of this process"""
+    cpu: dict[int, float]
+    """Processor time [s] by process number, the process itself first"""
+    resident: dict[int, int]
+    """Resident memory [B], likewise"""
+    busy: float
+    """Processor time [s] of all processes but this one"""
     at: float
-    """Time [s] of the snapshot, by a clock of its own"""
+    """Time [s], by a clock of its own"""
 
 
 class Taken(NamedTuple):
-    """Processor time between two snapshots, of processes that existed all the time."""
+    """Processor time between two looks, of processes that existed all the time."""
 
     cpu: float
     """Processor time [s] of the process"""
     cpu_children: float
     """Processor time [s] of its children together"""
-    others: float
-    """Processor time [s] of all processes but these and this one"""
-    machine: float
-    """Processor time [s] that the machine had in all"""
-
-    @property
-    def others_percent(self) -> float:
-        """Share of the machine's processor time that other processes took."""
-        return 1e2 * self.others / self.machine
+    others_percent: float
+    """Share of the machine's processor time that took neither they nor this process"""
 
 
-def snapshot(process: int) -> Snapshot:
-    """Take a snapshot of a process and of the machine; a process that has ended has no family."""
-    usages = processes()
-    family = [process] if process in usages else []
-    for member in family:  # it grows meanwhile
-        family += sorted(number for number, usage in usages.items() if usage.parent == member)
-    cpu_of_all = sum(usage.cpu + usage.cpu_ended for usage in usages.values())
-    return Snapshot([usages[member] for member in family], cpu_of_all, time.process_time(), time.perf_counter())
+def usage(process: int) -> Usage:
+    """Look at a process and its children."""
+    node = psutil.Process(process)
+    cpu, resident = dict[int, float](), dict[int, int]()
+    for each in [node, *node.children(recursive=True)]:
+        with suppress(psutil.NoSuchProcess):  # it has ended meanwhile
+            cpu[each.pid], resident[each.pid] = sum(each.cpu_times()[:2]), each.memory_info().rss
+    machine = psutil.cpu_times()
+    busy = sum(machine) - machine.idle - machine.iowait - time.process_time()
+    return Usage(cpu, resident, busy, time.perf_counter())
 
 
-def between(before: Snapshot, after: Snapshot) -> Taken:
-    """Compute what was used from one snapshot to a later one."""
-    earlier = {usage.process: usage.cpu for usage in before.family}
-    cpu = [usage.cpu - earlier[usage.process] for usage in after.family if usage.process in earlier] or [0.0]
-    others = after.cpu_of_all - before.cpu_of_all - (after.own - before.own) - sum(cpu)
+def taken(before: Usage, after: Usage) -> Taken:
+    """Compute what was used from one look to a later one."""
+    cpu = [time - before.cpu[number] for number, time in after.cpu.items() if number in before.cpu]
     machine = (after.at - before.at) * (os.cpu_count() or 1)
-    return Taken(cpu[0], sum(cpu[1:]), max(others, 0.0), machine)
-
-
-def processes() -> dict[int, Usage]:
-    """Usage of all processes, by their numbers."""
-    usages = {}
-    for folder in PROC.iterdir():
-        if folder.name.isdigit():
-            with suppress(OSError):  # it has ended meanwhile
-                usages[int(folder.name)] = read(int(folder.name))
-    return usages
-
-
-def read(process: int) -> Usage:
-    """Read the usage of a process.
-
-    Raises:
-        OSError: no such process.
-    """
-    # The name stands in brackets and may hold any characters.
-    fields = (PROC / str(process) / "stat").read_text(encoding="utf-8", errors="replace").rpartition(")")[2].split()
-    second = os.sysconf("SC_CLK_TCK")
-    cpu, cpu_ended = (sum(map(int, fields[first : first + 2])) / second for first in (11, 13))
-    return Usage(process, int(fields[1]), cpu, cpu_ended, int(fields[21]) * os.sysconf("SC_PAGE_SIZE"))
+    others = max(after.busy - before.busy - sum(cpu), 0.0)
+    return Taken(cpu[0], sum(cpu[1:]), 1e2 * others / machine)
 
 
 START = 300.0
@@ -386,13 +337,11 @@ DISTRIBUTIONS = ("ros-jazzy-rclpy", "ros-jazzy-rmw-fastrtps-cpp", "ros-jazzy-fas
 PARAMETERS = share_folder() / "config" / "healthy.yaml"
 INCOMPLETE = 1
 """Exit code of a node that did not complete its files"""
-DRAWS = " and draws to a Rerun file" if viewer() else ""
 
 
 class Candidate(NamedTuple):
     """A node that is measured."""
 
-    name: str
     about: str
     start: Callable[[Path, float], AbstractContextManager[Child]]
     """Starts its process, with its files in a folder and a time [s] within which it must end"""
@@ -416,25 +365,19 @@ def start_ours(parameter_files: list[Path], work: Path, patience: float) -> Iter
             raise
 
 
-OURS = Candidate(
-    "this node", f"computes, publishes, records to MCAP{DRAWS} (healthy.yaml)", partial(start_ours, [PARAMETERS])
-)
-BOTH = Candidate(
-    "this node, both", "the same with both compartments (and both_compartments.yaml)",
-    partial(start_ours, [PARAMETERS, share_folder() / "config" / "both_compartments.yaml"]),
-)  # fmt: skip
-BARE = Candidate(
-    "bare", f"rclpy's {Quickest.__name__}, ordinary messages in and out, no computation, no files",
-    partial(start_bare, bare.EVENTS),
-)  # fmt: skip
-SINGLE = Candidate(
-    "bare, single-threaded", "the same with rclpy's SingleThreadedExecutor", partial(start_bare, bare.SINGLE)
-)
-BYTES = Candidate(
-    "bare, bytes", "the bare node with bytes in and prepared bytes out: the least that rclpy can take",
-    partial(start_bare, bare.BYTES),
-)  # fmt: skip
-CANDIDATES = (OURS, BOTH, BARE, SINGLE, BYTES)
+OURS, BARE = "this node", "bare"
+CANDIDATES = {
+    OURS: Candidate(f"computes, publishes, records to MCAP{' and draws to a Rerun file' if viewer() else ''} "
+                    "(healthy.yaml)", partial(start_ours, [PARAMETERS])),
+    "this node, both": Candidate("the same with both compartments (and both_compartments.yaml)",
+                                 partial(start_ours, [PARAMETERS, PARAMETERS.with_name("both_compartments.yaml")])),
+    BARE: Candidate(f"rclpy's {Quickest.__name__}, ordinary messages in and out, no computation, no files",
+                    partial(start_bare, bare.EVENTS)),
+    "bare, single-threaded": Candidate("the same with rclpy's SingleThreadedExecutor",
+                                       partial(start_bare, bare.SINGLE)),
+    "bare, bytes": Candidate("the bare node with bytes in and prepared bytes out: the least that rclpy can take",
+                             partial(start_bare, bare.BYTES)),
+}  # fmt: skip
 
 
 @contextmanager
@@ -450,9 +393,3 @@ def running(candidate: Candidate, driver: Driver, work: Path, patience: float = 
         yield child
         child.check()
     driver.wait_for_nobody()
-
-
-def rotated(candidates: tuple[Candidate, ...], number: int) -> tuple[Candidate, ...]:
-    """Order of the candidates in a round, counted from 0: each time another one is first."""
-    first = number % len(candidates)
-    return candidates[first:] + candidates[:first]
