@@ -1,4 +1,7 @@
-"""What README, tutorials and how-to print runs as it stands: a shell and a Python session for each page."""
+"""What README, tutorials and how-to print runs as it stands: a shell, a folder and a Python session for each page.
+
+Pages that print the same blocks share a shell and a folder; such a block runs once.
+"""
 
 from __future__ import annotations
 
@@ -19,13 +22,23 @@ from domain_coordinator import domain_id
 from tests import ROOT
 from tests.helpers.needs import HAS_REPORT, HAS_VIEWER
 
-PAGES = [Path("README.md"), *sorted(path.relative_to(ROOT) for kind in ("tutorials", "how-to")
-                                    for path in (ROOT / "docs" / kind).glob("*.md"))]  # fmt: skip
-PAGES.remove(Path("docs/tutorials/your-robot.md"))  # tests/ros/test_robot.py runs it
+PAGES = ["README.md", *sorted(str(path.relative_to(ROOT)) for kind in ("tutorials", "how-to")
+                              for path in (ROOT / "docs" / kind).glob("*.md"))]  # fmt: skip
+TOGETHER = [
+    ["README.md", "docs/tutorials/first-knee.md"],
+    ["docs/tutorials/your-subject.md", "docs/how-to/surfaces-and-shares.md"],
+]
+"""Pages with blocks that are the same"""
+ELSEWHERE = {"docs/tutorials/your-robot.md": "tests/ros/test_robot.py"}
+"""Pages that are run by another test"""
+GROUPS = TOGETHER + [
+    [page] for page in PAGES if page not in {*ELSEWHERE, *(page for pages in TOGETHER for page in pages)}
+]
 BLOCK = re.compile(r"^(?P<before>[^\n]*)\n+```(?P<kind>\w+)\n(?P<text>.*?)^```$", re.MULTILINE | re.DOTALL)
 NEED = re.compile(r"<!-- not run: (.*) -->")
-NEEDS = {"a download", "a screen", "apt", "OpenSim", "Docker", "ros2", "systemd", "other machines", "hours", "itself"}
-"""What a block may need that a test does not have"""
+NEEDS = {"a download", "a screen", "apt", "OpenSim", "Docker", "ros2", "systemd", "other machines", "hours", "itself",
+         "by tests/ros/test_demo.py"}  # fmt: skip
+"""What a block may need that this test does not have, or which other test runs it"""
 SAVED = re.compile(r"Save this as `([\w.]+)`")
 INSTALLED = ROOT / ".venv" / ".installed"
 OWN = Path(sys.prefix) == ROOT / ".venv" and INSTALLED.exists()
@@ -48,7 +61,7 @@ class Block(NamedTuple):
     text: str
 
 
-def blocks_of(page: Path) -> list[Block]:
+def blocks_of(page: str) -> list[Block]:
     """All blocks of a page that are shown with a language."""
     return [Block(*found.groups()) for found in BLOCK.finditer((ROOT / page).read_text(encoding="utf-8"))]
 
@@ -57,7 +70,7 @@ class Shell:
     """A shell in a folder, which keeps its variables and jobs from block to block."""
 
     def __init__(self, folder: Path, domain: int) -> None:
-        self.domain = domain
+        self.domain, self.printed = domain, dict[str, str]()
         environment = {name: value for name, value in os.environ.items() if name not in OF_MAKE}
         environment |= {"PATH": f"{sys.prefix}/bin:{environment['PATH']}", "MPLBACKEND": "Agg", "COLUMNS": "120"}
         self.process = subprocess.Popen(
@@ -110,21 +123,23 @@ def shell(folder: Path) -> Iterator[Shell]:
         shell.close()
 
 
-@pytest.mark.parametrize("page", PAGES, ids=str)
-def test_what_a_page_prints_runs_and_prints_what_is_shown(page: Path, shell: Shell, folder: Path) -> None:
+@pytest.mark.parametrize("pages", GROUPS, ids=" ".join)
+def test_what_a_page_prints_runs_and_prints_what_is_shown(pages: list[str], shell: Shell, folder: Path) -> None:
     names: dict[str, Any] = {"__name__": "page"}
     printed = ""
-    for before, kind, text in blocks_of(page):
+    for before, kind, text in [block for page in pages for block in blocks_of(page)]:
         if need := NEED.search(before):
             assert need[1] in NEEDS
             printed = ""
         elif saved := SAVED.search(before):
             (folder / saved[1]).write_text(text, encoding="utf-8")
         elif kind == "sh":
-            printed = shell.run(text if OWN else re.sub("^make demo", "knee-contact demo", text))
+            if text not in shell.printed:
+                shell.printed[text] = shell.run(text if OWN else re.sub("^make demo", "knee-contact demo", text))
+            printed = shell.printed[text]
         elif kind == "python":
             with contextlib.redirect_stdout(io.StringIO()) as out:
-                exec(compile(text, str(page), "exec"), names)  # noqa: S102
+                exec(compile(text, pages[-1], "exec"), names)  # noqa: S102
             printed = out.getvalue()
         elif kind == "text" and printed:
             lines = [line.rstrip() for line in printed.splitlines()]
@@ -133,7 +148,7 @@ def test_what_a_page_prints_runs_and_prints_what_is_shown(page: Path, shell: She
             printed = ""
 
 
-@pytest.mark.parametrize("page", PAGES, ids=str)
-def test_pictures_and_files_that_a_page_names_are_there(page: Path) -> None:
+@pytest.mark.parametrize("page", PAGES)
+def test_pictures_and_files_that_a_page_names_are_there(page: str) -> None:
     for name in re.findall(r"`((?:examples|config|bags|docs)/[\w/.-]+)`", (ROOT / page).read_text(encoding="utf-8")):
         assert (ROOT / name).exists(), name

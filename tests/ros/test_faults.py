@@ -47,13 +47,25 @@ def running() -> Iterator[Running]:
     running.process.process.communicate(timeout=PATIENCE)
 
 
-@pytest.fixture
-def listening(peer: Peer, running: Running) -> Iterator[Peer]:
-    """Our side, with the node at rest: its next tick starts anew."""
+@pytest.fixture(scope="module")
+def one_peer(running: Running) -> Iterator[Peer]:
+    """Our side, which meets the node once."""
+    peer = Peer()
+    peer.node_process, peer.between = running.process.process.pid, angle_at(HALF - 0.5)
     peer.wait_for_node()
-    assert call(peer, Trigger, "/knee_contact/reset", Trigger.Request()).success
     yield peer
-    for process in peer.stalled:
+    peer.executor.shutdown()
+    peer.node.destroy_node()
+
+
+@pytest.fixture
+def listening(one_peer: Peer) -> Iterator[Peer]:
+    """Our side, with the node at rest: its next tick starts anew."""
+    assert call(one_peer, Trigger, "/knee_contact/reset", Trigger.Request()).success
+    one_peer.contacts.clear()
+    yield one_peer
+    while one_peer.stalled:
+        process = one_peer.stalled.pop()
         process.kill()
         process.wait()
 
@@ -61,7 +73,6 @@ def listening(peer: Peer, running: Running) -> Iterator[Peer]:
 @pytest.mark.parametrize("fault", FAULTS, ids=lambda fault: fault.name)
 def test_a_fault_costs_nothing_but_the_faulty_sample(listening: Peer, running: Running, fault: Fault) -> None:
     peer, begin = listening, running.begin
-    peer.node_process, peer.between = running.process.process.pid, angle_at(HALF - 0.5)
     first = [Sample(begin + i * STEP, angle_at(i), 800.0 + 40.0 * i) for i in range(HALF)]
     first[0] = first[0]._replace(status=Status.TIME_RESET)
     after = [

@@ -1,4 +1,4 @@
-"""Every scene of the accuracy study, against SciPy with its own laws and surfaces: in tolerance, or said aloud."""
+"""The scenes of the accuracy study, against SciPy with its own laws and surfaces: in tolerance, or said aloud."""
 
 from __future__ import annotations
 
@@ -8,7 +8,9 @@ import pytest
 from knee_contact_ros.model.types import Status
 from studies.accuracy import Study, ours, studies, theirs
 
-STUDIES = {study.name: study for study in studies()}
+TAKES_LONG = "stiff: K 1e10, C 1e6, 0.1 kg"
+"""By SciPy: this scene is in docs/studies/accuracy.md alone, two others that are as stiff are here"""
+STUDIES = {study.name: study for study in studies() if study.name != TAKES_LONG}
 
 
 @pytest.mark.parametrize("study", STUDIES.values(), ids=STUDIES)

@@ -10,8 +10,8 @@ import pytest
 from knee_contact_ros.streams.pairing import PairedSample, Synchroniser, Timeline
 from studies.pairing.judging import judged
 
-WORLDS = range(10_112, 10_160)
-"""Seeds: 576 disturbances"""
+WORLDS = range(10_112, 10_136)
+"""Seeds: 288 disturbances"""
 
 
 def breaches(seeds: range) -> list[tuple[int, str, str]]:
