@@ -16,7 +16,6 @@ import gc
 import hashlib
 import importlib.util
 import logging
-import operator
 import os
 import pickle
 import stat
@@ -28,7 +27,7 @@ from pathlib import Path
 from types import FunctionType
 from typing import Any, TypeVar, cast
 
-TICK, LOADING, COMPILING = 0.3e-3, 0.7, 10.0
+TICK, LOADING, COMPILING = 0.3e-3, 0.7, 7.0
 """Processor time [s] of a plain tick, of loading what is kept, with the import of Numba, and of compiling"""
 FILES, SUFFIX, DIGEST = 8, ".kernel", hashlib.sha256().digest_size
 """Number of files that stay in a folder, the newest, also of other processors; how names end; size of a digest"""
@@ -40,8 +39,6 @@ OPTIONS = {"error_model": "numpy", "nogil": True, "_nrt": False, "forceinline": 
 
 FUNCTIONS: list[Callable[..., Any]] = []
 """All marked functions, of which a tick consists"""
-INLINED: list[Callable[..., Any]] = []
-"""Those of them that become a part of their callers: what nearly every tick calls, from few places"""
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 _log = logging.getLogger(__name__)
@@ -51,12 +48,6 @@ def in_kernel(function: _Function) -> _Function:
     """Mark a function that a tick calls."""
     FUNCTIONS.append(function)
     return function
-
-
-def inlined(function: _Function) -> _Function:
-    """Mark a function that nearly every tick calls, from few places: passing arguments would take longer."""
-    INLINED.append(function)
-    return in_kernel(function)
 
 
 def worth_compiling(ticks: int | None) -> bool:
@@ -94,9 +85,11 @@ def compiled(entry: Callable[..., Any], example: Sequence[Any]) -> Callable[...,
 
         if numba.config.DISABLE_JIT:
             raise ImportError("NUMBA_DISABLE_JIT is set")
+        from knee_contact_ros.model.by_reference import take_by_reference
     except Exception as error:  # what it finds wrong with Python, NumPy or its own libraries has many names
         _log.warning("knee_contact_ros: Numba cannot be used (%s); the model runs uncompiled and slowly", _said(error))
         return None
+    take_by_reference(example)
     made, types = twin(entry), tuple(map(numba.typeof, example))
     name = f"{stamp(entry)}-{_digest(made.targetctx.codegen().magic_tuple(), types)}{SUFFIX}"
     paths, doubts, refused = [folder / name for folder in folders(entry)], list[str](), list[str]()
@@ -120,8 +113,8 @@ def twin(entry: Callable[..., Any]) -> Any:
 
     made, spaces = dict[Any, Any](), dict[int, dict[str, Any]]()
     for function in _reached(entry):
-        space = spaces.setdefault(id(function.__globals__), {**function.__globals__, **_builtins()})
-        options = {**OPTIONS, "pipeline_class": _pipeline(function is not entry), "forceinline": function in INLINED}
+        space = spaces.setdefault(id(function.__globals__), dict(function.__globals__))
+        options = {**OPTIONS, "pipeline_class": _pipeline(function is not entry)}
         options["no_cpython_wrapper"] = function is not entry
         made[function] = njit(**options)(FunctionType(function.__code__, space, function.__name__))
         made[function].get_call_template = partial(_of_any_value, unliteral, made[function].get_call_template)
@@ -155,28 +148,6 @@ def _remembered_types() -> Iterator[None]:
         functions.get_call_type = plain
         if collecting:
             gc.enable()
-
-
-@cache
-def _builtins() -> dict[str, Any]:
-    """Give `int`, `min` and `max` as instructions; Numba would compile a function of each for each kind of call."""
-    from numba.core.typing import signature
-    from numba.cpython.builtins import cast_int, do_minmax
-    from numba.extending import intrinsic
-    from numba.types import StarArgTuple
-
-    def chosen(compare: Any) -> Any:
-        @intrinsic
-        def choice(context: Any, *values: Any) -> Any:
-            def build(context: Any, builder: Any, _signature: Any, args: Any) -> Any:
-                given = [builder.extract_value(args[0], i) for i in range(len(values))]
-                return do_minmax(context, builder, values, given, compare)
-
-            return signature(context.unify_types(*values), StarArgTuple.from_types(values)), build
-
-        return choice
-
-    return {"int": cast_int, "min": chosen(operator.lt), "max": chosen(operator.gt)}
 
 
 def _of_any_value(unliteral: Any, template: Any, arguments: Sequence[Any], keywords: dict[str, Any]) -> Any:

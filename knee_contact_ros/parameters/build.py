@@ -56,7 +56,7 @@ def load_model(
     `["osteoarthritis", "mri_femur", {"femur.mass": 8.0}]`.
 
     The compiled model computes the same bits some hundred times faster. It is compiled once, for every kind of knee, in
-    some 10 s, and kept: then it takes half a second to load. Without `compiled` the model uses it for a run where that
+    some 7 s, and kept: then it takes half a second to load. Without `compiled` the model uses it for a run where that
     is faster altogether, and for a stream where it is kept; with `compiled` True always, with False never. Where Numba
     cannot be used, a warning says so once, and the plain model computes.
 

@@ -30,7 +30,7 @@ def wave(pair: Pair, x: float) -> Pair:
 
 @in_kernel
 def run(knee: Pair, values, answers) -> None:
-    pair = knee
+    pair = Pair(knee.a, knee.b)
     for i in range(len(values)):
         pair = wave(pair, values[i])
         answers[i] = pair.a + pair.b
