@@ -301,14 +301,9 @@ def turns(points: Floats) -> Floats:
 
 def _even(points: Floats) -> Floats:
     """Resample a polyline, shape (m, 2), at `SURFACE_POINTS` points with equal distances along it."""
-    distance = _distance(points)
+    distance = np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
     at = np.linspace(0.0, distance[-1], SURFACE_POINTS)
     return np.stack([np.interp(at, distance, axis) for axis in points.T], axis=1)
-
-
-def _distance(points: Floats) -> Floats:
-    """Return the distance [m] along a polyline from its first point to each of its points, shape (n,)."""
-    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(points, axis=0).T))])
 
 
 def _unit(vectors: Floats) -> Floats:

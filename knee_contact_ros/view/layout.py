@@ -15,7 +15,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.components import PlayState
 
-from knee_contact_ros.model.types import FIELDS, FLAT, Field, Rows
+from knee_contact_ros.model.types import FIELDS, FLAT, Rows
 from knee_contact_ros.streams.topics import LATERAL
 from knee_contact_ros.view import colours
 from knee_contact_ros.view.anatomy import NEWTONS_PER_MM, SURFACE_POINTS, Floats, KneeOutlines, lowest_at, placed
@@ -79,15 +79,25 @@ class Plot(NamedTuple):
     """Whether it shows readouts of answers, and not their fields"""
 
 
+def single(
+    path: str, title: str, name: str, colour: colours.Colour, width: float, field: str, factor: float = 1.0, **more: Any
+) -> Plot:
+    """Plot of a single curve: a field of the answers, or of their readouts, times a factor."""
+
+    def values(of: Any, _: float) -> Floats:
+        return np.asarray(factor * (of if more.get("read_off") else of.view(FLAT))[field])
+
+    return Plot(path, title, (Series(name, colour, width, values),), **more)
+
+
 LAYER = "layer"
 """Path of the entity with the depth at which the second layer begins, shown with the depths"""
 LAYER_NAME = "bone begins [mm]"
 LAYER_COLOUR = colours.BONE
 FLEXION, CONTACT_POINT, FORCES, DEPTHS = "flexion", "contact_point", "force", "depth"
+DEGREES = math.degrees(1.0)
 KNEE = (
-    Plot(FLEXION, "Flexion angle [deg]", (
-        Series("flexion angle [deg]", colours.ANGLE, 2.0, lambda answers, _: np.degrees(answers["flexion_angle"])),
-    )),
+    single(FLEXION, "Flexion angle [deg]", "flexion angle [deg]", colours.ANGLE, 2.0, "flexion_angle", DEGREES),
     Plot(FORCES, "Contact force ± error, orange; load and force - load, grey [BW of {weight} N]", (
         Series("force - error [BW]", colours.BAND, 1.0,
                lambda of, weight: (of["contact_force"] - of["force_error_estimate"]) / weight),
@@ -104,54 +114,36 @@ KNEE = (
     )),
 )  # fmt: skip
 """Plots beside the sagittal plane"""
-SHOWN = {"m": ("mm", MM), "m/s": ("mm/s", MM), "rad": ("deg", math.degrees(1.0))}
-"""Unit in which a plot shows numbers, and the factor to it, by SI unit"""
-
-
-def _plain(name: str, field: Field) -> Plot:
-    """Return the plot of a field whose declaration gives its title."""
-    unit, factor = SHOWN.get(field.unit, (field.unit, 1.0))
-    values = lambda answers, _: factor * answers.view(FLAT)[name]  # noqa: E731
-    return Plot(
-        name, f"{field.plot} [{unit}]", (Series(f"{name.replace('_', ' ')} [{unit}]", colours.SLIP, 2.0, values),)
-    )
-
-
 SOLVER = (
     Plot("error", "Estimated errors: depth, violet [µm]; force, orange [N]", (
         Series("error of the force [N]", colours.FORCE, 1.0, lambda answers, _: answers["force_error_estimate"]),
         Series("error of the depth [µm]", colours.ERROR, 2.0, lambda answers, _: MICRO * answers["error_estimate"]),
     ), title_of_several="Estimated errors: depth, thick [µm]; force [N]"),
-    Plot("evaluations", "Contact law evaluations per tick", (
-        Series("evaluations per tick", colours.COST, 1.5, lambda answers, _: answers["evaluations"]),
-    ), steps=True),
-    Plot("latency", "Latency from load to answer [ms]", (
-        Series("latency [ms]", colours.ANGLE, 1.0, lambda answers, _: MM * answers["latency"]),
-    ), live=True),
+    single("evaluations", "Contact law evaluations per tick", "evaluations per tick", colours.COST, 1.5, "evaluations",
+           steps=True),
+    single("latency", "Latency from load to answer [ms]", "latency [ms]", colours.ANGLE, 1.0, "latency", MM, live=True),
 )  # fmt: skip
 """Plots in the last tab"""
+SHOWN = {"m": ("mm", MM), "m/s": ("mm/s", MM), "rad": ("deg", DEGREES)}
+"""Unit in which a plot shows numbers, and the factor to it, by SI unit"""
 DETAILS = (
-    Plot(CONTACT_POINT, "Contact point on the plateau, anterior > 0 [mm]", (
-        Series("anterior [mm]", colours.CARTILAGE, 2.0, lambda answers, _: MM * answers["contact_point"]["x"]),
-    )),
-    *(_plain(name, field) for name, field in FIELDS.items() if field.plot),
+    single(CONTACT_POINT, "Contact point on the plateau, anterior > 0 [mm]", "anterior [mm]", colours.CARTILAGE, 2.0,
+           "contact_point_x", MM),
+    *(single(name, f"{field.plot} [{unit}]", f"{name.replace('_', ' ')} [{unit}]", colours.SLIP, 2.0, name, factor)
+      for name, field in FIELDS.items() if field.plot
+      for unit, factor in [SHOWN.get(field.unit, (field.unit, 1.0))]),
     Plot("pressure", "Contact pressure: peak, thick; mean [MPa]", (
         Series("mean pressure [MPa]", colours.BAND, 1.5, lambda read, _: MEGA * read["mean_pressure"]),
         Series("peak pressure [MPa]", colours.FORCE, 2.5, lambda read, _: MEGA * read["peak_pressure"]),
     ), read_off=True),
-    Plot("patch", "Half-width of the contact patch [mm]", (
-        Series("half-width [mm]", colours.CARTILAGE, 2.0, lambda read, _: MM * read["half_width"]),
-    ), read_off=True),
-    Plot("strain", "Nominal strain of the cartilage [%]", (
-        Series("strain [%]", colours.DEPTH, 2.0, lambda read, _: 100.0 * read["strain"]),
-    ), read_off=True),
-    Plot("loading_rate", "Loading rate [kN/s]", (
-        Series("loading rate [kN/s]", colours.SLIP, 1.0, lambda read, _: 1e-3 * read["loading_rate"]),
-    ), read_off=True),
+    single("patch", "Half-width of the contact patch [mm]", "half-width [mm]", colours.CARTILAGE, 2.0, "half_width", MM,
+           read_off=True),
+    single("strain", "Nominal strain of the cartilage [%]", "strain [%]", colours.DEPTH, 2.0, "strain", 100.0,
+           read_off=True),
+    single("loading_rate", "Loading rate [kN/s]", "loading rate [kN/s]", colours.SLIP, 1.0, "loading_rate", 1e-3,
+           read_off=True),
 )  # fmt: skip
 """Plots in the second tab"""
-
-
 HEIGHT_DRIVEN = KNEE[1]._replace(
     title="Contact force ± error [BW of {weight} N]",
     title_of_several="Contact force ± error, thick [BW of {weight} N]",

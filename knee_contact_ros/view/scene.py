@@ -62,6 +62,11 @@ PHASES = {HEEL_STRIKE: "stance", TOE_OFF: "swing"}
 NO_PHASE = "no stride yet"
 """Before the first of these events"""
 PHASE_COLOURS = [(105, 115, 140), (45, 50, 62), (30, 33, 40)]
+STATES: dict[str, tuple[Sequence[str], Any]] = {
+    layout.CONTACT: ([*NAME_OF_STATE.values()], colours.OF_STATE.tolist()), layout.LEVEL: (LEVEL_NAMES, LEVEL_COLOURS),
+    layout.GAIT: ([*PHASES.values(), NO_PHASE], PHASE_COLOURS),
+}  # fmt: skip
+"""Names and colours of the states, by their path under `KNEE/states`"""
 LEG_SCALE = 1e-4
 """Length of the force's arrow in space by the force [m/N]"""
 SINGLE = 5.0
@@ -132,10 +137,8 @@ class Scene:
             ):  # fmt: skip
                 for path, columns in moving:
                     self._send(f"{root}/{path}", drawn["stamp"], columns)
-        for path, field, names in (
-            (layout.CONTACT, "contact_state", list(NAME_OF_STATE.values())), (layout.LEVEL, "fidelity", LEVEL_NAMES),
-        ):  # fmt: skip
-            self._write_changes(path, stamps, answers[field].astype(int), names)
+        for path, field in ((layout.CONTACT, "contact_state"), (layout.LEVEL, "fidelity")):
+            self._write_changes(path, stamps, answers[field].astype(int))
         self._write_events(self._remarks.take(answers))
 
     def note(self, name: str, values: Mapping[str, str]) -> None:
@@ -149,8 +152,7 @@ class Scene:
         """Write the last events; curves of a single answer become points."""
         if self._count == 1:
             for path, names, tints, _ in self._styles():
-                points = rr.SeriesPoints(names=names, colors=tints, marker_sizes=[SINGLE])
-                self._keep(f"{layout.CURVES}/{path}", points)
+                self._keep(f"{layout.CURVES}/{path}", rr.SeriesPoints(names=names, colors=tints, marker_sizes=[SINGLE]))
         if self._count:
             self._write_events([*self._noted(), *self._remarks.finish()])
             if not self._has_events:
@@ -185,22 +187,15 @@ class Scene:
             ))
             for path, names, tints, widths in self._styles()
         ]  # fmt: skip
-        names = list(NAME_OF_STATE.values())
-        states = [
-            (layout.CONTACT, rr.StateConfiguration(values=names, colors=colours.OF_STATE.tolist())),
-            (layout.LEVEL, rr.StateConfiguration(values=LEVEL_NAMES, colors=LEVEL_COLOURS)),
-            (layout.GAIT, rr.StateConfiguration(values=[*PHASES.values(), NO_PHASE], colors=PHASE_COLOURS)),
-        ]
+        states = [(path, rr.StateConfiguration(values=names, colors=tints)) for path, (names, tints) in STATES.items()]
         # A millimetre at the camera's distance is one on the screen.
         camera = rr.Pinhole(focal_length=DISTANCE, principal_point=(0.0, 0.0), resolution=(1.0, 1.0))
         self._keep(layout.CAMERA, camera)
         self._keep(layout.ABOUT, rr.TextDocument(layout.about(drawing), media_type=rr.MediaType.MARKDOWN))
         frame = rr.CoordinateFrame(f"{drawing.knee}/{SHANK}")
         self._keep(layout.LEG, frame)
-        prefix = f"{drawing.knee}/"
-        UrdfTree.from_file_path(
-            share_folder() / LEG_URDF, drawing.knee, frame_prefix=prefix
-        ).log_urdf_to_recording(self._recording)  # fmt: skip
+        tree = UrdfTree.from_file_path(share_folder() / LEG_URDF, drawing.knee, frame_prefix=f"{drawing.knee}/")
+        tree.log_urdf_to_recording(self._recording)
         leg = [(ARROW, frame), (ARROW, rr.Arrows3D.from_fields(colors=[colours.FORCE], radii=[2e-3]))]
         for root, parts in (
             (layout.BODY, still_plane(drawing)), (layout.CAMERA, still_marks(drawing)), (layout.CURVES, curves),
@@ -227,20 +222,19 @@ class Scene:
             values = np.stack([series.values(source, self._drawing.body_weight) for series in plot.series], axis=1)
             known = np.isfinite(values[:, 0]) | (not plot.read_off)
             if known.any():
-                columns = rr.Scalars.columns(scalars=values[known])
-                self._send(f"{layout.CURVES}/{plot.path}", stamps[known], columns)
+                self._send(f"{layout.CURVES}/{plot.path}", stamps[known], rr.Scalars.columns(scalars=values[known]))
         if math.isfinite(self._layer):
             level = rr.Scalars.columns(scalars=[MM * self._layer] * 2)
             self._send(f"{layout.CURVES}/{layout.LAYER}", stamps[[0, -1]], level)
 
-    def _write_changes(self, path: str, stamps: Any, states: Any, names: Sequence[str]) -> None:
+    def _write_changes(self, path: str, stamps: Any, states: Any) -> None:
         """Write a state where it changes, and at the end of every batch where old data is dropped."""
         changes = np.flatnonzero(np.diff(states, prepend=self._states.get(path, -1)))
         self._states[path] = int(states[-1])
         if self._forgetful:
             changes = np.union1d(changes, len(states) - 1)
         if len(changes):
-            texts = [names[state] for state in states[changes].tolist()]
+            texts = [STATES[path][0][state] for state in states[changes].tolist()]
             self._send(f"{layout.STATES}/{path}", stamps[changes], rr.StateChange.columns(state=texts))
 
     def _write_events(self, remarks: Sequence[Remark]) -> None:
@@ -266,8 +260,8 @@ class Scene:
 
     def _send(self, path: str, stamps: Any, columns: Any) -> None:
         """Send columns with their stamps [ns] to an entity of the knee."""
-        kind = {"timestamp": "datetime64[ns]"} if self._dated else {"duration": "timedelta64[ns]"}
-        times = rr.TimeColumn(layout.TIMELINE, **{name: stamps.astype(unit) for name, unit in kind.items()})
+        name, kind = ("timestamp", "datetime64[ns]") if self._dated else ("duration", "timedelta64[ns]")
+        times = rr.TimeColumn(layout.TIMELINE, **{name: stamps.astype(kind)})
         self._recording.send_columns(f"{self._drawing.knee}/{path}", indexes=[times], columns=columns)
         if self._pause:
             time.sleep(self._pause)
@@ -363,9 +357,8 @@ def moving_marks(drawing: KneeOutlines, answers: Rows) -> Iterator[tuple[str, An
     place[~(answers["gap"] > 0.0), 1] -= ABOVE_FORCE
     yield FORCE_NAME, rr.Points2D.columns(positions=place, labels=labels)
     depths, gaps = (MM * answers[name] for name in ("penetration_depth", "gap"))
-    below = point + np.stack(
-        [0.0 * depths, np.where(depths > 0.0, MAGNIFICATION * depths + BELOW, BELOW_FORCE)], axis=1
-    )
+    below = point.copy()
+    below[:, 1] += np.where(depths > 0.0, MAGNIFICATION * depths + BELOW, BELOW_FORCE)
     labels = [
         f"{gap:.2f} mm apart" if depth <= 0.0 else f"{depth:.2f} mm deep\ndrawn × {MAGNIFICATION:g}"
         for depth, gap in zip(depths.tolist(), gaps.tolist(), strict=True)
@@ -382,12 +375,8 @@ def moving_leg(drawing: KneeOutlines, answers: Rows) -> Iterator[tuple[str, Any]
         parent_frame=[f"{drawing.knee}/{SHANK}"] * len(answers), child_frame=[f"{drawing.knee}/{THIGH}"] * len(answers),
     )  # fmt: skip
     point = np.stack([answers["contact_point"][axis] for axis in "xyz"], axis=1)
-    arrow = (
-        LEG_SCALE
-        * answers["contact_force"][:, None]
-        * np.stack([answers["normal_x"], answers["normal_y"], zero], axis=1)
-    )
-    yield ARROW, rr.Arrows3D.columns(origins=point, vectors=arrow)
+    normal = np.stack([answers["normal_x"], answers["normal_y"], zero], axis=1)
+    yield ARROW, rr.Arrows3D.columns(origins=point, vectors=LEG_SCALE * answers["contact_force"][:, None] * normal)
 
 
 def _pose(answers: Rows) -> Any:
