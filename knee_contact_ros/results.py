@@ -1,4 +1,4 @@
-"""The answers of a run for notebooks: a record array that is also a table, a figure, and other libraries' data."""
+"""Answers of a run for notebooks: a record array that converts to tables, figures and data of other libraries."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import not_installed
 
 DATES_FROM = 10 * 365 * 86_400 * 1_000_000_000
-"""The least stamp [ns] that is a date; those of simulations and of trials begin near 0"""
+"""Smallest stamp [ns] that is taken for a date; those of simulations and trials begin near 0"""
 TIME = "time"
 """Name of the column with the time"""
 RUN = "run"
@@ -35,7 +35,7 @@ HEADINGS = ("time [s]", "flexion [°]", "load [N]", "contact force [N]", "depth 
 SIZE = (8.0, 8.0)
 """Width and height of the figure [inch]"""
 LEAST = 1.0
-"""The least distance [mm] from the mean to the ends of the contact point's axis, as the point may hardly move"""
+"""Smallest half range [mm] of the axis of the contact point, which may hardly move"""
 LOAD, CONTACT, DEPTH, POINT = "#b8bec6", "#c1272d", "#1b5e9e", "#4b7f52"
 
 
@@ -46,7 +46,7 @@ def no_such(thing: object, name: str) -> AttributeError:
 
 
 class Records(np.recarray[Any, Any]):
-    """A record array whose text is short, and which suggests the name of a field."""
+    """Record array with a short text, which suggests the right name for a wrong field."""
 
     def __dir__(self) -> list[str]:
         return sorted({*super().__dir__(), *(self.dtype.names or ())})

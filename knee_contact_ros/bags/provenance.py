@@ -120,7 +120,7 @@ def read_provenance(bag: Path) -> Provenance | None:
     record = first.get(PROVENANCE)
     if record is None and CONTINUED in first and LOAD_PROVENANCE not in first:
         begin = first[CONTINUED].get("first", "another file")
-        raise UsageError(f"{bag} goes on with {begin}, which has the parameters: give the whole folder, or --params")
+        raise UsageError(f"{bag} continues {begin}, which holds the parameters: give the whole folder, or --params")
     values = _values_in(bag, PROVENANCE, record)
     if record is None or values is None:
         return None

@@ -69,7 +69,7 @@ OTHER_FORCE = {
     JOINT_REACTION_FORCE: (GROUND_REACTION_FORCE, "knee-contact estimate-load computes joint reaction forces from its"),
     GROUND_REACTION_FORCE: (JOINT_REACTION_FORCE, "knee-contact solve, and replay without --sensors, read its"),
 }
-"""Other input of the same type, by the name of a force that it must not be taken for, and the advice for it"""
+"""For each force, the other force of the same type that must not replace it, and the advice if only that is there"""
 MCAP, SQLITE, ZSTD = ".mcap", ".db3", b"\x28\xb5\x2f\xfd"
 """Suffixes of the files of a bag; first bytes of what is compressed by zstd, as no CDR message has them"""
 MAGICS = {MCAP: MAGIC, SQLITE: b"SQLite format 3\x00"}
@@ -83,7 +83,7 @@ FOREIGN = {
     b"version https://git-lfs": "is a pointer of Git LFS and not the file itself: fetch it with `git lfs pull`",
     **dict.fromkeys(PACKED, "is compressed: give the folder of the bag, or unpack the file first"),
 }
-"""What files are that are no bags, by their first bytes"""
+"""Kinds of files that are no bags, by their first bytes"""
 NUMBERED = re.compile(r"(.+)_(\d+)(\.mcap|\.db3)")
 """Name of a numbered file in a rosbag2 folder: stem, number and suffix"""
 LARGEST_MESSAGE = 2**24
@@ -592,14 +592,14 @@ def _number(name: str) -> int:
 
 
 def others_beside(bag: Path) -> list[str]:
-    """Sentence about other recordings in the folder of a bag, which are not read; an empty list if there are none."""
+    """Sentence that the folder of a bag has other recordings, which are not read; an empty list if it has none."""
     if not bag.is_dir():
         return []
     read = {path.name.removesuffix(".zstd") for path in files_of(bag)}
     others = sorted(path.name for path in bag.iterdir() if path.suffix in MAGICS and path.name not in read)
     if not others:
         return []
-    return [f"of {bag}, {listed(sorted(read))} is read; what else is there, give as a file: {listed(others)}"]
+    return [f"{bag}: only {listed(sorted(read))} is read; to read {listed(others)}, give it as a file"]
 
 
 def refuse_input(bag: Path, output: Path) -> None:

@@ -1,4 +1,4 @@
-"""The inputs in a bag, as the pipelines take them, from whatever topics and types the parameters say."""
+"""Inputs of a bag for the pipelines, from the topics and types that the parameters name."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ READ_AHEAD = 256
 
 
 def as_recorded(parameters: Any) -> Any:
-    """Parameters with the inputs of a recording of a node, which holds what was made of the sources."""
+    """Parameters with the usual inputs, as a recording of a node has them instead of the sources that it read."""
     section, topics = parameters.force_source.split(".")[0], [JOINT_STATES, parameters.usual_forces]
     sections = {name: getattr(parameters, name) for name in ("knee", section)}
     pairs = zip(sections.items(), topics, strict=True)
@@ -36,12 +36,12 @@ def as_recorded(parameters: Any) -> Any:
 
 
 class BagInputs:
-    """An open bag with the angles and the forces that a node's parameters say."""
+    """Open bag with the angles and forces that a node's parameters name."""
 
     def __init__(self, bag: Path, parameters: Parameters | LoadParameters, names: Names) -> None:
         """Open a bag; `names` are the names of the inputs in it.
 
-        A recording of a node holds what was made of other sources, and that is taken.
+        A recording of a node has the usual inputs, whatever its sources were; these are read then.
 
         Raises:
             UsageError: the bag cannot be used, or lacks a topic, a type or a field; see `BagReader` and `Converter`.
@@ -74,8 +74,8 @@ class BagInputs:
     def blocks(self, most: int, only: int | None = None) -> Iterator[Batch]:
         """Yield blocks of at most `most` messages in the order of log time, as the pipelines take them.
 
-        Messages of number 0 are angles, as JointStates; those of number 1 are forces, as WrenchStampeds. With a number
-        `only` these come.
+        Messages of number 0 are angles, as JointStates; those of number 1 are forces, as WrenchStampeds. `only` is the
+        number to read; None means both.
         """
         convert = converters(self._parameters, self._types)
         topics = self._topics if only is None else [self._topics[only]]
@@ -126,14 +126,14 @@ def check_joints(bag: BagInputs, wanted: Mapping[str, str]) -> None:
 
 
 def transform_messages(bag: Path) -> list[bytes]:
-    """Return the messages of `/tf_static` in a bag, as bytes; none if it has no topic of that name and type."""
+    """Messages of `/tf_static` in a bag, as bytes; an empty list if it has no such topic of that type."""
     with suppress(UsageError), BagReader(bag, {TF_STATIC: TF_MESSAGE}) as reader:
         return [message.data for message in reader.raw_messages()]
     return []
 
 
 def learn_transforms(bag: Path, frame: ForceFrame) -> None:
-    """Give a frame all static transforms of a bag; warn of transforms that cannot be used."""
+    """Add all static transforms of a bag to a frame; warn of those that cannot be used."""
     for data in transform_messages(bag):
         try:
             problems = frame.learn(decode_transforms(data))

@@ -66,10 +66,10 @@ class LoadSummary(NamedTuple):
 def load_parameters_for(
     bag: Path, sources: Sequence[Any], values: Mapping[str, Any], namespace: str = ""
 ) -> tuple[LoadParameters, str, list[str]]:
-    """Parameters for a bag: given ones, else those of a recording of estimates, else the defaults.
+    """Parameters for a bag: the given ones, else those that a recording of estimates holds, else the defaults.
 
     Returns:
-        The parameters; what they are where no `sources` are given; and sentences of doubt about them.
+        The parameters, a name for them if no `sources` are given, and sentences of doubt about them.
 
     Raises:
         UsageError: parameters or the recording cannot be used; see `load_parameters` and `stored_load`.
@@ -96,7 +96,7 @@ def estimate_load(
         advance: Called now and then with the number of messages done, and of all messages.
         overwrite: Replace an existing output, once the new one is complete.
         names: Names of the inputs in the bag.
-        keep: Called after every estimate with the pipeline, which has it and what was sensed.
+        keep: Called after every estimate with the pipeline, which holds it and its inputs.
 
     Raises:
         UsageError: the bag or the output cannot be used, or nothing could be estimated. No output is left then.

@@ -57,20 +57,21 @@ def solve(
 ) -> Results:
     """Compute a recorded gait, as `knee-contact solve` does: the same bits. Needs no ROS.
 
-    With `load.compartment` both, these are the results of the medial compartment, and their `lateral` has the other's.
+    With `load.compartment: both`, the results are those of the medial compartment, and their attribute `lateral` has
+    those of the other.
 
     Args:
         bag: An .mcap file, a .db3 file or a rosbag2 folder; None: the one that `subject` names.
-        params: As for `load_model`. None: the healthy knee; of a recording of ours, the parameters stored in it.
-        values: Single parameters, which win over all others: `{"contact.damping": 0.0}`.
-        subject: A subject file; `params` wins over it.
+        params: As for `load_model`. None: those that a recording of this package holds, else the healthy knee.
+        values: Single parameters, which override all others: `{"contact.damping": 0.0}`.
+        subject: A subject file; `params` overrides it.
         output: A recording to write as well.
         overwrite: Replace `output` if it exists.
         remap: Other names of the inputs in the bag: `{"joint_states": "/exo/joint_states"}`.
-        namespace: Take the inputs from /NAMESPACE/... of the bag, and from parameter files what a node there would.
+        namespace: Namespace of the inputs in the bag, and of the node whose sections of parameter files are used.
         compiled: As for `load_model`.
 
-    Implausible parameters or answers, and what of a damaged bag cannot be read, cause warnings.
+    Implausible parameters or answers, and unreadable parts of a damaged bag, cause warnings.
 
     Raises:
         UsageError: bag, parameters or output cannot be used, or no tick could be computed.
@@ -176,11 +177,11 @@ def estimate_load(
         bag: An .mcap file, a .db3 file or a rosbag2 folder, with joint_states and ground_reaction_force.
         params: A parameter file of the node knee_load, a mapping, or a list of these; None: those of a recording
             of estimates, else the defaults.
-        values: Single parameters, which win over all others: `{"person.mass": 70.0}`.
+        values: Single parameters, which override all others: `{"person.mass": 70.0}`.
         output: A bag to write as well, from which `solve` can be run.
         overwrite: Replace `output` if it exists.
         remap: Other names of the inputs in the bag: `{"joint_states": "/exo/joint_states"}`.
-        namespace: Take the inputs from /NAMESPACE/... of the bag, and from parameter files what a node there would.
+        namespace: Namespace of the inputs in the bag, and of the node whose sections of parameter files are used.
 
     Returns:
         A structured array, shape (n,): `stamp` [ns], and the fields of `LoadEstimate` under their names, in its units.

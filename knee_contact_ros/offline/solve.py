@@ -139,7 +139,7 @@ def recording_of(
     bag: Path, output: Path | None, overwrite: bool, topics: Iterable[str], parameters: Parameters | LoadParameters,
     curves: Mapping[str, str] = {}, told_as: str = PROVENANCE,
 ) -> Iterator[AnswerWriter | None]:  # fmt: skip
-    """Open the recording of what is computed from a bag, which is left out if that fails; None without an `output`.
+    """Open the output of a bag that is computed; it is removed if computing fails. None without an `output`.
 
     Raises:
         UsageError: the output is the bag, or cannot be written.
@@ -195,7 +195,7 @@ def texts_of(basis: Parameters | Provenance) -> Mapping[str, str]:
 
 @dataclass
 class Run:
-    """A pipeline that is fed with blocks of messages, and whose answers are recorded and passed on."""
+    """Pipeline that takes blocks of messages; its answers are recorded and passed on."""
 
     pipeline: ContactStream
     recorder: AnswerWriter | None
@@ -268,7 +268,7 @@ class Run:
                 self.pipeline.retune(load_parameters(all_values(self.pipeline.parameters) | values))
             except UsageError as error:
                 raise UsageError(
-                    f"the recording tells of a change after {tick} ticks that cannot be made: {error}"
+                    f"the recording has a change after {tick} ticks that cannot be made: {error}"
                 ) from None
             self._note(PARAMETERS_CHANGED, change_record(tick, values))
 
@@ -280,10 +280,10 @@ FEMORAL_SHARE = 9.3014 / 75.16
 def basis_of(
     bag: Path, params: Source | None, values: Mapping[str, Any], person: Subject | None, namespace: str = ""
 ) -> Parameters | Provenance:
-    """Return what a bag is computed with: given parameters, else the provenance of a recording, else the healthy knee.
+    """Parameters to compute a bag with: the given ones, else those that a recording holds, else the healthy knee.
 
-    `values`, by dotted names, win over `params`, and these over the subject file of a `person`. Of parameter files,
-    those of a node in `namespace` are taken.
+    `values`, by dotted names, override `params`, and these the subject file of a `person`. Of parameter files, the
+    sections for a node in `namespace` are used.
 
     Raises:
         UsageError: parameters or the recording cannot be used; see `load_parameters` and `read_provenance`.
@@ -319,36 +319,36 @@ def with_weight(sources: Sequence[Any], weight: float | None, namespace: str = "
 
 
 def weight_doubt(bag: Path, parameters: Parameters | LoadParameters) -> list[str]:
-    """Say, if it is so, that a bag was imported with another body weight than that of the parameters."""
+    """Sentence that a bag was imported with another body weight than that of the parameters; empty list if not."""
     weight, mass = weight_of(bag), isinstance(parameters, LoadParameters)
     used = parameters.person.mass * GRAVITY if isinstance(parameters, LoadParameters) else parameters.body_weight
     if weight is None or abs(used - weight) <= SAME_WEIGHT * weight:
         return []
     said = f"person.mass {used / GRAVITY:.7g} kg" if mass else f"body_weight {used:.7g} N"
-    return [f"{said} is used, as it was given, and bag {bag} was imported with {weight:.7g} N"]
+    return [f"{said} is used as you gave it, but bag {bag} was imported with {weight:.7g} N"]
 
 
 class SubjectFile(Section):
     """Content of a subject file: properties of a person's knee, and the gait to compute."""
 
     name: str = ""
-    """Of the person; for the reader"""
+    """Name of the person; it is not used"""
     mass: float = Field(ge=1.0, le=500.0)
-    """[kg] of the body"""
+    """Mass of the body [kg]"""
     parameters: list[str] = Field([DEFAULT_PARAMETERS], min_length=1)
-    """Parameter files, the later one wins"""
+    """Parameter files; a later one overrides earlier ones"""
     profile: str = ""
-    """Femoral profile: CSV of x, y [m]"""
+    """CSV file of the femoral profile, x and y [m]; empty for none"""
     tibial_profile: str = ""
-    """CSV of x, y [m]"""
+    """CSV file of the tibial profile, x and y [m]; empty for none"""
     scale: float = Field(1.0, ge=0.2, le=5.0)
-    """Size of this knee over that of the surfaces given"""
+    """Factor by which this knee is larger than the given surfaces"""
     thickness: float | None = Field(None, gt=0.0, le=0.1)
-    """[m] of cartilage at which bone begins"""
+    """Thickness of the cartilage [m], at which the bone's stiffness begins; None keeps the parameter"""
     joint: str = ""
-    """In joint_states"""
+    """Name of the knee's joint in joint_states; empty keeps the parameter"""
     bag: str = ""
-    """Gait bag"""
+    """Bag with the gait; empty for none"""
 
 
 class Subject:
@@ -373,7 +373,7 @@ class Subject:
         return self._file(self.content.bag) if self.content.bag else None
 
     def sources(self) -> list[Path | Mapping[str, Any]]:
-        """Sources for `load_parameters`: the parameter files of the subject, and the subject's own values, which win.
+        """Sources for `load_parameters`: the subject's parameter files, and its own values, which override them.
 
         Raises:
             UsageError: one of the parameter files cannot be used.

@@ -21,9 +21,9 @@ from knee_contact_ros.streams.watch import Doubts, Split
 PEAKS = ("load", "contact_force", "penetration_depth")
 """Fields of an answer whose largest values are kept"""
 RESET = "each begins at rest (TIME_RESET), where stamps went back or the node was reset"
-"""What the runs of a summary are"""
+"""Explanation of the runs of a summary"""
 LOOK_BACK = 3_000_000_000
-"""Time [ns] for which answers are kept: whether the load had a peak is certain within two seconds"""
+"""Time [ns] for which answers are kept: a peak of the load is certain within two seconds"""
 
 
 class Moment(NamedTuple):
@@ -171,7 +171,7 @@ class Summary:
 
     @property
     def warnings(self) -> list[str]:
-        """Sentences for the user: what is implausible, and whether the share left the range that it was measured in."""
+        """Sentences for the user about runs, publishers, implausible figures, and a share beyond its measured range."""
         resets = [f"the answers are of {self.runs} runs: {RESET}"] if self.runs > 1 else []
         return [
             *resets,

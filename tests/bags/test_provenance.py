@@ -174,7 +174,7 @@ def test_a_later_part_alone_does_not_say_enough(tmp_path: Path) -> None:
         for stamp in (0, 20):
             bag.split_if_due(stamp)
             bag.write("/joint_states", stamp, encode_joint_state(JointState(stamp, "", (), (), (), ())))
-    with pytest.raises(UsageError, match=r"run_1.mcap goes on with run_0.mcap"):
+    with pytest.raises(UsageError, match=r"run_1.mcap continues run_0.mcap"):
         read_provenance(tmp_path / "run_1.mcap")
     for whole in (tmp_path, tmp_path / "run_0.mcap"):
         assert read_provenance(whole) is not None
@@ -190,5 +190,5 @@ def test_another_recording_in_the_folder_has_no_say(right_bag: Path, tmp_path: P
     assert read_provenance(folder) is None
     assert bag_digest(folder) == digest
     (told,) = others_beside(folder)
-    assert told.endswith("gait2354_right_0.mcap is read; what else is there, give as a file: a_earlier.mcap")
+    assert told.endswith("only gait2354_right_0.mcap is read; to read a_earlier.mcap, give it as a file")
     assert others_beside(right_bag) == others_beside(folder / "a_earlier.mcap") == []

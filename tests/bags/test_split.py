@@ -97,15 +97,6 @@ def test_more_files_than_a_shell_lets_be_open_are_read(tmp_path: Path) -> None:
         setrlimit(RLIMIT_NOFILE, before)
 
 
-def test_without_metadata_only_numbered_files_are_one_recording(tmp_path: Path) -> None:
-    record(tmp_path / "knee_0.mcap", range(250), Limits(duration=100 * MS))
-    (tmp_path / "metadata.yaml").unlink()
-    assert recorded_ticks(tmp_path) == list(range(250))
-    (tmp_path / "knee_0.mcap").rename(tmp_path / "knee.mcap")
-    with pytest.raises(UsageError, match="more than one recording"):
-        recorded_ticks(tmp_path)
-
-
 def test_a_slow_disk_does_not_hold_up_what_comes_after_a_split(tmp_path: Path, monkeypatch: Any) -> None:
     goes_on, complete = threading.Event(), BagFile.complete
 

@@ -445,7 +445,7 @@ def test_the_body_weight_goes_with_the_bag(importing: Importing, capsys: pytest.
         assert main(["solve", "bag", "--output=o.mcap", "--overwrite", *given]) == 0
         told = capsys.readouterr()
         assert f"{peak / weight:.2f} BW" in told.out.replace("\n", " ") or f"{peak / weight:.2f}" in told.out
-        said = f"body_weight {weight:g} N is used, as it was given, and bag bag was imported with 560 N"
+        said = f"body_weight {weight:g} N is used as you gave it, but bag bag was imported with 560 N"
         assert (said in " ".join(told.err.split())) == bool(given)
         assert ("560 N, as bag was imported with" in told.out) != bool(given)
 
@@ -462,7 +462,7 @@ def test_the_body_weight_goes_through_an_estimate_and_a_sweep(
     assert "560 N" in capsys.readouterr().out
     assert main(["estimate-load", "bag", "-p", "person.mass:=80.0", "--output=heavier.mcap"]) == 0
     said = " ".join(capsys.readouterr().err.split())
-    assert "person.mass 80 kg is used, as it was given, and bag bag was imported with 560 N" in said
+    assert "person.mass 80 kg is used as you gave it, but bag bag was imported with 560 N" in said
     assert main(["solve", "loads.mcap", "--output=o.mcap"]) == 0
     assert "560 N, as loads.mcap was imported with" in capsys.readouterr().out
     swept, told = (sweep("loads.mcap", {"contact.damping": [5e3]}, {"load.compartment": "measured_share", **more})

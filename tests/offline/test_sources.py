@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -74,10 +75,10 @@ def state(stamp: int, angle: float, load: float) -> Any:
     return message("exo_msgs/msg/State", head(stamp), 3, joints, force, head(stamp).stamp)
 
 
-def dynamic(stamp: int, angle: float, _load: float) -> Any:
+def dynamic(stamp: int, angle: float, _load: float, interface: str = "position") -> Any:
     """As a joint state broadcaster writes it: a joint without a position before, and efforts beside positions."""
     values = [message(VALUE, ["effort"], np.array([3.0]))]
-    values += [message(VALUE, ["velocity", "position"], np.array([np.nan, at])) for at in (9.9, angle)]
+    values += [message(VALUE, ["velocity", interface], np.array([np.nan, at])) for at in (9.9, angle)]
     return message(DYNAMIC_JOINT_STATE, head(stamp), ["motor", "hip", "knee"], values)
 
 
@@ -229,6 +230,17 @@ def test_what_cannot_be_read_is_told_at_the_start(angles: str, forces: str, word
     how = {"knee.source": angles, "load.source": forces or "joint_reaction_force"}
     with pytest.raises(UsageError, match=words):
         solve(bag, load_parameters(how), None, lambda *_: None)
+
+
+def test_joint_states_of_ros2_control_are_told_where_they_do_not_fit(tmp_path: Path) -> None:
+    for interface, source, words in (
+        ("position", "joint_states", "say -p knee.source:=dynamic_joint_states"),
+        ("encoder", "dynamic_joint_states", "joint 'knee' has no interface position; it has velocity, encoder"),
+    ):
+        made = (DYNAMIC_JOINT_STATE, partial(dynamic, interface=interface))
+        bag = bag_of(tmp_path / f"{interface}.mcap", dict([("/dynamic_joint_states", made), FORCE]))
+        with pytest.raises(UsageError, match=words):
+            solve(bag, load_parameters({"knee.source": source}), None, lambda *_: None)
 
 
 def test_forces_that_need_more_numbers_are_refused() -> None:

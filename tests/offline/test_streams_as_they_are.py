@@ -19,12 +19,10 @@ from knee_contact_ros.commands.main import main
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATE
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.messages import (
     WRENCH,
     JointState,
-    _types,
     decode_joint_state,
     encode_joint_state,
     encode_wrench_stamped,
@@ -278,35 +276,11 @@ TOLD: dict[str, tuple[Callable[[Path, list[RawMessage]], Path], int, str]] = {
         lambda p, g: mcap(p, in_order(states(g, lambda one: one)[300:], forces(g))),
         1, "300 of 387 forces have no answer .*there are no angles at their times",
     ),
-    "ros2_control": (
-        lambda p, g: dynamic(p, g, ("position", "velocity")), 2, "-p knee.source:=dynamic_joint_states"),
     "ROS 1": (of_bytes(b"#ROSBAG V2.0\n"), 2, "a bag of ROS 1.*rosbags-convert"),
     "compressed": (of_bytes(bytes.fromhex("28b52ffd") + bytes(100)), 2, "is compressed: give the folder"),
     "Git LFS": (of_bytes(b"version https://git-lfs.github.com/spec/v1\n"), 2, "git lfs pull"),
     "a log beside": (lambda p, g: unmerged(p.with_suffix(".db3"), g), 2, r"in\.db3-wal holds messages"),
 }  # fmt: skip
-
-
-def dynamic(path: Path, g: list[RawMessage], interfaces: tuple[str, ...]) -> Path:
-    """Joint states of ros2_control."""
-    types, file = _types().types, Mcap(path)
-    kind = types["control_msgs/msg/InterfaceValue"]
-    channel = file.writer.register_channel(
-        "/dynamic_joint_states", "cdr", file.writer.register_schema(DYNAMIC_JOINT_STATE, "ros2msg", b"")
-    )
-    force = file.channel("/joint_reaction_force", MESSAGE_TYPES["joint_reaction_force"])
-    for message in g:
-        if message.topic == f"/{JOINT_STATES}":
-            state = decode_joint_state(message.data)
-            assert state
-            stamp = types["builtin_interfaces/msg/Time"](*divmod(state.stamp, 10**9))
-            values = kind(list(interfaces), np.array([state.position[0], 0.0]))
-            content = types[DYNAMIC_JOINT_STATE](types["std_msgs/msg/Header"](stamp, ""), ["knee"], [values])
-            data = bytes(_types().serialize_cdr(content, DYNAMIC_JOINT_STATE))
-            file.write(channel, message._replace(data=data))
-        else:
-            file.write(force, message)
-    return file.close()
 
 
 @pytest.mark.parametrize("case", TOLD)
@@ -319,31 +293,16 @@ def test_what_is_wrong_with_a_bag_is_told_in_one_line(
     assert re.search(words, capsys.readouterr().err)
 
 
-@pytest.mark.parametrize("case", ["publishers that agree", "no frame at first", "a joint of ros2_control"])
+@pytest.mark.parametrize("case", ["publishers that agree", "no frame at first"])
 def test_what_is_right_is_not_told(
     gait: list[RawMessage], tmp_path: Path, capsys: pytest.CaptureFixture[str], case: str
 ) -> None:
-    bag, more = tmp_path / "in.mcap", []
+    angles = states(gait, lambda one: one)
     if case == "publishers that agree":
-        both = in_order(
-            states(gait, lambda one: one), states(gait, lambda one: one, 1, 1_000_000), forces(gait, 2_000_000)
-        )
-        mcap(bag, both)
-    elif case == "no frame at first":
-        named = framed(gait, lambda number: "tibia_r" if number else "")
-        mcap(bag, in_order(states(gait, lambda one: one), named))
+        messages = in_order(angles, states(gait, lambda one: one, 1, 1_000_000), forces(gait, 2_000_000))
     else:
-        dynamic(bag, gait, ("position", "velocity"))
-        more = ["-p", "knee.source:=dynamic_joint_states"]
-    assert main(["solve", str(bag), *more, "--output", str(tmp_path / "out.mcap")]) == 0
+        messages = in_order(angles, framed(gait, lambda number: "tibia_r" if number else ""))
+    bag = mcap(tmp_path / "in.mcap", messages)
+    assert main(["solve", str(bag), "--output", str(tmp_path / "out.mcap")]) == 0
     assert not capsys.readouterr().err
     assert len(read_answers(tmp_path / "out.mcap")) == 387
-
-
-def test_a_joint_without_a_position_is_told_with_its_interfaces(
-    gait: list[RawMessage], tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    bag = dynamic(tmp_path / "in.mcap", gait, ("position_encoder", "velocity"))
-    arguments = ["solve", str(bag), "-p", "knee.source:=dynamic_joint_states", "--output", str(tmp_path / "out.mcap")]
-    assert main(arguments) == 2
-    assert "joint 'knee' has no interface position; it has position_encoder, velocity" in capsys.readouterr().err
