@@ -40,15 +40,15 @@ def chosen_solvers(names: tuple[str, ...]) -> tuple[list[measure.Entry], list[st
 @click.option("--solver", "solver_names", multiple=True,
               help="Name or its beginning, as SciPy; can be repeated. [default: all that are installed]")  # fmt: skip
 @click.option("--repeat", type=click.IntRange(1, 100), default=5, show_default=True,
-              help="In how many turns runs are timed; those that take long in fewer, but two.")  # fmt: skip
+              help="In how many turns runs are timed; those that take long in two.")  # fmt: skip
 def main(output: Path, problem_names: tuple[str, ...], solver_names: tuple[str, ...], repeat: int) -> None:
     """Measure, write the three files, and print who is the quickest."""
     chosen, (entries, absent) = find_problems(problem_names), chosen_solvers(solver_names)
     solvers = [entry.solver for entry in entries]
     output.mkdir(parents=True, exist_ok=True)
-    measured_on = machine(*(peer.distribution for peer in measure.PEERS))
+    measured_on = machine(*(peer.module for peer in measure.PEERS))
     with progress("Measuring") as advance:
-        rows, yardsticks = measure.measure(chosen, entries, repeat, advance)
+        rows = measure.measure(chosen, entries, repeat, advance)
     with (output / "trade.csv").open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
         writer.writerow(measure.Row._fields)
@@ -57,7 +57,7 @@ def main(output: Path, problem_names: tuple[str, ...], solver_names: tuple[str, 
     command = " ".join(["python -m benchmarks.peers", *sys.argv[1:]])
     page.write_page(
         output / "trade.md",
-        page.Study(chosen, solvers, absent, rows, yardsticks, repeat, command, measured_on),
+        page.Study(chosen, solvers, absent, rows, repeat, command, measured_on),
     )
     names = [problem.name for problem in chosen]
     print(table(("time per tick [µs], over ours", *page.TITLES.values()), page.against_the_quickest(rows, names)))

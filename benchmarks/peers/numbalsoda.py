@@ -1,8 +1,6 @@
 """numbalsoda: LSODA in C++ and DOP853 in Fortran, called in functions that Numba compiles.
 
-A method is its index in `METHODS`. Its `solve_ivp` also stops at every event of the law (touch, layer, pull): such a
-run has two places behind the numbers of `compiled.py`, the piece and the time [s] at which it began. `motion.py` has
-the same pieces in plain Python.
+A method is its index in `METHODS`.
 """
 
 from __future__ import annotations

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from benchmarks.peers.measure import LOOP, MODES, STREAM, WHOLE, Row, Solver, summed_up
+from benchmarks.peers.measure import LOOP, MODES, STREAM, WHOLE, Row, Solver
 from benchmarks.peers.ours import NAME
 from benchmarks.peers.problems import Problem
 from benchmarks.report import Section, save
@@ -42,12 +42,6 @@ def multiple(ratio: float) -> str:
     return f"{float(f'{ratio:.2g}'):g}x"
 
 
-def split(rows: Sequence[Row]) -> tuple[list[Row], list[Row]]:
-    """Split rows into ours and those of the peers."""
-    ours = [row for row in rows if row.peer == NAME]
-    return ours, [row for row in rows if row.peer != NAME]
-
-
 TITLES = {
     WHOLE: "Whole run",
     LOOP: "Tick by tick in a loop",
@@ -61,9 +55,8 @@ than 2e-15 m elsewhere). Every solver starts at rest at the same static depth an
 first one with an error below 1e-11 m or a run beyond 1 s.
 
 Times are processor time of the run alone, without set-up, compilation and the building of models, in a process that
-stays on one processor. All runs are timed in {repeat} turns, minutes apart, and a short run up to five times in each
-(runs of 0.25 s and more in fewer turns, but two); the fastest counts. Read the ratios: times are of this machine and
-this run. {noise}
+stays on one processor. All runs are timed in {repeat} turns, minutes apart (runs beyond 1 s in two), and a short run up
+to five times in each; the fastest counts. Read the ratios: times are of this machine and this run. {noise}
 
 Functions that a tool takes from Python are in plain Python, as users write them; those of CyRK, numbalsoda and diffrax
 are compiled, by Numba or XLA, and called by what is compiled, without Python in between. Their tolerances and ours are
@@ -95,8 +88,6 @@ class Study(NamedTuple):
     absent: Sequence[str]
     """A sentence for every peer that is not installed"""
     rows: Sequence[Row]
-    yardsticks: Sequence[float]
-    """Times [s] of the same piece of work in every turn"""
     repeat: int
     command: str
     machine: str
@@ -106,7 +97,7 @@ def write_page(path: Path, study: Study) -> None:
     """Write the page of a study."""
     problems, rows = [problem.name for problem in study.problems], study.rows
     asked = power_of_ten(ASKED)
-    introduction = f"{INTRODUCTION.format(repeat=study.repeat, noise=noise(study)).strip()}\n\n{SEE}"
+    introduction = f"{INTRODUCTION.format(repeat=study.repeat, noise=noise(rows)).strip()}\n\n{SEE}"
     sections = [Section("", introduction, (), ())]
     if best := against_the_quickest(rows, problems):
         heading = f"Against the quickest of the others at an error of {asked} m"
@@ -125,20 +116,15 @@ def write_page(path: Path, study: Study) -> None:
     save(path, "Work and precision", study.command, sections, study.machine)
 
 
-def noise(study: Study) -> str:
-    """A sentence on the machine's noise: how far the turns of the yardstick and those of the runs lie apart."""
-    yardsticks = summed_up(study.yardsticks)
-    text = (
-        f"The machine's noise: a fixed loop of plain Python, timed {yardsticks.turns} times in between, took up to "
-        f"{max(study.yardsticks) / yardsticks.least:.2f} times its least"
-    )
-    spreads = [row.spread_percent for row in study.rows if row.turns > 1]
+def noise(rows: Sequence[Row]) -> str:
+    """A sentence on the machine's noise: how far the turns of a run lie apart."""
+    spreads = [row.spread_percent for row in rows if row.turns > 1]
     if not spreads:
-        return f"{text}."
+        return ""
     middle, most = np.percentile(spreads, [50, 90])
     return (
-        f"{text}; from its fastest to its slowest turn, a run's time differs by {middle:.0f} % in the median, and by "
-        f"{most:.0f} % or less in nine of ten runs (`trade.csv`: `median_microseconds`, `spread_percent`, `turns`)."
+        f"The machine's noise: from its fastest to its slowest turn, a run's time differs by {middle:.0f} % in the "
+        f"median, and by {most:.0f} % or less in nine of ten runs (`trade.csv`: `spread_percent`, `turns`)."
     )
 
 
@@ -159,8 +145,9 @@ def against_the_quickest(rows: Sequence[Row], problems: Sequence[str]) -> Table:
     for problem in problems:
         cells = []
         for mode in TITLES:
-            ours, theirs = split(of(rows, problem, mode))
-            us, them = quickest(ours, ASKED), quickest(theirs, ASKED)
+            runs = of(rows, problem, mode)
+            us = quickest([row for row in runs if row.peer == NAME], ASKED)
+            them = quickest([row for row in runs if row.peer != NAME], ASKED)
             if us is None or them is None:
                 cells.append("-")
                 continue
@@ -185,16 +172,7 @@ def cell(rows: Sequence[Row], mine: Sequence[Row], problem: str, mode: str) -> s
     """Format time and ratio to ours of some of the rows, or the error reached."""
     runs = of(mine, problem, mode)
     time = cheapest(runs, ASKED)
-    if not math.isnan(time):
-        return with_ratio(time, our_time(rows, problem, mode, ASKED))
-    return f"{power_of_ten(min(run.error for run in runs))} m" if runs else "-"
-
-
-def our_time(rows: Sequence[Row], problem: str, mode: str, error: float) -> float:
-    """Time per tick [µs] of the cheapest of our levels at an error [m]; nan if none reaches it."""
-    return cheapest([row for row in of(rows, problem, mode) if row.peer == NAME], error)
-
-
-def with_ratio(time: float, ours: float) -> str:
-    """Format a time [µs], with its multiple of ours in brackets if ours is known."""
+    if math.isnan(time):
+        return f"{power_of_ten(min(run.error for run in runs))} m" if runs else "-"
+    ours = cheapest([row for row in of(rows, problem, mode) if row.peer == NAME], ASKED)
     return f"{time:.3g}" if math.isnan(ours) else f"{time:.3g} ({multiple(time / ours)})"

@@ -1,15 +1,13 @@
-"""SciPy: `solve_ivp` and the solver objects behind it, and `odeint`; the motion is in plain Python, as by a user."""
+"""SciPy: `solve_ivp` and the solver objects behind it; the motion is in plain Python, as by a user."""
 
 from __future__ import annotations
 
-import math
 from bisect import bisect_right
 from collections.abc import Callable, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.peers.measure import Outcome, Setting, Solver, stopwatch, tolerances
 from benchmarks.peers.problems import DEPTH_SCALE, EXPONENT, RATE_SCALE, Problem, start_depth
@@ -150,37 +148,32 @@ IMPLICIT = ("LSODA", "Radau")
 
 
 def solvers() -> list[Solver]:
-    """One solver per method of `solve_ivp`, and `odeint`."""
-    settings = tolerances(*range(4, 14))
-    by_method = [
-        Solver(f"SciPy {method}", "SciPy", IVP.format(" with its Jacobian" if method in IMPLICIT else ""), settings,
-               partial(ivp_whole, method), partial(ivp_stream, method))
+    """One solver per method of `solve_ivp`."""
+    return [
+        Solver(f"SciPy {method}", "SciPy", IVP.format(" with its Jacobian" if method in IMPLICIT else ""),
+               tolerances(*range(4, 14)), partial(whole, method), partial(stream, method))
         for method in METHODS
     ]  # fmt: skip
-    return [
-        *by_method,
-        Solver("SciPy odeint", "SciPy", ODEINT, settings, odeint_whole, odeint_stream),
-    ]
 
 
-def ivp_whole(method: str, problem: Problem, setting: Setting) -> Outcome:
+def whole(method: str, problem: Problem, setting: Setting) -> Outcome:
     """Solve the problem by `solve_ivp` with output at every tick."""
     from scipy.integrate import solve_ivp
 
     function, state, time = motion(problem, load_at(problem)), [start_depth(problem), 0.0], problem.time
-    options = ivp_options(problem, method, setting.value)
+    options = options_of(problem, method, setting.value)
     with stopwatch() as watch:
         answer = solve_ivp(function, (time[0], time[-1]), state, method=method, t_eval=time, **options)
     return Outcome(answer.y[0], watch.seconds, answer.nfev, "" if answer.success else answer.message)
 
 
-def ivp_stream(method: str, problem: Problem, setting: Setting) -> Outcome:
+def stream(method: str, problem: Problem, setting: Setting) -> Outcome:
     """Solve the problem with a solver object per tick, which begins with the last step of the one before."""
     from scipy import integrate
 
     make: Callable[..., Any] = getattr(integrate, method)
     ramp, state, depths, evaluations = Ramp(), np.array([start_depth(problem), 0.0]), [start_depth(problem)], 0
-    function, options, step = motion(problem, ramp), ivp_options(problem, method, setting.value), None
+    function, options, step = motion(problem, ramp), options_of(problem, method, setting.value), None
     samples = ticks(problem)
     with stopwatch() as watch:
         for tick in samples:
@@ -195,52 +188,7 @@ def ivp_stream(method: str, problem: Problem, setting: Setting) -> Outcome:
     return Outcome(np.array(depths), watch.seconds, evaluations)
 
 
-def ivp_options(problem: Problem, method: str, tolerance: float) -> dict[str, Any]:
+def options_of(problem: Problem, method: str, tolerance: float) -> dict[str, Any]:
     """Options of a method: tolerances, and the Jacobian if it takes one."""
     options: dict[str, Any] = {"rtol": tolerance, "atol": absolute_tolerances(tolerance)}
     return options | ({"jac": jacobian(problem)} if method in IMPLICIT else {})
-
-
-ODEINT = (
-    "exact: right-hand side and Jacobian in plain Python; one call with the load in tables, or one call per tick, "
-    "which restarts"
-)
-FINE_STEPS = 100_000
-SUCCESS = "Integration successful."
-
-
-def odeint_whole(problem: Problem, setting: Setting) -> Outcome:
-    """Solve the problem in one call, with output at every tick."""
-    from scipy.integrate import odeint
-
-    state, options = [start_depth(problem), 0.0], odeint_options(problem, setting)
-    function = motion(problem, load_at(problem))
-    with stopwatch() as watch:
-        answer, info = odeint(function, state, problem.time, full_output=True, **options)
-    depth: NDArray[np.float64] = answer[:, 0]
-    return Outcome(depth, watch.seconds, int(info["nfe"][-1]), "" if info["message"] == SUCCESS else info["message"])
-
-
-def odeint_stream(problem: Problem, setting: Setting) -> Outcome:
-    """Solve the problem with one call per tick, which does not step beyond it."""
-    from scipy.integrate import odeint
-
-    depth, options, ramp = start_depth(problem), odeint_options(problem, setting), Ramp()
-    function, state, depths, samples = motion(problem, ramp), np.array([depth, 0.0]), [depth], ticks(problem)
-    with stopwatch() as watch:
-        for tick in samples:
-            ramp.set(tick)
-            state = odeint(function, state, (tick.begin, tick.end), tcrit=(tick.end,), **options)[1]
-            depths.append(float(state[0]))
-    return Outcome(np.array(depths), watch.seconds, math.nan)
-
-
-def odeint_options(problem: Problem, setting: Setting) -> dict[str, Any]:
-    """Options of a call: tolerances, Jacobian, and as many steps as it takes."""
-    return {
-        "Dfun": jacobian(problem),
-        "tfirst": True,
-        "rtol": setting.value,
-        "atol": absolute_tolerances(setting.value),
-        "mxstep": FINE_STEPS,
-    }

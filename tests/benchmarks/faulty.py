@@ -26,7 +26,7 @@ def ends(problem: Problem, setting: Setting) -> Outcome:
 
 
 def hangs(problem: Problem, setting: Setting) -> Outcome:
-    time.sleep(60.0)
+    time.sleep(120.0)
     raise AssertionError
 
 
