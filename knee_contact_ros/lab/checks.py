@@ -104,7 +104,10 @@ def outside(where: object, what: str, value: float, unit: str, limits: Range, cu
     """Say that a value is not within its limits: file and column, quantity, value, what is plausible, and a cure."""
     if limits[0] <= value <= limits[1]:
         return []
-    plausible = f"{limits[0]:.5g} " + (f"to {limits[1]:.5g}" if limits[1] < math.inf else "or more")
+    low, high = (f"{limit:.5g}" for limit in limits)
+    plausible = f"{low} or more" if limits[1] == math.inf else f"{high} or less"
+    if np.isfinite(limits).all():
+        plausible = f"{low} to {high}"
     return [f"{where}: {what} is {value:.5g}{unit and ' '}{unit}, plausible is {plausible}: {cure}"]
 
 

@@ -12,12 +12,13 @@ from typing import Any
 
 import numpy as np
 
+from knee_contact_ros.lab.checks import outside, refuse
 from knee_contact_ros.lab.profiles.fit import GAIT, SLAB, TOLERANCE, Fit, concave, fit
 from knee_contact_ros.lab.profiles.surfaces import Surface, circle, contact_centre, read_surface
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import require
-from knee_contact_ros.system.output_files import write_complete
+from knee_contact_ros.system.output_files import refuse_existing, write_complete
 
 LABEL = 11
 """Width of the label of a line on the terminal, with the space behind it"""
@@ -25,9 +26,8 @@ MM = 1e3
 PROFILE, RAW, BONE = "#0072B2", "0.6", "#B08968"
 CIRCLES = (("#D55E00", 4.6), ("#009E73", 3.5), ("#CC79A7", 2.4), ("#E69F00", 1.4))
 """Colours of circles, and their line widths in the plot of curvature, where they may lie on each other"""
-MOST_AHEAD, LEAST_BELOW, MOST_BELOW, FARTHEST = 0.030, 0.005, 0.070, 0.070
-"""Where a femur touches a level plateau in gait, ahead of its origin or behind, at most, and below it, at least and at
-most [m]; and the largest distance of a tibia from its origin"""
+FARTHEST = 40.0
+"""Largest distance [mm] from the origin to the middle of the circle of a condyle, or to a plateau"""
 SIZE, DPI = (8.0, 9.0), 110
 """Size of a picture [in] and its resolution"""
 STYLE: Any = {"font.size": 9.5, "axes.titlesize": 10, "axes.spines.top": False, "axes.spines.right": False,
@@ -67,8 +67,8 @@ def run_fit_profile(
     for path in outputs:
         if path.resolve() in [each.resolve() for each in (mesh, bone) if each]:
             raise UsageError(f"--output {output}: it would replace the input {path}")
-        if path.is_dir() or (path.exists() and not overwrite):
-            raise UsageError(f"{path} exists already; choose another name, or --overwrite")
+        if not overwrite:
+            refuse_existing(path)
     surface = read_surface(mesh, unit, axes, label)
     under = read_surface(bone, unit, axes, bone_label) if bone else None
     z = _place(slice, surface, femur, medial)
@@ -103,32 +103,22 @@ def _origin(found: Fit, text: str | None, mesh: Path) -> Floats:
     if text == "surface" and not found.femur:
         place = [0.0, float(np.interp(0.0, x, y, left=math.nan, right=math.nan))]
     if len(place) != 2 or not np.isfinite(place).all():
-        allowed = (
-            "mesh or X,Y in mm" if found.femur else "mesh, X,Y in mm or, if the plateau reaches over x = 0, surface"
-        )
+        allowed = "mesh or X,Y in mm" + ", or surface if the plateau reaches over x = 0" * (not found.femur)
         raise UsageError(
             f"--origin {text}: it must be {allowed}; this is x = {MM * x.min():.1f} to {MM * x.max():.1f} mm"
         )
-    origin = np.array(place)
-    low, high = np.radians(GAIT)
-    touching = (found.shape.normal >= low) & (found.shape.normal <= high) if found.femur else np.full(len(x), True)
-    angle, (x, y) = found.shape.normal[touching] * found.femur, (points[touching] - origin).T
-    ahead, below = x * np.cos(angle) - y * np.sin(angle), -x * np.sin(angle) - y * np.cos(angle)
-    away, middle = float(np.hypot(x, y).min()), circle(points[touching])[0]
-    if not found.femur and away > FARTHEST:
-        raise UsageError(
-            f"--origin: the plateau of {mesh} is {MM * away:.0f} mm away from it; give surface or X,Y in mm"
-        )
-    if found.femur and not (
-        np.abs(ahead).max() <= MOST_AHEAD and LEAST_BELOW <= below.min() <= below.max() <= MOST_BELOW
-    ):
-        raise UsageError(
-            f"--origin: a femur turns about it, and the condyle of {mesh} is {MM * away:.0f} mm away from "
-            f"{MM * origin[0]:g},{MM * origin[1]:g} mm: it would touch the tibia at x = {MM * ahead.min():.0f} to "
-            f"{MM * ahead.max():.0f} mm; give the joint's axis in the mesh by --origin=X,Y, or this condyle's middle: "
-            f"--origin={','.join(f'{round(MM * each, 1) + 0.0:.1f}' for each in middle)}"
-        )
-    return origin
+    where, limits = f"{mesh}, --origin {','.join(f'{MM * each:g}' for each in place)}", (0.0, FARTHEST)
+    if not found.femur:
+        away = MM * float(np.hypot(*(points - place).T).min())
+        refuse(outside(where, "the distance of the plateau", away, "mm", limits, "give surface or X,Y in mm"))
+        return np.array(place)
+    touching = (found.shape.normal >= math.radians(GAIT[0])) & (found.shape.normal <= math.radians(GAIT[1]))
+    middle = circle(points[touching])[0]
+    cure = (f"a femur turns about it: give the joint's axis in the mesh by --origin=X,Y, or this condyle's middle: "
+            f"--origin={','.join(f'{round(MM * each, 1) + 0.0:.1f}' for each in middle)}")  # fmt: skip
+    away = MM * math.dist(middle, place)
+    refuse(outside(where, "the distance of the condyle's middle", away, "mm", limits, cure))
+    return np.array(place)
 
 
 def _numbers(text: str) -> list[float]:
@@ -149,13 +139,11 @@ def _report(found: Fit, name: str, origin: Floats) -> list[tuple[str, str]]:
     if found.thickness is not None:
         along, mean = MM * found.thickness.along, found.thickness.mean
         zone = "normals of -15° to 70°" if found.femur else "the middle half of the width"
-        other = "tibia" if found.femur else "femur"
         rows += [
             ("cartilage", f"{MM * mean:.2f} mm on average where gait touches ({zone}); {along.mean():.2f} mm over the "
                           f"whole profile, {along.max():.2f} mm at most"),
-            ("cartilage", f"this cartilage alone; as the depth at which bone begins, of both together: add the "
-                          f"{other}'s and say"),
-            ("cartilage", f"thickness: {mean:.6f}   (m, so far) in a subject file, or -p contact.layer_depth:=..."),
+            ("cartilage", f"thickness: {mean:.6f}   (m, this cartilage alone: add the other bone's, for a subject file "
+                          "or -p contact.layer_depth:=...)"),
         ]  # fmt: skip
     hollow = [f"x = {MM * a:.1f} to {MM * b:.1f} mm" for a, b in ([] if found.femur else concave(shape))]
     curvature = f"concave from {', '.join(hollow)}; convex elsewhere" if hollow else "convex everywhere"

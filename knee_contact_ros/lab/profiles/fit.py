@@ -10,15 +10,14 @@ how smooth it is.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from knee_contact_ros.lab import checks
 from knee_contact_ros.lab.profiles.surfaces import (
     TURNED,
     Chart,
-    Pieces,
     Slices,
     Surface,
     circle,
@@ -69,11 +68,10 @@ MOST_IN_FRONT = 40.0
 RADII = ((12.0, math.inf), (10.0, 50.0), (9.0, 40.0))
 """Radii over `FEMORAL_WINDOWS` that a condyle may have [mm], generously: in a knee from MRI they are 20 to 84, 15 to 26
 and 14 to 21 mm"""
-RADII_TEXT = "a condyle's are 12 or more, 10 to 50 and 9 to 40 mm"
 MOST_GROWTH = 1.2
 """How many times larger than the radius near extension that of the rear may be; from MRI it is 0.2 to 0.8"""
-WORST = 1e-3
-"""Largest roughness [m] of a slice that counts as a condyle or plateau"""
+WORST = 1.0
+"""Largest roughness [mm] of a slice that counts as a condyle or plateau"""
 
 
 class Smoothed(NamedTuple):
@@ -161,124 +159,63 @@ def fit(
     Raises:
         UsageError: the slice is empty, or no femur's or tibia's; or the bone is not behind the cartilage.
     """
+    kind = "condyle of a femur" if femur else "plateau of a tibia"
 
-    def refuse(*faults: tuple[bool, str, str]) -> None:
-        kind = "condyle of a femur" if femur else "plateau of a tibia"
-        for wrong, what, cure in faults:
-            if wrong:
-                raise UsageError(f"{surface.path}: the slice at z = {1e3 * z:g} mm is no {kind}: {what}; {cure}")
+    def check(what: str, value: float, unit: str, limits: tuple[float, float], cure: str) -> None:
+        where = f"{surface.path}: the slice at z = {1e3 * z:g} mm is no {kind}"
+        checks.refuse(checks.outside(where, what, value, unit, limits, cure))
 
     slab_points = slices(surface, z, slab, femur)
-    raw, other = slab_points.raw, "--side tibia?" if femur else "--side femur?"
-    width, height = 1e3 * np.ptp(raw, axis=0)
-    allowed = f"must be {'more' if femur else 'less'} than {FLATTEST_FEMUR:g} times as high as wide"
-    refuse(
-        (femur != (height > FLATTEST_FEMUR * width), f"it is {width:.1f} mm wide and {height:.1f} mm high, "
-         f"and {allowed}", f"{other} (or see --axes and --slice)"),
-        (femur and (raw - circle(raw)[0]).mean(axis=0)[1] > 0.0, "it looks up, not down", surface.axes_cure),
-    )  # fmt: skip
+    raw, cure = slab_points.raw, surface.axes_cure
+    width, height = np.ptp(raw, axis=0)
+    steep = (FLATTEST_FEMUR, math.inf) if femur else (0.0, FLATTEST_FEMUR)
+    other = f"--side {'tibia' if femur else 'femur'}? (or see --axes and --slice)"
+    check("its height over its width", height / max(width, 1e-9), "", steep, other)
+    if femur:
+        middle = 1e3 * float((raw - circle(raw)[0]).mean(axis=0)[1])
+        check("it looks up; the height of its points above its circle's centre", middle, "mm", (-math.inf, 0.0), cure)
     chart = Chart.around(raw, femur)
     smoothed = smooth(slab_points, chart, tolerance)
     worst = int(np.abs(smoothed.deviations).argmax())
     off, (x, y) = 1e3 * float(smoothed.deviations[worst]), 1e3 * smoothed.raw[worst]
+    dent = f"{abs(off):.1f} mm {'outside of' if off > 0.0 else 'behind'} the profile at x = {x:.1f}, y = {y:.1f} mm"
+    cut_off = f"cut off what is not articular surface (it lies {dent}), or see --slice, --side and --axes"
+    check("its RMS distance from any profile", 1e3 * smoothed.roughness, "mm", (0.0, WORST), cut_off)
     shape = _shape_of(smoothed.points)
     circles = _circles(shape, femur)
-    radii = {each.window: 1e3 * each.radius for each in circles} if femur else {}
-    told = "radii of " + ", ".join(f"{r:.1f} mm over normals of {a:.0f}° to {b:.0f}°" for (a, b), r in radii.items())
-    low, high = np.degrees([shape.normal.min(), shape.normal.max()])
-    reach = f"outward normals of {low:.0f}° to {high:.0f}° (0 down, > 0 posterior)"
-    refuse(
-        (smoothed.roughness > WORST,
-         f"no profile comes closer to it than {1e3 * smoothed.roughness:.1f} mm RMS ({abs(off):.1f} mm at x = {x:.1f}, "
-         f"y = {y:.1f} mm)", "cut off what is not articular surface, or see --slice, --side and --axes"),
-        (femur and min(high, GAIT[1]) - max(low, GAIT[0]) < LEAST_REACH * (GAIT[1] - GAIT[0]),
-         f"{reach}, and in gait those of {GAIT[0]:g}° to {GAIT[1]:g}° touch",
-         "--slice through a condyle, or see --axes"),
-        (femur and -low - high > MOST_IN_FRONT, f"{reach}, further in front than behind",
-         f"is it the notch (--slice), or {TURNED} {surface.axes_cure}"),
-        (not _possible(radii, 1.0), f"{told}, and {RADII_TEXT}", "--unit is 10 times too small or large"
-         if _possible(radii, 10.0) or _possible(radii, 0.1) else surface.axes_cure),
-        (radii.get(FEMORAL_WINDOWS[-1], 0.0) > MOST_GROWTH * radii.get(FEMORAL_WINDOWS[0], math.inf),
-         f"{told}, which grow towards the rear", f"{TURNED} {surface.axes_cure}"),
-        (not femur and z < 0.0 and not concave(shape), "it is convex throughout, and a medial one (z < 0) is hollow",
-         f"is it upside down, or the lateral one? {surface.axes_cure}"),
-    )  # fmt: skip
+    if femur:
+        low, high = np.degrees([shape.normal.min(), shape.normal.max()])
+        reach = f"with outward normals of {low:.0f}° to {high:.0f}° (0 down, > 0 posterior)"
+        share = (min(high, GAIT[1]) - max(low, GAIT[0])) / (GAIT[1] - GAIT[0])
+        of_gait = f"{reach}, the share of what touches in gait ({GAIT[0]:g}° to {GAIT[1]:g}°)"
+        check(of_gait, share, "", (LEAST_REACH, 1.0), "--slice through a condyle, or see --axes")
+        notch = f"is it the notch (--slice), or {TURNED} {cure}"
+        check(f"{reach}, the reach in front beyond that behind", -low - high, "°", (-math.inf, MOST_IN_FRONT), notch)
+        radii = {each.window: 1e3 * each.radius for each in circles}
+        for (low, high), limits in zip(FEMORAL_WINDOWS, RADII, strict=True):
+            if (low, high) in radii:
+                radius = f"its radius over normals of {low:.0f}° to {high:.0f}°"
+                check(radius, radii[low, high], "mm", limits, f"is --unit right? {cure}")
+        growth = radii.get(FEMORAL_WINDOWS[-1], 0.0) / radii.get(FEMORAL_WINDOWS[0], math.inf)
+        check("its rear radius over that near extension", growth, "", (0.0, MOST_GROWTH), f"{TURNED} {cure}")
+    elif z < 0.0:
+        hollow = f"a medial one (z < 0) is hollow: is it upside down, or the lateral one? {cure}"
+        check("its largest concave curvature", float(shape.curvature.max()), "1/m", (0.0, math.inf), hollow)
     cartilage = _thickness(shape, chart, bone, z) if bone is not None else None
     remarks = (*surface.remarks, *slab_points.remarks)
     if abs(off) >= NOTABLE:
-        where = "outside of" if off > 0.0 else "behind"
-        dent = f"the slice lies {abs(off):.1f} mm {where} the profile at x = {x:.1f}, y = {y:.1f} mm: a dent or a step?"
-        remarks = (*remarks, dent)
+        remarks = (*remarks, f"the slice lies {dent}: a dent or a step?")
     return Fit(femur, z, slab, tolerance, smoothed, shape, circles, cartilage, remarks)
 
 
-def _possible(radii: Mapping[tuple[float, float], float], factor: float) -> bool:
-    """Whether a femur may have radii [mm] over the windows, times a factor."""
-    limits = dict(zip(FEMORAL_WINDOWS, RADII, strict=True))
-    return all(limits[window][0] <= factor * radius <= limits[window][1] for window, radius in radii.items())
-
-
-class _Problem(NamedTuple):
-    """Linear least-squares problem with a penalty and lower bounds; its rows are scaled so that residuals are in m."""
-
-    data: Floats
-    """Rows of the points, in as many rows as unknowns"""
-    target: Floats
-    rest: float
-    """Sum of squares [m²] that is left of the points' own targets whatever the unknowns are"""
-    points: int
-    """Number of points"""
-    penalty: Floats
-    lower: Floats
-    basis: Floats
-    """Columns g on the grid for every unknown except those of tilt and bend across the slab"""
-    grid: Floats
-    """Places"""
-
-    def solve(self, logarithm: float) -> Floats:
-        """Solve the problem for a penalty of 10^logarithm per point; return the unknowns."""
-        from scipy.optimize import lsq_linear
-
-        rows = np.concatenate([self.data, math.sqrt(10.0**logarithm * self.points) * self.penalty])
-        target = np.concatenate([self.target, np.zeros(len(self.penalty))])
-        orthogonal, triangle = np.linalg.qr(rows)  # the same problem in as many rows as unknowns
-        target = orthogonal.T @ target
-        free = np.linalg.lstsq(triangle, target, rcond=None)[0]
-        if (free >= self.lower).all():
-            return np.asarray(free)
-        bounded: Any = lsq_linear(triangle, target, bounds=(self.lower, np.inf), method="bvls")
-        return np.asarray(bounded.x)
-
-    def residual(self, unknowns: Floats) -> float:
-        """RMS distance [m] of the slab's points from the profile, not counting tilt and bend across the slab."""
-        reached = float(np.sum((self.data @ unknowns - self.target) ** 2))
-        return math.sqrt((reached + self.rest) / self.points)
-
-
 def smooth(slab: Slices, chart: Chart, tolerance: float) -> Smoothed:
-    """Smooth a slice so that its RMS distance is at most its roughness and `tolerance` [m], added as squares."""
-    problem = _pose(slab, chart)
-    roughness = problem.residual(problem.solve(ROUGHEST))
-    allowed = math.hypot(roughness, tolerance)
-    low, high = ROUGHEST, SMOOTHEST
-    if problem.residual(problem.solve(high)) <= allowed:
-        low = high
-    for _ in range(HALVINGS if low < high else 0):
-        middle = 0.5 * (low + high)
-        within = problem.residual(problem.solve(middle)) <= allowed
-        low, high = (middle, high) if within else (low, middle)
-    unknowns = problem.solve(low)
-    curve = chart.curve(problem.grid, problem.basis @ unknowns[: problem.basis.shape[1]])
-    raw = slab.raw[np.argsort(chart.place(slab.raw))]
-    way = _chord_length(curve)
-    evenly = np.linspace(0.0, way[-1], math.ceil(way[-1] / SPACING) + 1)
-    points = np.column_stack([np.interp(evenly, way, axis) for axis in curve.T])
-    return Smoothed(points, raw, _distances(raw, curve, chart), roughness, problem.residual(unknowns))
+    """Smooth a slice so that its RMS distance is at most its roughness and `tolerance` [m], added as squares.
 
-
-def _pose(slab: Slices, chart: Chart) -> _Problem:
-    """Set up the least-squares problem of a slice."""
+    A linear least-squares problem with a penalty and lower bounds, scaled so that residuals are in m. Tilt and bend
+    across the slab are unknowns, too, and are not part of the profile.
+    """
     from scipy.interpolate import make_interp_spline
+    from scipy.optimize import lsq_linear
 
     place = chart.place(slab.points)
     low, high = float(place.min()), float(place.max())
@@ -292,16 +229,39 @@ def _pose(slab: Slices, chart: Chart) -> _Problem:
         bend = np.polynomial.legendre.legvander(2.0 * (place - low) / (high - low) - 1.0, BENDS)
         columns += [slab.offsets[:, None] * tilt, slab.offsets[:, None] ** 2 * bend]
     data = np.concatenate(columns, axis=1) * metres[:, None]
-    own = slice(2, 2 + v.shape[1])
     bends = np.diff(np.eye(v.shape[1]), 2, axis=0)
-    penalty = np.zeros((len(bends), data.shape[1]))
+    penalty, lower = np.zeros((len(bends), data.shape[1])), np.full(data.shape[1], -np.inf)
+    own = slice(2, 2 + v.shape[1])
     penalty[:, own] = bends * chart.scale
-    lower = np.full(data.shape[1], -np.inf)
     lower[own] = LEAST_V if chart.femur else -np.inf
-    orthogonal, triangle = np.linalg.qr(data)
+    orthogonal, triangle = np.linalg.qr(data)  # the same problem in as many rows as unknowns
     target = orthogonal.T @ (values * metres)
     rest = float(np.sum((values * metres - orthogonal @ target) ** 2))
-    return _Problem(triangle, target, rest, len(values), penalty, lower, basis, grid)
+
+    def solve(logarithm: float) -> tuple[Floats, float]:
+        """Unknowns for a penalty of 10^logarithm per point, and the RMS distance [m] of the slab's points."""
+        rows = np.concatenate([triangle, math.sqrt(10.0**logarithm * len(place)) * penalty])
+        wanted = np.concatenate([target, np.zeros(len(penalty))])
+        found: Any = lsq_linear(rows, wanted, bounds=(lower, np.inf), method="bvls")
+        return found.x, math.sqrt((float(np.sum((triangle @ found.x - target) ** 2)) + rest) / len(place))
+
+    roughness = solve(ROUGHEST)[1]
+    allowed = math.hypot(roughness, tolerance)
+    rough, smoothest = ROUGHEST, SMOOTHEST
+    if solve(smoothest)[1] <= allowed:
+        rough = smoothest
+    for _ in range(HALVINGS if rough < smoothest else 0):
+        middle = 0.5 * (rough + smoothest)
+        rough, smoothest = (middle, smoothest) if solve(middle)[1] <= allowed else (rough, middle)
+    unknowns, deviation = solve(rough)
+    curve = chart.curve(grid, basis @ unknowns[: basis.shape[1]])
+    raw = slab.raw[np.argsort(chart.place(slab.raw))]
+    way = _chord_length(curve)
+    evenly = np.linspace(0.0, way[-1], math.ceil(way[-1] / SPACING) + 1)
+    points = np.column_stack([np.interp(evenly, way, axis) for axis in curve.T])
+    out = chart.outwards(raw) - np.interp(chart.place(raw), chart.place(curve), chart.outwards(curve))
+    deviations = np.copysign(_distances(curve[:-1], curve[1:], raw), out)
+    return Smoothed(points, raw, deviations, roughness, deviation)
 
 
 def _b_splines(places: Floats, low: float, high: float, spacing: float) -> Floats:
@@ -312,18 +272,6 @@ def _b_splines(places: Floats, low: float, high: float, spacing: float) -> Float
     knots = low + (high - low) / pieces * np.arange(-3, pieces + 4)
     inside = np.clip(places, low, high - 1e-12 * (high - low))
     return np.asarray(BSpline.design_matrix(inside, knots, 3).toarray())
-
-
-def _distances(points: Floats, curve: Floats, chart: Chart) -> Floats:
-    """Shortest distances [m] of points from a curve, shape (n,), > 0 outside of it."""
-    from scipy.spatial import cKDTree
-
-    nearest = np.clip(cKDTree(curve).query(points)[1], 1, len(curve) - 2)
-    along = curve[nearest + 1] - curve[nearest - 1]
-    offset = points - curve[nearest]
-    across = np.abs(along[:, 0] * offset[:, 1] - along[:, 1] * offset[:, 0]) / np.hypot(*along.T)
-    out = chart.outwards(points) - np.interp(chart.place(points), chart.place(curve), chart.outwards(curve))
-    return np.asarray(np.copysign(across, out))
 
 
 def _chord_length(points: Floats) -> Floats:
@@ -346,17 +294,15 @@ def _shape_of(points: Floats) -> Shape:
 
 def _circles(shape: Shape, femur: bool) -> list[FittedCircle]:
     """Fit circles over `TIBIAL_WINDOWS`, or over those `FEMORAL_WINDOWS` that the profile covers."""
-    circles, x, degrees = [], shape.points[:, 0], np.degrees(shape.normal)
-    for low, high in FEMORAL_WINDOWS if femur else ():
-        part = shape.points[(degrees >= low) & (degrees <= high)]
-        if len(part) >= LEAST_PLACES and degrees.min() <= low + 1.0 and degrees.max() >= high - 1.0:
-            circles.append(FittedCircle((low, high), circle(part)[1], part))
-    for window in () if femur else TIBIAL_WINDOWS:
-        begin, end = (float(x.min() + share * np.ptp(x)) for share in window)
-        part = shape.points[(x >= begin) & (x <= end)]
-        centre, radius = circle(part)
-        radius = radius if centre[1] > part[:, 1].mean() else -radius
-        circles.append(FittedCircle((1e3 * begin, 1e3 * end), radius, part))
+    circles, x = [], 1e3 * shape.points[:, 0]
+    along = np.degrees(shape.normal) if femur else x
+    of_tibia = [(x.min() + first * np.ptp(x), x.min() + last * np.ptp(x)) for first, last in TIBIAL_WINDOWS]
+    for low, high in FEMORAL_WINDOWS if femur else of_tibia:
+        part = shape.points[(along >= low) & (along <= high)]
+        if len(part) >= LEAST_PLACES and along.min() <= low + 1.0 and along.max() >= high - 1.0:
+            centre, radius = circle(part)
+            convex = not femur and centre[1] <= part[:, 1].mean()
+            circles.append(FittedCircle((low, high), -radius if convex else radius, part))
     return circles
 
 
@@ -374,7 +320,7 @@ def _thickness(shape: Shape, chart: Chart, bone: Surface, z: float) -> Thickness
     pieces = cut(bone, z)
     if not len(pieces.begins):
         raise UsageError(f"--slice {1e3 * z:g} misses --bone {bone.path}, which reaches from {bone.lateral_range}")
-    along = _distances_to(pieces, shape.points)
+    along = _distances(pieces.begins, pieces.ends, shape.points)
     x = shape.points[:, 0]
     reach = np.degrees(shape.normal) if chart.femur else (x - x.min()) / np.ptp(x)
     first, last = FEMORAL_ZONE if chart.femur else TIBIAL_ZONE
@@ -395,10 +341,9 @@ def _thickness(shape: Shape, chart: Chart, bone: Surface, z: float) -> Thickness
     return Thickness(along, mean, np.stack([pieces.begins, pieces.ends], axis=1))
 
 
-def _distances_to(pieces: Pieces, points: Floats) -> Floats:
-    """Distance [m] of each point from the nearest straight piece, shape (n,)."""
-    along = pieces.ends - pieces.begins
-    offset = points[:, None, :] - pieces.begins
+def _distances(begins: Floats, ends: Floats, points: Floats) -> Floats:
+    """Distance [m] of each point from the nearest of straight pieces with these ends, shape (n,)."""
+    along, offset = ends - begins, points[:, None, :] - begins
     squared_length = np.maximum((along**2).sum(axis=1), 1e-30)
     share = np.clip((offset * along).sum(axis=2) / squared_length, 0.0, 1.0)
     return np.asarray(np.sqrt(((offset - share[..., None] * along) ** 2).sum(axis=2).min(axis=1)))

@@ -24,21 +24,19 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from knee_contact_ros.lab.checks import outside, refuse
 from knee_contact_ros.lab.profiles.label_maps import LABEL_MAPS, read_label_map
+from knee_contact_ros.lab.tables import some
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.system.errors import UsageError
 
 Integers = NDArray[np.int64]
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
-SMALLEST, LARGEST = 0.008, 0.7
+SIZE = (0.008, 0.7)
 """Range of the longest edge of the box around a cartilage or bone of the knee [m], generously"""
-USUAL = 0.07
-"""Longest edge [m] of a usual one: the width of a knee"""
 CLOUDS = (".txt", ".xyz", ".csv", ".asc", ".dat")
 INSIDE = 0.5
 """Level of the contour around voxels that are 1, among voxels that are 0"""
-MOST_SHOWN = 12
-"""Largest number of labels that a message lists"""
 BODY_AXES = "x,y,z"
 """Axes of a mesh in a body's frame"""
 SPACE = re.compile(r"SPACE=([RL][AP][SI])\b")
@@ -155,14 +153,12 @@ def _space_remarks(path: Path, space: str, axes: str | None) -> tuple[str, ...]:
     right, left = _axes_in(space), _axes_in(space, left=True)
     if axes is None:
         return (f"axes {right} follow from SPACE={space} in the file's header, for a right knee; left: --axes={left}",)
-    given, known = (names.replace(" ", "").replace("+", "").split(",")[:2] for names in (axes.lower(), right))
-    if given == known:
-        return ()
+    (places, signs), (known, known_signs) = _axes(axes), _axes(right)
     cure = f"the header of {path.name} says SPACE={space}, where a right knee's are {right} and a left one's {left}"
-    for name, other, what in zip(given, known, ("front and back", "up and down"), strict=False):
-        if name != other and name.lstrip("-") == other.lstrip("-"):
+    for row, what in enumerate(("front and back", "up and down")):
+        if places[row] == known[row] and signs[row] != known_signs[row]:
             raise UsageError(f"--axes={axes} exchanges {what}: {cure}")
-    return (f"--axes={axes} is used, although {cure}",)
+    return () if places == known else (f"--axes={axes} is used, although {cure}",)
 
 
 def _axes(text: str) -> tuple[list[int], list[float]]:
@@ -182,15 +178,9 @@ def _check_size(path: Path, points: Floats, unit: str) -> None:
     if not np.isfinite(points).all():
         raise UsageError(f"{path} has a point that is not finite")
     largest = float(np.ptp(points, axis=0).max())
-    if SMALLEST <= largest * UNITS[unit] <= LARGEST:
-        return
-    likely = min(UNITS, key=lambda each: abs(math.log(max(largest, 1e-9) * UNITS[each] / USUAL)))
-    fits = SMALLEST <= largest * UNITS[likely] <= LARGEST
-    raise UsageError(
-        f"{path} measures {largest * UNITS[unit]:.3g} m with --unit {unit}; cartilages and bones of a knee measure "
-        f"{SMALLEST:g} to {LARGEST:g} m"
-        + (f": likely it is in {likely}, --unit {likely}" if fits else "; scale it to m or mm first")
-    )
+    fitting = [name for name, factor in UNITS.items() if SIZE[0] <= largest * factor <= SIZE[1]]
+    cure = f"is it in {' or '.join(fitting)}?" if fitting else "scale it to m or mm first"
+    refuse(outside(path, f"its largest extent with --unit {unit}", largest * UNITS[unit], "m", SIZE, cure))
 
 
 def _read_mesh(path: Path, kind: str) -> tuple[Floats, Integers, str]:
@@ -268,12 +258,11 @@ def _read_label_map(path: Path, label: int | None, axes: str | None) -> tuple[Fl
 
     values, affine, lacks = read_label_map(path)
     labels = [float(value) for value in np.unique(values) if value != 0]
-    shown = ", ".join(f"{value:g}" for value in labels[:MOST_SHOWN]) + (", ..." if len(labels) > MOST_SHOWN else "")
-    if label is None and len(labels) != 1:
-        raise UsageError(f"{path} needs --label N: it has the labels {shown or '(none but 0)'}")
-    wanted = labels[0] if label is None else float(label)
+    shown = some([f"{value:g}" for value in labels]) or "(none but 0)"
+    wanted = labels[0] if label is None and len(labels) == 1 else label
     if wanted not in labels:
-        raise UsageError(f"--label {wanted:g}: {path} has the labels {shown or '(none but 0)'}")
+        given = "" if label is None else f"--label {label}: "
+        raise UsageError(f"{given}{path} needs --label N: it has the labels {shown}")
     padded = np.pad(values == wanted, 1).astype(np.float32)  # a label at the edge of the image is closed there
     grid = pyvista.ImageData(dimensions=padded.shape, origin=(-1.0, -1.0, -1.0))
     grid.point_data["inside"] = padded.ravel(order="F")
@@ -299,12 +288,12 @@ def contact_centre(surface: Surface, femur: bool, medial: bool) -> float:
     """
     if not len(surface.triangles):
         raise UsageError(f"--slice auto needs a mesh; {surface.path} is a cloud of points: give the slice in mm")
-    side = surface.points[:, 2] < 0.0 if medial else surface.points[:, 2] > 0.0
-    if np.count_nonzero(side) < 10:
-        name, where = ("medial", "z < 0") if medial else ("lateral", "z > 0")
+    side = surface.points[:, 2] * (-1.0 if medial else 1.0) > 0.0
+    if np.count_nonzero(side) < LEAST_POINTS:
+        name = "medial side, z < 0" if medial else "lateral side, z > 0"
         raise UsageError(
-            f"--slice auto: {surface.path} has nothing on the {name} side, {where}; it reaches from "
-            f"{surface.lateral_range} (see --compartment and --axes)"
+            f"--slice auto: {surface.path} has nothing on the {name}; it reaches from {surface.lateral_range} (see "
+            "--compartment and --axes)"
         )
     if femur:
         points, places = surface.points[side], []
