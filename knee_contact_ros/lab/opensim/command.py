@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
@@ -15,8 +15,7 @@ import numpy as np
 from knee_contact_ros.lab import checks, gait_bag
 from knee_contact_ros.lab.gait_bag import Gait, digest
 from knee_contact_ros.lab.opensim import leg as legs
-from knee_contact_ros.lab.opensim import pipeline, results, setup_files
-from knee_contact_ros.lab.opensim.pipeline import Check
+from knee_contact_ros.lab.opensim import results, run
 from knee_contact_ros.lab.opensim.results import LEFT, RIGHT, Pose, Reaction, Settings, coordinate_of
 from knee_contact_ros.lab.tables import Series, read_storage
 from knee_contact_ros.lab.tables import Table as StorageTable
@@ -53,71 +52,71 @@ def import_opensim(
         UsageError: options exclude each other or are missing, a file or the output cannot be used, or a step has
             failed; nothing is then written.
     """
-    files = {name: rest.pop(name) for name in ("kinematics", "reactions", "speeds", "model")}
-    settings = Settings(
-        **rest, angle_sign=None if angle_sign == "auto" else int(angle_sign), rate=rate or None, anyway=anyway
-    )
-    chosen, given = tuple(filter(None, steps.split(","))), [f"--{name}" for name, path in files.items() if path]
-    if setup:
-        if given:
-            raise UsageError(f"{given[0]} and --setup cannot be given together: OpenSim's run makes its own")
-        import_run(setup, chosen, work, settings, outputs(side, output, settings, overwrite), ground)
-        return
-    if ground is not None:
-        if not ground:
-            raise UsageError("--ground FILE is missing; it is found only with --setup")
-        if not files["model"]:
-            raise UsageError("--ground needs --model M.osim, to find the ankle")
-        require("opensim", "opensim")
-        files |= {"ground": Path(ground), "ground_data": setup_files.data_file(Path(ground))}
-    if chosen or work:
+    own = {name: rest.pop(name) for name in ("kinematics", "reactions", "speeds", "model")}
+    sign = None if angle_sign == "auto" else int(angle_sign)
+    settings = Settings(**rest, angle_sign=sign, rate=rate or None, anyway=anyway)
+    chosen, given = tuple(filter(None, steps.split(","))), [f"--{name}" for name, path in own.items() if path]
+    if setup and given:
+        raise UsageError(f"{given[0]} and --setup cannot be given together: OpenSim's run makes its own")
+    if ground and not setup and not own["model"]:
+        raise UsageError("--ground needs --model M.osim, to find the ankle")
+    if ground == "" and not setup:
+        raise UsageError("--ground FILE is missing; it is found only with --setup")
+    if not setup and (chosen or work):
         raise UsageError("--steps and --work need --setup")
     for name in ("kinematics", "reactions"):
-        if not files[name]:
+        if not setup and not own[name]:
             raise UsageError(f"--{name} FILE is missing; or give --setup FOLDER, and OpenSim is run")
-    bags = outputs(side, output, settings, overwrite)
+    if ground:
+        require("opensim", "opensim")
+        own |= {"ground": Path(ground), "ground_data": run.data_file(Path(ground))}
+    bags, more, told = outputs(side, output, settings, overwrite), dict[str, str](), list[str]()
     with work_folder(output.parent) as temporary:
-        store(Files(**files), settings, bags, temporary, {})
+        if setup:
+            folder = (work or temporary / "opensim").resolve()
+            own, more, told = run_tools(setup, chosen, folder, ground)
+        gaits = {bag: read_knee(name, Files(**own), settings, temporary) for name, bag in bags.items()}
+        used = {name: path for name, path in own.items() if path}
+        more = {"settings": json.dumps(settings._asdict())} | more
+        gait_bag.store(gaits, "OpenSim results", used, more, temporary)
+    for line in told:
+        say(line, hang=2 * line.startswith("-"))
 
 
-def import_run(
-    setup: Sequence[Path], steps: Sequence[str], keep: Path | None, settings: Settings, bags: dict[str, Path],
-    ground: str | None,
-) -> None:  # fmt: skip
-    """Run OpenSim's tools, keep their logs and results in the folder `keep`, if any, and import them.
+def run_tools(
+    setup: Sequence[Path], steps: Sequence[str], work: Path, ground: str | None
+) -> tuple[dict[str, Any], dict[str, str], list[str]]:
+    """Run OpenSim's tools, with logs and results in the new folder `work`.
 
     With `ground` the leg's sensors are simulated too, from this file of ground reactions or, if empty, the set-up's.
+
+    Returns:
+        The files as for `Files`, what goes to the record, and lines to print on time and quality.
     """
-    folder, planned = setup_files.plan(setup, steps)
-    if keep and keep.exists():
-        raise UsageError(f"--work {keep} exists already; give a new folder")
-    if ground:
-        setup_files.data_file(Path(ground))
-    elif ground is not None and not planned[-1].text(LOADS):
+    folder, planned = run.plan(setup, steps)
+    if work.exists():
+        raise UsageError(f"--work {work} exists already; give a new folder")
+    if ground == "" and not planned[-1].text(LOADS):
         raise UsageError(f"--ground: {planned[-1].path} has no {LOADS}; give --ground FILE")
-    with work_folder(next(iter(bags.values())).parent) as work:
-        with progress("OpenSim") as bar:
-            run = pipeline.run_pipeline(folder, planned, (keep or work / "opensim").resolve(), bar)
-        try:
-            found, fault = pipeline.assess(run), ""
-        except UsageError as error:  # hours of computing are not given up for that
-            found, fault = [], f"Residuals and reserves could not be judged: {error}"
-        kinematics, speeds, reactions = map(run.result, ("Kinematics_q", "Kinematics_u", "JointReaction_ReactionLoads"))
-        files = Files(kinematics, reactions, speeds, run.folder / run.muscles.text("model_file"))
-        if ground is not None:
-            loads = Path(ground) if ground else run.folder / run.muscles.text(LOADS)
-            files = files._replace(
-                ground=loads, ground_data=setup_files.data_file(loads, None if ground else run.folder)
-            )
-        more = {
-            "source": f"OpenSim {version('opensim')}",
-            "steps": "\n".join(f"{setup.step}: {setup.path.name} {digest(setup.path)}" for setup in run.setups),
-            "quality": "\n".join(check.sentence() for check in found) or fault,
-        }
-        store(files, settings, bags, work, more)
-    took = ", ".join(f"{setup_files.WORDS[step].lower()} {seconds:.1f} s" for step, seconds in run.seconds.items())
-    say(f"OpenSim: {took}", hang=2)
-    show_checks(found, fault)
+    with progress("OpenSim") as bar:
+        done = run.run_pipeline(folder, planned, work, bar)
+    try:
+        quality = run.verdict(run.assess(done))
+    except UsageError as error:  # hours of computing are not given up for that
+        quality = [f"Residuals and reserves could not be judged: {error}"]
+    results = {"kinematics": "Kinematics_q", "speeds": "Kinematics_u", "reactions": "JointReaction_ReactionLoads"}
+    own: dict[str, Any] = {name: done.result(file) for name, file in results.items()}
+    own["model"] = done.folder / done.muscles.text("model_file")
+    if ground is not None:
+        loads = Path(ground) if ground else done.folder / done.muscles.text(LOADS)
+        own |= {"ground": loads, "ground_data": run.data_file(loads, None if ground else done.folder)}
+    more = {
+        "source": f"OpenSim {version('opensim')}",
+        "steps": "\n".join(f"{setup.step}: {setup.path.name} {digest(setup.path)}" for setup in done.setups),
+        "quality": "\n".join(quality),
+    }
+    took = ", ".join(f"{step} {seconds:.1f} s" for step, seconds in done.seconds.items())
+    return own, more, [f"OpenSim: {took}", *quality]
 
 
 def outputs(side: str, output: Path, settings: Settings, overwrite: bool) -> dict[str, Path]:
@@ -133,14 +132,6 @@ def outputs(side: str, output: Path, settings: Settings, overwrite: bool) -> dic
     for bag in bags.values():
         gait_bag.check_output(bag, overwrite)
     return bags
-
-
-def store(files: Files, settings: Settings, bags: Mapping[str, Path], work: Path, more: dict[str, str]) -> None:
-    """Read the knees, write their bags by way of the folder `work`, and print summaries; `more` goes to the record."""
-    gaits = {bag: read_knee(side, files, settings, work) for side, bag in bags.items()}
-    given = {name: path for name, path in files._asdict().items() if path is not None}
-    more = {"settings": json.dumps(settings._asdict())} | more
-    gait_bag.store(gaits, "OpenSim results", given, more, work)
 
 
 def read_knee(side: str, files: Files, settings: Settings, work: Path) -> Gait:
@@ -215,17 +206,3 @@ def _poses(
         "its torque is about the point that the file has: --model (with the extra opensim) turns it as the model does"
     )
     return [results.hinge(angle, inside)], reactions.rows(np.isin(reactions.stamps, inside)), [doubt]
-
-
-def show_checks(found: Sequence[Check], fault: str = "") -> None:
-    """Print residuals, reserves and marker errors with their limits and a conclusion, or `fault` if there are none."""
-    for check in found:
-        say(f"- {check.sentence()}", hang=2)
-    above = ", ".join(check.name for check in found if not check.passed)
-    text = "Residuals, reserves and markers are within the limits in the literature (doi:10.1115/1.4029304)."
-    if above:
-        text = (
-            "Do not trust these results before you know why these values exceed the limits in the literature "
-            f"(doi:10.1115/1.4029304): {above}."
-        )
-    say(fault or text, hang=0)

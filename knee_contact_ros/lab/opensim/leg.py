@@ -15,7 +15,7 @@ import numpy as np
 
 from knee_contact_ros.lab import checks
 from knee_contact_ros.lab.gait_bag import Signal
-from knee_contact_ros.lab.opensim import child, pipeline
+from knee_contact_ros.lab.opensim import child
 from knee_contact_ros.lab.opensim.results import (
     FEMUR,
     LEFT,
@@ -28,7 +28,7 @@ from knee_contact_ros.lab.opensim.results import (
     is_part,
     words,
 )
-from knee_contact_ros.lab.opensim.setup_files import NOTHING, XML, read_xml, text_in
+from knee_contact_ros.lab.opensim.run import NOTHING, XML, last_words, read_xml, run_python, text_in
 from knee_contact_ros.lab.tables import Floats, Stamps, Table, read_storage, some
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
@@ -287,8 +287,8 @@ def frames_of(kinematics: Table, degrees: bool, model: Path, frames: Sequence[tu
     request, answer, log = (work / name for name in ("leg_request.json", "leg_answer.json", "leg.log"))
     content = {"model": str(model.absolute()), "frames": frames, "degrees": degrees, "coordinates": coordinates}
     request.write_text(json.dumps(content), encoding="utf-8")
-    if code := pipeline.run_python(child.__name__, (child.PLACES, request.name, answer.name), work, log):
-        raise UsageError(f"OpenSim failed with {model}, code {code}: {pipeline.last_words(log)}")
+    if code := run_python(child.__name__, (child.PLACES, request.name, answer.name), work, log):
+        raise UsageError(f"OpenSim failed with {model}, code {code}: {last_words(log)}")
     found = json.loads(answer.read_text(encoding="utf-8"))
     numbers = np.array(found["places"]).reshape(len(kinematics.stamps), len(frames), 12)
     rotations = numbers[:, :, :9].reshape(*numbers.shape[:2], 3, 3)

@@ -16,7 +16,7 @@ import numpy as np
 from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.lab import checks
 from knee_contact_ros.lab.gait_bag import MIRROR, Signal
-from knee_contact_ros.lab.opensim.setup_files import read_xml
+from knee_contact_ros.lab.opensim.run import read_xml
 from knee_contact_ros.lab.tables import Floats, Stamps, Table, read_storage, some
 from knee_contact_ros.system.errors import UsageError
 

@@ -14,9 +14,8 @@ from knee_contact_ros.commands.main import main
 from knee_contact_ros.joint_reaction.estimator import Estimate
 from knee_contact_ros.lab.opensim import child
 from knee_contact_ros.lab.opensim.command import Files, read_knee
-from knee_contact_ros.lab.opensim.pipeline import run_python
 from knee_contact_ros.lab.opensim.results import AXES, Settings
-from knee_contact_ros.lab.opensim.setup_files import Setup, dynamics_setup, read_setup
+from knee_contact_ros.lab.opensim.run import Setup, dynamics_setup, read_setup, run_python
 from knee_contact_ros.lab.tables import read_storage
 from knee_contact_ros.offline.estimate_load import LoadSummary, estimate_load
 from knee_contact_ros.parameters.files import load_parameters
@@ -189,7 +188,7 @@ def test_scaling_kinematics_and_static_optimization_make_a_bag(
     bag, work = tmp_path / "walk", tmp_path / "work"
     assert main(command(example, bag, *QUICK, "--work", str(work), "--ground")) == 0
     said = capsys.readouterr().out
-    for part in ("scaling", "static optimization", "residual moment", "reserve knee_angle_r", "marker error, the wo"):
+    for part in ("scale", "static", "residual moment", "reserve knee_angle_r", "marker error, the wo"):
         assert part in said
     assert {path: path.stat().st_mtime_ns for path in example.rglob("*")} == before  # the user's folder is left alone
     assert sorted(path.name for path in tmp_path.glob("walk*")) == ["walk"]

@@ -7,10 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from knee_contact_ros.lab.opensim import pipeline
-from knee_contact_ros.lab.opensim.command import show_checks
-from knee_contact_ros.lab.opensim.pipeline import Run, assess
-from knee_contact_ros.lab.opensim.setup_files import Setup, plan, read_setup
+from knee_contact_ros.lab.opensim.run import Run, Setup, assess, last_words, plan, read_setup, verdict
 from knee_contact_ros.system.errors import UsageError
 from tests.lab.opensim.storages import write_storage
 
@@ -109,7 +106,7 @@ def test_set_up_files_in_several_folders(folder: Path) -> None:
 )
 def test_the_line_that_tells_of_a_failure(tmp_path: Path, log: str, words: str) -> None:
     (tmp_path / "l").write_text(log)
-    assert pipeline.last_words(tmp_path / "l") == words
+    assert last_words(tmp_path / "l") == words
 
 
 ACTUATORS = """<D><ForceSet><defaults>
@@ -169,29 +166,25 @@ def run(tmp_path: Path) -> Run:
     return Run(tmp_path, own[1], forces, tmp_path, moments, {}, own)
 
 
-def test_peaks_and_what_is_allowed(run: Run, capsys: pytest.CaptureFixture[str]) -> None:
+def test_peaks_and_what_is_allowed(run: Run) -> None:
     found = assess(run)
     assert [check.name for check in found] == list(JUDGED)
     for check in found:
         peak, allowed, passed = JUDGED[check.name]
         assert (check.peak, check.allowed, check.passed) == (pytest.approx(peak), pytest.approx(allowed), passed)
-        verdict = f"{check.unit}, {'within' if passed else 'ABOVE'} {allowed:.3g} ({check.basis})"
-        assert check.sentence() == f"{check.name}: peak {check.peak:.3g}, RMS {check.rms:.3g} {verdict}"
+        text = f"{check.unit}, {'within' if passed else 'ABOVE'} {allowed:.3g} ({check.basis})"
+        assert check.sentence() == f"{check.name}: peak {check.peak:.3g}, RMS {check.rms:.3g} {text}"
     assert found[0].rms == pytest.approx(13.0 / np.sqrt(3.0))
-    show_checks(found)
-    said = " ".join(capsys.readouterr().out.split())
+    said = " ".join(verdict(found))
     assert said.count("ABOVE") == 3
     assert "Do not trust these results before you know why" in said
     assert said.endswith("residual moment, reserve hip_flexion_r, marker error, the worst.")
-    show_checks([check for check in found if check.passed])
-    said = " ".join(capsys.readouterr().out.split())
+    said = " ".join(verdict([check for check in found if check.passed]))
     assert "within the limits in the literature" in said
     assert "ABOVE" not in said
 
 
-def test_a_run_that_cannot_be_judged_says_why(run: Run, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_run_that_cannot_be_judged_says_why(run: Run) -> None:
     run.moments.unlink()
     with pytest.raises(UsageError, match=r"cannot read .*m\.sto"):
         assess(run)
-    show_checks([], "could not be judged")
-    assert capsys.readouterr().out == "could not be judged\n"
