@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from itertools import groupby, pairwise
-from operator import itemgetter
+from itertools import pairwise
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import NamedTuple
@@ -94,7 +93,7 @@ def run_view(
         for source in sources:
             refuse_input(Path(source), path)
         recordings = _with_answers([Path(source) for source in sources], parameters, Path(folder))
-        _draw(recorded_knees(recordings, parameters), path, overwrite)
+        _draw([*recorded_knees(recordings, parameters)], path, overwrite)
         if save:
             say(f"Rerun file   {save}")
         else:
@@ -117,37 +116,28 @@ def _refuse_in_vain(save: Path | None, overwrite: bool, ports: Sequence[int]) ->
         viewer.refuse_blind(ALTERNATIVES)
 
 
-def recorded_knees(recordings: Mapping[Path, str], parameters: Parameters) -> list[RecordedKnee]:
-    """Return all knees in several recordings, each with a name of its own.
+def recorded_knees(recordings: Mapping[Path, str], parameters: Parameters) -> Iterator[RecordedKnee]:
+    """Yield all knees in several recordings, each with a name of its own.
 
     The values of `recordings` are names, used where topics do not name the knee; `parameters` are those of recordings
     that do not hold theirs.
 
     Raises:
-        UsageError: a recording cannot be used or has no answers.
+        UsageError: a recording cannot be used.
     """
-    answered = []
-    for path, name in recordings.items():
-        topics = answer_topics(path)
-        if not topics:
-            raise UsageError(f"recording {path} has no answers (knee_contact_ros/msg/KneeContact)")
-        answered += [(path, topic, name) for topic in topics]
-    alone = len({(path, knee_name(topic)) for path, topic, _ in answered}) == 1
-    all_topics = {(path, topic) for path, topic, _ in answered}
-    names = _distinct([_name(path, topic, name, alone, all_topics) for path, topic, name in answered])
-    knees = [(path, topic, name) for (path, topic, _), name in zip(answered, names, strict=True)]
-    return [knee for path, of in groupby(knees, key=itemgetter(0)) for knee in _knees(path, [*of], parameters)]
-
-
-def _name(path: Path, topic: str, recording: str, alone: bool, all_topics: Set[tuple[Path, str]]) -> str:
-    """Return the name of a knee by its topic or its `recording`; `all_topics` are all with answers."""
-    name = knee_name(topic)
-    name = name.replace("/", "_") if name != KNEE or alone else recording
-    if is_lateral(topic):
-        name = compartment_name(name, LATERAL)
-    elif (path, f"{topic}/{LATERAL}") in all_topics:
-        name = compartment_name(name, MEDIAL)
-    return "".join(letter if letter.isprintable() else "_" for letter in name)[:LONGEST_NAME]
+    answered = {path: answer_topics(path) for path in recordings}
+    alone = len({(path, knee_name(topic)) for path, topics in answered.items() for topic in topics}) == 1
+    names = []
+    for path, topics in answered.items():
+        for topic in topics:
+            name = knee_name(topic)
+            name = name.replace("/", "_") if name != KNEE or alone else recordings[path]
+            if is_lateral(topic) or f"{topic}/{LATERAL}" in topics:
+                name = compartment_name(name, LATERAL if is_lateral(topic) else MEDIAL)
+            names.append("".join(letter if letter.isprintable() else "_" for letter in name)[:LONGEST_NAME])
+    distinct = iter(_distinct(names))
+    for path, topics in answered.items():
+        yield from _knees(path, topics, [next(distinct) for _ in topics], parameters)
 
 
 def _distinct(names: Sequence[str]) -> list[str]:
@@ -155,17 +145,13 @@ def _distinct(names: Sequence[str]) -> list[str]:
     return [f"{name}_{names[: i + 1].count(name)}" if names.count(name) > 1 else name for i, name in enumerate(names)]
 
 
-def _knees(path: Path, answered: Sequence[tuple[Path, str, str]], parameters: Parameters) -> Iterator[RecordedKnee]:
-    """Build the knees of a recording from the parameters in it, or from `parameters` if it holds none.
-
-    `answered` has recording, topic and name of each.
-    """
+def _knees(path: Path, topics: Sequence[str], names: Sequence[str], parameters: Parameters) -> Iterator[RecordedKnee]:
+    """Build the knees of a recording from the parameters in it, or from `parameters` if it holds none."""
     provenance = read_provenance(path)
     if provenance is None:
         say(f"{path} does not hold its parameters: drawn with those of --params", err=True)
     parameters = provenance.parameters if provenance else parameters
     texts = provenance.texts() if provenance else curve_texts(parameters, {})
-    _, topics, names = zip(*answered, strict=True)
     models = [build_model(own, curves=curves) for own, curves in (answering(one, parameters, texts) for one in topics)]
     drawings = drawings_of(models, names, parameters.body_weight)
     for topic, model, drawing in zip(topics, models, drawings, strict=True):
@@ -194,9 +180,9 @@ def _draw(knees: Sequence[RecordedKnee], path: Path, overwrite: bool) -> None:
             scene = Scene(file.recording, knee.drawing, number=number if len(knees) > 1 else None)
             with progress(f"Drawing {knee.drawing.knee}") as advance:
                 for changes, answers in _answers_of(knee, advance):
-                    for values in (change.values for change in changes):
-                        told = {name: json.dumps(value) for name, value in (values or {}).items()}
-                        scene.note(RESET if values is None else PARAMETERS_CHANGED, told)
+                    for change in changes:
+                        told = {name: json.dumps(value) for name, value in (change.values or {}).items()}
+                        scene.note(RESET if change.values is None else PARAMETERS_CHANGED, told)
                     scene.show(answers)
             scene.finish()
         file.close()
