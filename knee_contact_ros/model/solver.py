@@ -91,8 +91,6 @@ LOST_SWING = 1.75
 """Largest speed of an oscillation that a step has damped away, over its estimate, which takes springs as linear"""
 RELEASED = 0.05
 """Unknown part of the velocity's error where a contact ends, as the end of an oscillation depends on its size"""
-CANCELLED = 0.15
-"""Unknown part of the expected errors of height and velocity that cancel each other in a flight"""
 LAUNCH_ROUNDING = 2e-12
 """Error of a flight, as a part of its way, by the rounding of the event before it."""
 AIRBORNE = 1.25
@@ -864,9 +862,7 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
                         swung *= LOST_SWING * math.sqrt(0.5)
                         error = with_bound(error, crept + swung / held, swung)
             else:
-                flown = mapped(error, 1.0, h, 0.0, 1.0)
-                cancelled = abs(error.height) + h * abs(error.velocity) - abs(flown.height)
-                error = with_uncorrelated_bound(flown, step.height_error + CANCELLED * cancelled, 0.0)
+                error = with_uncorrelated_bound(mapped(error, 1.0, h, 0.0, 1.0), step.height_error, 0.0)
             if step.implicit:
                 stage = stage_at(knee, tick, layer, touched, s + h, y, v)
                 used += 1

@@ -65,7 +65,6 @@ def test_lift_offs_and_landings_are_covered(seed: int, level: str, tolerance: fl
     (1013001293, "dynamic", 1e-5),  # a swing that is not resolved, and ends in a flight
     (4031000894, "dynamic", 1e-8),  # a femur that is let go touches again right before the surfaces part
     (4003000472, "dynamic", 1e-6),  # a swing about the end of a layer, of the size of its error
-    (4003000378, "dynamic", 1e-6),  # errors of height and velocity that cancel each other in a flight
     (4027001729, "quasi_static", 1e-5),  # a dashpot that lets go late, into a layer that has none
 ])  # fmt: skip
 def test_what_was_said_right_and_wrong_is_not_any_more(seed: int, level: str, tolerance: float) -> None:
