@@ -177,33 +177,6 @@ def test_at_the_end_of_a_range_one_side_is_taken(resting: Path) -> None:
             of(resting, {name: size}, **{"load.share": 1.0})
 
 
-GAIT = {"flexion_angle": 0.035, "axial_load": "3 %", "medial_share": 0.02, "contact.stiffness": "5 %",
-        "contact.damping": "20 %"}  # fmt: skip
-SAMPLES = 120
-SPREAD = 4.0 / math.sqrt(2.0 * (SAMPLES - 1))
-"""Four standard errors of a standard deviation, relative"""
-
-
-def test_samples_of_gait_agree_with_the_straight_lines(right_bag: Path) -> None:
-    """On all of the gait, in contact throughout: where deviations are small, straight lines hold."""
-    found = knee_contact_ros.uncertainty(right_bag, "healthy", GAIT, compiled=True)
-    drawn = np.random.default_rng(3).standard_normal((SAMPLES, len(GAIT))).tolist()
-    several = [found.given.answers(dict(zip(found.medial.parts, off, strict=True)), SAMPLES)[0] for off in drawn]
-    for name, linear, (low, high) in (
-        ("penetration_depth", found.medial.depth, found.medial.depth_interval()),
-        ("contact_force", found.medial.force, found.medial.force_interval()),
-    ):
-        values = np.array([rows[name] for rows in several])
-        # A share of 20 damping and 5 % of stiffness bend by 1 %: beside four standard errors
-        assert values.std(axis=0, ddof=1) == pytest.approx(linear, rel=SPREAD + 0.02)
-        # 95 %, of 120 samples: ±4 standard errors of the binomial distribution at any tick
-        inside = ((low <= values) & (values <= high)).mean(axis=0)
-        assert inside.min() > 0.95 - 4.0 * math.sqrt(0.05 * 0.95 / SAMPLES)
-    at = int(found.medial.rows["load"].argmax())
-    assert found.medial.depth[at] > 100.0 * found.medial.rows["error_estimate"][at]
-    assert found.lateral is None
-
-
 def test_compartments_have_their_own_loads_and_follow_unless_they_are_named(resting: Path) -> None:
     both = {**AT_REST, "load.compartment": "both"}
     shared = knee_contact_ros.uncertainty(resting, both, {"medial_share": 0.01}, compiled=False)
