@@ -60,24 +60,13 @@ class Muscles(NamedTuple):
         return self.quadriceps + self.hamstrings + self.gastrocnemius
 
 
-def gastrocnemius_of(plantarflexion_moment: float, ankle: float, scale: float) -> float:
-    """Compute the force [N] of the gastrocnemius.
-
-    Args:
-        plantarflexion_moment: Net moment of the muscles at the ankle [N m].
-        ankle: Dorsiflexion [rad].
-        scale: Ratio of the person's moment arms to the published ones.
-    """
-    return max(plantarflexion_moment, 0.0) * GASTROCNEMIUS_SHARE / (scale * arm(ACHILLES, ankle))
-
-
 def muscles_of(extension_moment: float, flexion: float, gastrocnemius: float, floor: float, scale: float) -> Muscles:
     """Compute the forces of the muscles that balance a moment at the knee.
 
     Args:
         extension_moment: Net moment of the muscles at the knee [N m].
         flexion: Flexion angle [rad].
-        gastrocnemius: Force of the gastrocnemius [N], see `gastrocnemius_of`.
+        gastrocnemius: Force of the gastrocnemius [N].
         floor: The least force [N] of extensors and flexors together.
         scale: Ratio of the person's moment arms to the published ones.
     """
@@ -174,6 +163,7 @@ def reaction_of(person: Person, joints: Joints, net: NetMoments, vertical: float
     extension, plantarflexion = net.extension - joints.knee_assistance, net.plantarflexion - joints.ankle_assistance
     scale, calf = person.moment_arm_scale, 0.0
     if math.isfinite(plantarflexion):
-        calf = gastrocnemius_of(plantarflexion, joints.ankle if math.isfinite(joints.ankle) else 0.0, scale)
+        achilles = scale * arm(ACHILLES, joints.ankle if math.isfinite(joints.ankle) else 0.0)
+        calf = max(plantarflexion, 0.0) * GASTROCNEMIUS_SHARE / achilles
     muscles = muscles_of(extension, joints.flexion, calf, person.floor(vertical), scale)
     return Reaction(net.compression + muscles.total, muscles, extension, plantarflexion)

@@ -26,6 +26,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -81,6 +82,15 @@ KEPT = 3 * SECOND + GAP
 """Time [ns] that samples are kept: an event is certain a second after it, and depends on the 1.5 s before it"""
 
 
+def runs(stamps: Stamps, before: Stamps) -> Iterator[tuple[slice, bool]]:
+    """Yield the parts of stamps [ns] without a gap, in order, and whether each begins anew, after those `before`."""
+    steps = np.diff(stamps, prepend=before[-1:] if len(before) else stamps[:1] - 1)
+    cuts = np.flatnonzero((steps <= 0) | (steps > GAP)).tolist()
+    for begin, end in pairwise([0, *cuts, len(stamps)]):
+        if begin < end:
+            yield slice(begin, end), begin in cuts
+
+
 class GaitEvent(NamedTuple):
     """Event in a gait."""
 
@@ -120,16 +130,13 @@ class GaitEvents:
             load: Loads of the compartment [N], compression positive, shape (n,), finite.
         """
         samples, events = np.column_stack((flexion_angle, load / self._body_weight)), list[GaitEvent]()
-        steps = np.diff(stamps, prepend=self._stamps[-1:] if len(self._stamps) else stamps[:1] - 1)
-        cuts = np.flatnonzero((steps <= 0) | (steps > GAP)).tolist()
-        for begin, end in zip([0, *cuts], [*cuts, len(stamps)], strict=True):
-            if begin in cuts:
+        for part, anew in runs(stamps, self._stamps):
+            if anew:
                 events += self.finish()
-            if begin < end:
-                self._stamps = np.append(self._stamps, stamps[begin:end])
-                self._samples = np.concatenate((self._samples, samples[begin:end]))
-                if self._stamps[-1] - self._looked >= PAUSE:
-                    events += self._found(ended=False)
+            self._stamps = np.append(self._stamps, stamps[part])
+            self._samples = np.concatenate((self._samples, samples[part]))
+            if self._stamps[-1] - self._looked >= PAUSE:
+                events += self._found(ended=False)
         return events
 
     def finish(self) -> list[GaitEvent]:

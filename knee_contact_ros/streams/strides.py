@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.model.types import ROW, UNUSABLE, ContactState, Rows
-from knee_contact_ros.streams.gait_events import GAP, HEEL_STRIKE, LOAD_PEAK, SECOND, GaitEvent, GaitEvents
+from knee_contact_ros.streams.gait_events import HEEL_STRIKE, LOAD_PEAK, SECOND, GaitEvent, GaitEvents, runs
 
 Floats = NDArray[np.float64]
 Stamps = NDArray[np.int64]
@@ -155,15 +155,13 @@ class Strides:
         """
         strides: list[Stride] = []
         self.events = []
-        before = self._rows["stamp"][-1:] if len(self._rows) else rows["stamp"][:1] - 1
-        steps = np.diff(rows["stamp"], prepend=before)
-        for part in np.split(rows, np.flatnonzero((steps <= 0) | (steps > GAP))):
-            if len(part) and len(self._rows) and not 0 < part["stamp"][0] - self._rows["stamp"][-1] <= GAP:
+        for part, anew in runs(rows["stamp"], self._rows["stamp"]):
+            if anew:
                 strides += self.finish()
-            if len(part):
-                self._rows = np.concatenate((self._rows, part))
-                strides += self._told(self._finder.add(part["stamp"], part["flexion_angle"], part["load"]))
-                self._rows = self._rows[np.searchsorted(self._rows["stamp"], self._rows["stamp"][-1] - KEPT) :]
+            new = rows[part]
+            self._rows = np.concatenate((self._rows, new))
+            strides += self._told(self._finder.add(new["stamp"], new["flexion_angle"], new["load"]))
+            self._rows = self._rows[np.searchsorted(self._rows["stamp"], self._rows["stamp"][-1] - KEPT) :]
         return strides
 
     def finish(self) -> list[Stride]:

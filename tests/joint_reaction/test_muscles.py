@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from knee_contact_ros.joint_reaction import muscles as package
 from knee_contact_ros.joint_reaction.leg import Joints, NetMoments
-from knee_contact_ros.joint_reaction.muscles import Lag, Muscles, arm, gastrocnemius_of, muscles_of, reaction_of
+from knee_contact_ros.joint_reaction.muscles import Lag, Muscles, arm, muscles_of, reaction_of
 from tests.joint_reaction.examples import PERSON
 
 MUSCLES = {
@@ -101,11 +101,16 @@ def test_the_lag_is_that_of_a_first_order_at_any_rate(step: int) -> None:
 
 def test_the_gastrocnemius_by_hand() -> None:
     """A third of 100 N m, rather 0.342, at 45.73 mm; it does not push."""
-    assert gastrocnemius_of(100.0, 0.0, 1.0) == pytest.approx(34.2 / 0.04573, rel=ROUNDINGS)
-    assert gastrocnemius_of(100.0, 0.0, 0.9) == pytest.approx(38.0 / 0.04573, rel=ROUNDINGS)
+
+    def calf(moment: float, ankle: float, scale: float = 1.0) -> float:
+        person = PERSON._replace(moment_arm_scale=scale)
+        return reaction_of(person, Joints(0.3, 0.1, ankle), net(0.0, moment), 500.0).muscles.gastrocnemius
+
+    assert calf(100.0, 0.0) == calf(100.0, math.nan) == pytest.approx(34.2 / 0.04573, rel=ROUNDINGS)
+    assert calf(100.0, 0.0, 0.9) == pytest.approx(38.0 / 0.04573, rel=ROUNDINGS)
     dorsiflexed = 0.04573 - 0.01311 * 0.3 - 0.02042 * 0.09
-    assert gastrocnemius_of(100.0, 0.3, 1.0) == pytest.approx(34.2 / dorsiflexed, rel=ROUNDINGS)
-    assert gastrocnemius_of(-100.0, 0.3, 1.0) == 0.0
+    assert calf(100.0, 0.3) == pytest.approx(34.2 / dorsiflexed, rel=ROUNDINGS)
+    assert calf(-100.0, 0.3) == 0.0
     assert math.isnan(muscles_of(math.nan, 0.3, 0.0, 100.0, 1.0).total)
 
 
