@@ -298,8 +298,8 @@ def along_straight_lines(name: str, repetitions: int) -> NDArray[np.int64]:
     return held
 
 
-KINDS = {"trade": "trade off", "apart": "cannot tell them apart", "correlated": "alike from sample to sample",
-         "given": "times the noise given", "rough": "intervals are rough", "open": "not bounded"}  # fmt: skip
+KINDS = {"trade": "trade off", "apart": "cannot tell them apart", "correlated": "correlated from sample to sample",
+         "given": "times the given noise", "rough": "intervals are rough", "open": "not bounded"}  # fmt: skip
 """Kinds of warnings, by a phrase of their text"""
 
 

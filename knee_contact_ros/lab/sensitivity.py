@@ -154,7 +154,7 @@ class SensitivityStudy(Study):
     @field_validator("sample", mode="before")
     @classmethod
     def _none(cls, _sample: Any) -> None:
-        raise ValueError("the method under sensitivity draws its own")
+        raise ValueError("sensitivity draws its own points")
 
 
 def checked_outcomes(names: Sequence[str]) -> tuple[str, ...]:
@@ -221,14 +221,14 @@ def analyse(design: SalibDesign, outcome: str, values: Floats, bound: float = 0.
     elif spoilt > MOST_SPOILT * design.n or design.n - spoilt < FEWEST:
         reason = (
             f"{cases} of {len(values)} cases have no value and spoil {spoilt} of {design.n} groups; "
-            f"more than {MOST_SPOILT:.0%}, so what is left is no sample of the ranges"
+            f"more than {MOST_SPOILT:.0%}, so the rest is not a sample of the ranges"
         )
     elif np.ptp(known) <= SAME * np.abs(known).max():
         reason = f"it is the same in all cases, {mean:g}{unit}"
     elif deviation <= bound:
         reason = (
             f"it varies by {deviation:.2g}{unit} (one standard deviation) around {mean:.6g}{unit}, and its numerical "
-            f"error bound is {bound:.2g}{unit}; what matters there a smaller fidelity.tolerance would show"
+            f"error bound is {bound:.2g}{unit}; use a smaller fidelity.tolerance to find what matters"
         )
     else:
         rows = list(_indices(design, whole, grouped[whole]))
@@ -296,7 +296,7 @@ def not_converged(design: SalibDesign, analysed: Analysed) -> list[str]:
             + (f"n = {enough} may do" if enough <= MOST else "no n will do")
         )
     if len(leading) > 1 and leading.iloc[1]["high"] > first["low"]:
-        parts.append(f"which of {first.name} and {leading.index[1]} matters more is open")
+        parts.append(f"it is not clear which of {first.name} and {leading.index[1]} matters more")
     if analysed.bound > NOISY * analysed.deviation:
         what = f"the numerical error bound is {analysed.bound / analysed.deviation:.0%} of the standard deviation"
         parts.append(f"{what}: small indices may be those of the error; a smaller fidelity.tolerance helps")

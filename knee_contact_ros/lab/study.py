@@ -126,7 +126,7 @@ class Spaced(Part):
     @model_validator(mode="after")
     def _in_order(self) -> Spaced:
         if not self.start < self.stop or (self.scale == "log" and self.start <= 0.0):
-            raise ValueError("0 < from < to is asked" if self.scale == "log" else "from < to is asked")
+            raise ValueError("0 < from < to is required" if self.scale == "log" else "from < to is required")
         return self
 
     def at(self, fractions: Floats) -> Floats:
@@ -247,7 +247,7 @@ class Study(Part):
             raise UsageError(f"{self.number} cases are not allowed; {MOST} at most")
         checked_names(self.names)
         if whole := [name for name in ranges if name in known and not isinstance(known[name].default, float)]:
-            raise UsageError(f"{whole[0]}: a range is not allowed; it is no real number")
+            raise UsageError(f"{whole[0]}: a range is not allowed; only a real number can have one")
         ends = {name: [axis.start, axis.stop] for name, axis in ranges.items()}
         for name, allowed in (self.grid | ends | {name: [value] for name, value in self.values.items()}).items():
             for value in allowed:

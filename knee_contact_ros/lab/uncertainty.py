@@ -184,12 +184,6 @@ class Propagated(NamedTuple):
         """
         return self._interval(self.rows["contact_force"], self.force, level)
 
-    def by_stamp(self) -> Propagated:
-        """Give the same in the order of the stamps, which is that of the ticks in recordings."""
-        order = np.argsort(self.rows["stamp"], kind="stable")
-        parts = {one: (depth[order], force[order]) for one, (depth, force) in self.parts.items()}
-        return Propagated(self.rows[order], parts)
-
     def _interval(self, values: Any, deviation: Floats, level: float) -> tuple[Floats, Floats]:
         reach = factor(level) * deviation
         return np.maximum(values - reach, np.minimum(values, 0.0)), values + reach

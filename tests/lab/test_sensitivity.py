@@ -174,7 +174,7 @@ def test_cases_that_fail_are_told_and_too_many_leave_no_index(
     told = capsys.readouterr()
     assert " failed" in told.out
     assert "cases have no value and spoil" in told.out
-    assert "so what is left is no sample of the ranges" in " ".join(told.out.split())
+    assert "so the rest is not a sample of the ranges" in " ".join(told.out.split())
     assert "failed: parameter contact.tibial_radius" in " ".join(told.err.split())
     assert rows(tmp_path) == []
     assert not list((tmp_path / "out").glob("*.png"))
@@ -196,9 +196,9 @@ def also(name: str, told: Any) -> dict[str, Any]:
         (asked(n=100), "sensitivity.n: 100 is not allowed; with method sobol a power of two, 64 or 128"),
         (asked(method="morris", second_order=True), "second_order: True is not allowed; it is of method sobol"),
         (asked(ranges={"load.share": [0.4, 0.8]}), "sensitivity.ranges: {'load.share'"),
-        (also("load.share", [0.9, 0.4]), "is not allowed; from < to is asked"),
-        (also("fidelity.budget", [0, 9]), "fidelity.budget: a range is not allowed; it is no real number"),
-        (asked() | {"sample": {"n": 8}}, "is not allowed; the method under sensitivity draws its own"),
+        (also("load.share", [0.9, 0.4]), "is not allowed; from < to is required"),
+        (also("fidelity.budget", [0, 9]), "fidelity.budget: a range is not allowed; only a real number can have one"),
+        (asked() | {"sample": {"n": 8}}, "is not allowed; sensitivity draws its own points"),
         (asked() | {"outcomes": ["peak_death"]}, "['peak_death'] is not allowed; some of peak_force, peak_depth"),
     ],
 )  # fmt: skip

@@ -49,7 +49,7 @@ UNITS = contact.ANSWERS | {load.AXIAL_FORCE: "N"}
 ROUNDS = 3
 """The largest number of times that the intervals are computed: again where a better fit was found on the way"""
 ROUGH = (
-    "around the fit the misfit has many dents (a touch falls before a sample or after it): a better fit may lie near, "
+    "near the fit the misfit has several minima (a touch falls before a sample or after it): a better fit may exist, "
     "and the intervals are rough"
 )
 
@@ -283,7 +283,7 @@ def parameter_file(found: Calibration, data: Sequence[Path], params: Sequence[Pa
     comments = [
         f"Written by knee-contact calibrate {__version__}, loss {found.loss}; all other parameters: {files}{others}.",
         f"Data: {', '.join(path.name for path in data)}, sha256 {found.measured.digest}.",
-        f"RMS of what is left: {', '.join(rms)}.",
+        f"RMS of the residuals: {', '.join(rms)}.",
         *(f"{line[0].upper()}{line[1:]}." for line in (*found.remarks, *intervals_known)),
         *(f"Warning: {warning}." for warning in found.warnings),
     ]  # fmt: skip
@@ -307,7 +307,7 @@ def _show(found: Calibration) -> None:
         table.add_row(escape(name), *map(shown, cells))
     Console(width=WIDTH, emoji=False).print(table, highlight=False)
     for name, misfit in found.rms.items():
-        known = "noise given" if name in found.given else "noise found"
-        say(f"{name}: RMS {misfit:.4g} {UNITS[name]} left, {known} {found.noise[name]:.4g} {UNITS[name]}")
+        known = "given" if name in found.given else "estimated"
+        say(f"{name}: RMS {misfit:.4g} {UNITS[name]}; noise {known}: {found.noise[name]:.4g} {UNITS[name]}")
     for remark in found.remarks:
         say(remark)

@@ -546,7 +546,7 @@ def doubts(fit: Fit, bounds: Sequence[Interval], level: float) -> Iterator[str]:
     for unknown, place, least, most in zip(fit.problem.unknowns, fit.place, *fit.bounds, strict=True):
         if min(place - least, most - place) < AT_END:
             end = unknown.least if place - least < most - place else unknown.most
-            yield f"{unknown.name}: the fit lies at the end of its range, {end:.6g}: the data ask for more"
+            yield f"{unknown.name}: the fit lies at the end of its range, {end:.6g}: the best value may lie beyond it"
     for unknown, interval in zip(fit.problem.unknowns, bounds, strict=False):
         if sides := [side for side, is_open in zip(("below", "above"), interval[2:], strict=True) if is_open]:
             yield f"{unknown.name} is not bounded by the data {' or '.join(sides)}"
@@ -567,15 +567,15 @@ def _left(fit: Fit) -> Iterator[str]:
         number = fit.independent * len(misfit)
         total = fit.independent * float(((misfit / fit.noise[name]) ** 2).sum())
         if fit.loss == LINEAR and name in fit.given:
-            left = f"{name}: what is left is {np.sqrt(total / number):.3g} times the noise given"
+            left = f"{name}: the residuals are {np.sqrt(total / number):.3g} times the given noise"
             if chi2.sf(total, number) < UNLIKELY:
                 yield f"{left}: the model does not describe it, or the noise is larger; the intervals are too narrow"
             elif chi2.cdf(total, number) < UNLIKELY:
                 yield f"{left}; the intervals are too wide"
         if (worth := samples_per_value(misfit)) > 1.0:
-            yield (f"{name}: what is left is alike from sample to sample (correlation {correlations(misfit)[1]:.2f}): "
+            yield (f"{name}: the residuals are correlated from sample to sample (by {correlations(misfit)[1]:.2f}): "
                    f"{len(misfit)} samples count as {round(len(misfit) / worth)}, and the intervals are wider for it; "
-                   "they do not know the model's own error")  # fmt: skip
+                   "they do not include the error of the model itself")  # fmt: skip
 
 
 def _trades(fit: Fit, bounds: Sequence[Interval]) -> Iterator[str]:

@@ -42,7 +42,7 @@ BODY = ("person.mass", "person.height")
 LEAST_DEVIATION, LARGEST_DEVIATION = 0.01, 10.0
 """Range of the parameter `standard_deviation` [body weights]"""
 OTHER_TRIALS = (
-    "standard_deviation is the RMS of what is left of these data; in another trial of the same person it was up to 1.4 "
+    "standard_deviation is the RMS error on these data; on another trial of the same person it was up to 1.4 "
     "times as large (docs/how-to/uncertainty-and-calibration.md)"
 )
 

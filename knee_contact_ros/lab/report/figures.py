@@ -154,7 +154,7 @@ def pressure_of(run: Run) -> str:
         return "not known"
     spread = f"{patch.spread.name}, R {MM * patch.radius:.1f} mm, cartilage {MM * patch.thickness:.2g} mm"
     own = run.parameters.contact.law in OWN_PRESSURE
-    return spread if own else f"none of the law's own; its force at rest is spread as {spread}"
+    return spread if own else f"the law defines none; its force at rest is distributed as {spread}"
 
 
 def moves(cyclic: Sequence[Run]) -> bool:

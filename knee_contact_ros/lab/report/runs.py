@@ -28,7 +28,7 @@ from knee_contact_ros.offline.solve import parameters_for, parameters_in, solve,
 from knee_contact_ros.offline.summary import read_refused
 from knee_contact_ros.parameters import files
 from knee_contact_ros.parameters.build import build_model, material_stiffness
-from knee_contact_ros.parameters.schema import Parameters, constants_of, has_both
+from knee_contact_ros.parameters.schema import Parameters, constants_of
 from knee_contact_ros.streams.contact_stream import answering
 from knee_contact_ros.streams.gait_events import GAP, HEEL_STRIKE, LOAD_PEAK, TOE_OFF, GaitEvents
 from knee_contact_ros.streams.strides import Span, at_stamps, cut, spans, stride_of
@@ -367,7 +367,8 @@ def collect(options: ReportOptions, work: Path, bar: Bar) -> list[Run]:
             uncertain: Sequence[Propagated | None] = [None, None]
             if options.uncertainty:
                 bar.describe(f"Uncertainty of {path.name}")
-                uncertain = _uncertainty(found, basis, options.uncertainty, names, bar)
+                effects = propagated(path, basis, options.uncertainty, names, bar)
+                uncertain = [effects.medial, effects.lateral]
             other = list[Run]()
             if over:
                 source = with_values(own._replace(changes=()), law) if own else files.load_parameters(
@@ -454,21 +455,3 @@ def _read(path: Path, topic: str, basis: Parameters | Provenance, bar: Bar) -> R
         refused = Counter()
     damage, drawn = (stored.damage, model) if stored else ((), None)
     return Run("", "", path, topic, own, "", refused, damage, gathered, drawn, known=stored is not None)
-
-
-def _uncertainty(
-    runs: Sequence[Run], basis: Parameters | Provenance, deviations: Path, names: Names, bar: Bar
-) -> list[Propagated | None]:
-    """Propagate deviations to the compartments of a knee, the medial one first, in the order of the stamps.
-
-    Raises:
-        UsageError: file, names or deviations cannot be used, or a recording's parameters changed while it was made.
-    """
-    for run in runs:
-        if is_lateral(run.topic) and not has_both(parameters_in(basis)):
-            raise UsageError(
-                f"recording {run.source} has answers of the lateral compartment and does not hold its parameters; "
-                f"load.compartment of --params is {run.parameters.load.compartment}, and must be both"
-            )
-    found = propagated(runs[0].source, basis, deviations, names, bar)
-    return [each and each.by_stamp() for each in (found.medial, found.lateral)]

@@ -73,7 +73,7 @@ def test_a_wider_level_has_wider_intervals_and_a_known_noise_is_taken() -> None:
     for size, words in ((3e-5, "too wide"), (1e-6, "too narrow")):
         found = fitted(table, [STIFFNESS], true, sigma={"penetration_depth": size})
         assert found.noise == {"penetration_depth": size}
-        assert told(found, "times the noise given", words)
+        assert told(found, "times the given noise", words)
 
 
 def test_outliers_move_a_robust_fit_less() -> None:
@@ -134,8 +134,8 @@ def test_open_intervals_ends_of_ranges_and_what_a_model_cannot_describe_are_told
     noisier = fitted(trial(8, noise=3e-4), {DAMPING: (1.0, 6000.0)}, TRUE)
     assert noisier.intervals[DAMPING][2:] == (True, True)
     assert told(noisier, "contact.damping is not bounded by the data below or above")
-    # Residuals that are alike from sample to sample: the damping is held at a wrong value
-    assert told(fitted(trial(9), [STIFFNESS], {DAMPING: 30000.0}), "alike from sample to sample")
+    # Residuals that are correlated from sample to sample: the damping is held at a wrong value
+    assert told(fitted(trial(9), [STIFFNESS], {DAMPING: 30000.0}), "correlated from sample to sample")
     at_end = fitted(trial(9), {STIFFNESS: (8e7, 1e8)}, {DAMPING: 4000.0})
     assert told(at_end, "the fit lies at the end of its range, 8e+07")
 
@@ -170,7 +170,7 @@ def test_the_command_writes_parameters_that_others_take(tmp_path: Path, capsys: 
     assert run(*arguments) == 2
     assert "exists already" in capsys.readouterr().err
     assert run(*arguments, "--overwrite", "--no-intervals", "--sigma", "penetration_depth=3e-6", "--loss", "huber") == 0
-    assert "noise given 3e-06 m" in capsys.readouterr().out
+    assert "noise given: 3e-06 m" in capsys.readouterr().out
     assert not list(tmp_path.glob("*.partial"))
 
 

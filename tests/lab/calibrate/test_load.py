@@ -66,13 +66,13 @@ def test_of_several_bags_each_is_left_out_and_the_gain_is_told(
 ) -> None:
     """Bags of one person whose noise differs: the file tells the error in a bag that was not fitted to."""
     bags = []
-    for seed, size in ((5, 40.0), (6, 60.0), (7, 80.0)):
+    for seed, size in ((5, 40.0), (6, 80.0)):
         (tmp_path / str(seed)).mkdir()
         bags.append(trial(tmp_path / str(seed), seed, size=size))
     found = fitted(bags, with_intervals=False)
-    assert found.measured.number == 1200
+    assert found.measured.number == 800
     assert found.values == pytest.approx(TRUE, rel=0.1)
-    alone = [fitted([bags[one], bags[two]], with_intervals=False) for one, two in ((1, 2), (0, 2), (0, 1))]
+    alone = [fitted(bag, with_intervals=False) for bag in reversed(bags)]
     told = [line for line in found.remarks if "constants of the other bags" in line]
     for bag, others, line in zip(bags, alone, told, strict=True):
         loads = estimate_load(bag, [BODY, others.to_parameters()])[AXIAL]
@@ -104,14 +104,13 @@ def test_mass_and_height_are_fitted_if_asked(tmp_path: Path) -> None:
 
 def test_standing_tells_one_number_and_that_is_told_by_name(tmp_path: Path) -> None:
     bag = trial(tmp_path, 2, standing=True)
-    all_three, pair = fitted(bag), fitted(bag, [FREE[0], TONE], {"person.co_contraction": 0.35})
+    all_three = fitted(bag, with_intervals=False)
+    pair = fitted(bag, [FREE[0], TONE], {"person.co_contraction": 0.35}, with_intervals=False)
     words = "person.moment_arm_scale and person.tone trade off: person.moment_arm_scale 10 % up with person.tone"
     assert any(each.startswith(words) and "cannot tell them apart" in each for each in pair.warnings)
     # Of three that make one number two directions are free, and any two of them may be told.
     trades = [each for each in all_three.warnings if "trade off" in each and "cannot tell them apart" in each]
     assert all(any(name in each for each in trades) for name in FREE)
-    bag.unlink()
-    assert fitted(trial(tmp_path, 2)).warnings == ()
 
 
 def test_samples_without_a_reference_and_flagged_ones_are_left_out_and_counted(tmp_path: Path) -> None:
@@ -138,7 +137,7 @@ def test_the_command_writes_parameters_that_the_load_node_takes(
     said = capsys.readouterr()
     for part in ("95 % interval", "person.co_contraction", "axial_force: RMS", "body weights, r 0.9", "400 fitted"):
         assert part in said.out
-    assert re.search(r"warning: axial_force: what is left is alike .*: 400 samples count as \d+, and", said.err)
+    assert re.search(r"warning: axial_force: the residuals are correlated .*: 400 samples count as \d+, and", said.err)
     parameters = load_parameters(["load/insole", str(output)], LoadParameters)
     assert parameters.calibrated
     assert 0.05 < parameters.standard_deviation < 0.15  # 60 N of 686 N
@@ -148,7 +147,7 @@ def test_the_command_writes_parameters_that_the_load_node_takes(
     for part in (
         "insole.yaml, person.mass 70.0",
         "# Data: trial.mcap, sha256 ",
-        "# Standard_deviation is the RMS of what is left of these data; in another trial of the same person",
+        "# Standard_deviation is the RMS error on these data; on another trial of the same person",
     ):
         assert part in text  # fmt: skip
     assert main(["estimate-load", str(bag), "--params", str(output), "--output", str(tmp_path / "out.mcap")]) == 0

@@ -219,7 +219,7 @@ def test_without_gait_everything_is_over_time_and_an_earlier_report_gives_way(tm
     }  # fmt: skip
     assert (out / "mine.txt").read_text() == "earlier"
     assert (out / "over_time_1.png").read_bytes().startswith(PNG)
-    assert "No two heel strikes that follow each other" in text_of(out)
+    assert "No two successive heel strikes" in text_of(out)
     assert rows_of(out / "cycles.csv") == rows_of(out / "peaks.csv") == []
 
 
