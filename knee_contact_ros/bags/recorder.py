@@ -24,7 +24,7 @@ from pathlib import Path
 from shutil import disk_usage
 from struct import Struct
 from threading import Event, Lock, Thread
-from typing import Any, NamedTuple
+from typing import IO, Any, NamedTuple
 
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
@@ -141,27 +141,24 @@ class BagFile(Writer):
     _Writer__chunk_builder: Any
 
     def __init__(
-        self, path: Path, partial: Path, compressed: bool, overwrite: bool, earlier: Mapping[str, int]
+        self, path: Path, file: IO[bytes], compressed: bool, overwrite: bool, earlier: Mapping[str, int]
     ) -> None:
         """Open a file for writing.
 
         Args:
             path: Final name.
-            partial: Name until the file is complete, already claimed.
+            file: File that `claim` has opened for this name.
             compressed: Whether chunks are compressed (zstd).
             overwrite: Whether the complete file replaces one that has the final name.
             earlier: Number of messages of each topic in earlier files of the recording: sequence numbers continue.
-
-        Raises:
-            UsageError: The file cannot be opened; see `open_claimed`.
         """
-        self.path, self.partial, self._overwrite, self._earlier = path, partial, overwrite, earlier
+        self.path, self.partial, self._overwrite, self._earlier = path, partial_name(path), overwrite, earlier
         self.channels: dict[str, int] = {}
         """Channel number of each topic"""
         self.topics: list[dict[str, Any]] = []
         """Entries of the topics in `metadata.yaml`"""
         self._schemas: dict[str, int] = {}  # number of each schema by its name
-        self._closing, self._file = Lock(), output_files.open_claimed(partial)
+        self._closing, self._file = Lock(), file
         compression = CompressionType.ZSTD if compressed else CompressionType.NONE
         super().__init__(self._file, chunk_size=CHUNK_SIZE, compression=compression, enable_data_crcs=True)
         self.start("ros2", LIBRARY)
@@ -331,21 +328,21 @@ class BagWriter:
             compressed: Whether chunks are compressed (zstd).
 
         Raises:
-            UsageError: The file cannot be written; see `claim` and `open_claimed`.
+            UsageError: The file cannot be written; see `claim`.
         """
         self._limits, self._alone, self._compressed = limits, alone, compressed
         self._names = output_files.all_names(path) if next_free_name else output_files.later_names(path)
         claimed = (
             output_files.claim_first(self._names) if next_free_name else (path, output_files.claim(path, overwrite))
         )
-        self.path, partial = claimed
+        self.path, file = claimed
         """Path of the first file"""
         self.remarks: list[str] = []
         """Messages for the user"""
         self._complete: list[tuple[str, Statistics]] = []
         self._completing: list[tuple[BagFile, Future[None]]] = []
         self._thread = ThreadPoolExecutor(1, "completing")  # which begins with its first task
-        self.file = BagFile(self.path, partial, compressed, overwrite, {})
+        self.file = BagFile(self.path, file, compressed, overwrite, {})
         """File that is being written"""
 
     def add_topic(self, topic: str, type_name: str) -> None:

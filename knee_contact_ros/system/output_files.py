@@ -16,7 +16,6 @@ import itertools
 import os
 import shlex
 import shutil
-import stat
 import time
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager, suppress
@@ -32,14 +31,10 @@ FIRST = "_0"
 """Suffix of the name of the first file of a recording of rosbag2"""
 MENDS = {".mcap": "knee-contact recover {} OUT.mcap", ".rrd": "rerun rrd merge {} -o OUT.rrd"}
 """Commands that repair a recording that was cut off, by suffix"""
-LATER = "_99999"
-"""Longest suffix that an output may get if it has to be continued in further files"""
 LOCK_TRIES, LOCK_PAUSE = 5, 0.01
 """Number of attempts to lock a file, and pause between them [s]: others may hold the lock for a moment to check it"""
 NEW = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
 """Flags to create and open a new file"""
-THERE = os.O_NONBLOCK | os.O_CLOEXEC
-"""Flags to open an existing file"""
 
 
 def partial_name(path: Path) -> Path:
@@ -73,47 +68,32 @@ def stamped(path: str) -> str:
 
 
 def refuse_impossible(path: Path) -> None:
-    """Refuse an output that cannot be written, by a quick check that changes nothing.
+    """Refuse an output that cannot be written; the trial leaves nothing behind.
 
     Raises:
-        UsageError: the path names no file, or a folder, is too long, or its folder is no folder or can neither be
-            written nor made.
+        UsageError: the path is a folder or is too long, or nothing can be written to its folder, or to the nearest one
+            that exists.
     """
+    from tempfile import TemporaryFile
+
     try:
-        reason = _obstacle(path)
-    except OSError as error:
-        reason = error.strerror or str(error)
-    except ValueError as error:  # characters that no name can have
-        reason = str(error)
-    if reason:
-        raise UsageError(f"cannot write {path}: {reason}")
+        _refuse_folder(path)
+        with suppress(FileNotFoundError):
+            partial_name(path).lstat()
+        with TemporaryFile(dir=next(filter(os.path.lexists, path.absolute().parents))):
+            pass
+    except (OSError, ValueError) as error:
+        raise _impossible(path, error) from None
 
 
-def _obstacle(path: Path) -> str:
-    """Reason why an output cannot be written, or empty; OSError and ValueError hold a reason, too."""
-    if path.name in ("", "..") or "\0" in path.name:
-        return "it names no file"
+def _refuse_folder(path: Path) -> None:
     if path.is_dir():
-        return os.strerror(errno.EISDIR)
-    folder = path.absolute().parent
-    while not _exists(folder):
-        folder = folder.parent
-    if not stat.S_ISDIR(folder.stat().st_mode):
-        return os.strerror(errno.ENOTDIR)
-    longest = os.pathconf(folder, "PC_NAME_MAX")
-    if any(len(os.fsencode(part)) > longest for part in (*path.parent.parts, partial_name(path).name + LATER)):
-        return os.strerror(errno.ENAMETOOLONG)
-    if os.statvfs(folder).f_flag & os.ST_RDONLY:
-        return os.strerror(errno.EROFS)
-    return "" if os.access(folder, os.W_OK | os.X_OK) else os.strerror(errno.EACCES)
+        raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
 
 
-def _exists(folder: Path) -> bool:
-    try:
-        folder.stat()
-    except FileNotFoundError:
-        return False
-    return True
+def _impossible(path: Path, error: OSError | ValueError) -> UsageError:
+    """Error for an output that the system does not write; a ValueError tells of characters that no name can have."""
+    return UsageError(f"cannot write {path}: {getattr(error, 'strerror', None) or error}")
 
 
 def checked_output(path: Path, label: str, *suffixes: str) -> Path:
@@ -124,11 +104,7 @@ def checked_output(path: Path, label: str, *suffixes: str) -> Path:
     """
     if suffixes and path.suffix.lower() not in suffixes:
         raise UsageError(f"{label} {path}: its name must end with {' or '.join(suffixes)}")
-    try:
-        there = path.absolute().parent.is_dir()
-    except OSError as error:
-        raise UsageError(f"{label} {path}: {error.strerror}") from None
-    if not there:
+    if not os.path.isdir(path.absolute().parent):  # noqa: PTH112  (never raises)
         raise UsageError(f"{label} {path}: there is no folder {path.parent}; make it first")
     return path
 
@@ -162,34 +138,54 @@ def cut_off(partial: Path) -> str:
     return f"{partial} is a recording that was cut off: `{command}` makes it whole"
 
 
-def claim(path: Path, overwrite: bool = False) -> Path:
-    """Make the folder of an output and its unfinished file, and return the name of the latter.
+def claim(path: Path, overwrite: bool = False) -> IO[bytes]:
+    """Make the folder of an output, and open its unfinished file, locked, for writing.
 
-    With `overwrite`, an existing file is replaced; of a link the link itself, and not its target.
+    With `overwrite`, an existing file is replaced in the end; of a link the link itself, and not its target.
 
     Raises:
-        UsageError: the output or an unfinished one of its name exists, or the folder cannot be written.
+        UsageError: the output or an unfinished one of its name exists, or it cannot be written.
     """
-    refuse_impossible(path)
     partial = partial_name(path)
     if not overwrite:
         refuse_existing(path)
     elif is_being_written(partial):
         raise UsageError(being_written(partial))
     try:
-        make_folder(path.parent)
+        _refuse_folder(path)
+        if not path.parent.exists():
+            path.parent.mkdir(parents=True, exist_ok=True)
+            for folder in path.absolute().parents:
+                sync_folder(folder)
         if overwrite:
             partial.unlink(missing_ok=True)
-        os.close(os.open(partial, NEW, 0o666))
+        file = open(partial, "r+b", opener=lambda name, _: os.open(name, NEW, 0o666))  # noqa: SIM115
     except FileExistsError:
         raise UsageError(being_written(partial)) from None
-    except OSError as error:
-        raise UsageError(f"cannot write {path}: {error.strerror}") from None
-    return partial
+    except (OSError, ValueError) as error:
+        raise _impossible(path, error) from None
+    if not _lock(file):
+        file.close()
+        raise UsageError(being_written(partial))
+    return file
 
 
-def claim_first(names: Iterable[Path]) -> tuple[Path, Path]:
-    """Claim an output under the first of these names that is free; return that name and the unfinished file's.
+def _lock(file: IO[bytes]) -> bool:
+    """Lock a file, and return whether that worked; where the file system has no locks, nobody else can hold one."""
+    for _ in range(LOCK_TRIES):
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            time.sleep(LOCK_PAUSE)
+        except OSError:
+            return True
+        else:
+            return True
+    return False
+
+
+def claim_first(names: Iterable[Path]) -> tuple[Path, IO[bytes]]:
+    """Claim an output under the first of these names that is free; return that name and the unfinished file.
 
     Raises:
         UsageError: the folder cannot be written.
@@ -201,35 +197,6 @@ def claim_first(names: Iterable[Path]) -> tuple[Path, Path]:
             if not is_taken(name):  # if it is, somebody was faster
                 raise
     raise UsageError("all names are taken")
-
-
-def open_claimed(partial: Path) -> IO[bytes]:
-    """Open a claimed file for writing, empty and locked.
-
-    Raises:
-        UsageError: another process writes it, or it is not the file that was claimed.
-    """
-    try:
-        file = open(partial, "r+b", opener=lambda name, _: os.open(name, os.O_RDWR | os.O_NOFOLLOW | THERE))  # noqa: SIM115
-    except OSError as error:
-        raise UsageError(f"cannot write {partial}: {error.strerror}") from None
-    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
-        file.close()
-        raise UsageError(f"cannot write {partial}: it is not a regular file")
-    for _ in range(LOCK_TRIES):
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            time.sleep(LOCK_PAUSE)
-            continue
-        except OSError:
-            break  # a file system without locks: others cannot see that it is being written
-        break
-    else:
-        file.close()
-        raise UsageError(being_written(partial))
-    file.truncate()
-    return file
 
 
 def take_name(partial: Path, path: Path, overwrite: bool) -> Path:
@@ -308,18 +275,6 @@ def write_complete(contents: Mapping[Path, bytes]) -> None:
                 partial_name(path).unlink()
 
 
-def make_folder(folder: Path) -> None:
-    """Make a folder with its parents, and sync them to the disk.
-
-    Raises:
-        OSError: it cannot be made.
-    """
-    missing = list(itertools.takewhile(lambda parent: not parent.exists(), [folder, *folder.absolute().parents]))
-    folder.mkdir(parents=True, exist_ok=True)
-    for made in missing:
-        sync_folder(made.absolute().parent)
-
-
 def sync_folder(folder: Path) -> None:
     """Sync the entries of a folder to the disk, where the file system can."""
     with suppress(OSError):
@@ -332,24 +287,20 @@ def sync_folder(folder: Path) -> None:
 
 def is_being_written(partial: Path) -> bool:
     """Whether a process holds the lock of an unfinished file."""
-    with suppress(OSError), os.fdopen(os.open(partial, os.O_RDONLY | THERE), "rb") as file:
-        try:
+    try:
+        with os.fdopen(os.open(partial, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb") as file:
             fcntl.flock(file, fcntl.LOCK_SH | fcntl.LOCK_NB)
-        except BlockingIOError:
-            return True
+    except BlockingIOError:
+        return True
+    except (OSError, ValueError):  # it cannot even be opened
+        pass
     return False
 
 
 def leftovers(folder: Path, suffix: str) -> list[Path]:
     """Unfinished recordings in a folder, with the suffix `.mcap` or `.rrd`, that no process writes any more."""
     paths = sorted(folder.glob(f"*{suffix}{PARTIAL}"))
-    return [path for path in paths if _is_plain(path) and not is_being_written(path)]
-
-
-def _is_plain(path: Path) -> bool:
-    with suppress(OSError):
-        return stat.S_ISREG(path.lstat().st_mode)
-    return False
+    return [path for path in paths if path.is_file() and not path.is_symlink() and not is_being_written(path)]
 
 
 @contextmanager

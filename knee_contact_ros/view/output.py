@@ -207,15 +207,14 @@ class RerunFile:
         """Open a file for these knees; `latency` says whether their answers have latencies.
 
         Raises:
-            UsageError: the file cannot be written; see `claim` and `open_claimed`.
+            UsageError: the file cannot be written; see `claim`.
         """
         import rerun as rr
 
         from knee_contact_ros.view.layout import blueprint
 
         self._path, self._overwrite = path, overwrite
-        self._partial = output_files.claim(path, overwrite)
-        self._file = output_files.open_claimed(self._partial)
+        self._partial, self._file = output_files.partial_name(path), output_files.claim(path, overwrite)
         self._error: OSError | None = None
         self._source, sink = os.pipe()
         self._thread = Thread(target=self._copy, name="Rerun file", daemon=True)
