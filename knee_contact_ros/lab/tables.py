@@ -10,6 +10,7 @@ from __future__ import annotations
 import codecs
 import csv
 import difflib
+import io
 import math
 import re
 from array import array
@@ -338,7 +339,7 @@ def repaired(path: Path) -> str:
         UsageError: the file cannot be read, or is no storage file.
     """
     header = storage_header(path)
-    rows = [line.rstrip("\r\n") for line in islice(_each_line(header.text), header.line, None) if line.strip()]
+    rows = [line.rstrip("\n") for line in islice(_each_line(header.text), header.line, None) if line.strip()]
     top = ["states", "version=1", f"nRows={len(rows)}", f"nColumns={len(header.names)}"]
     return (
         "\n".join([*top, f"inDegrees={'yes' if header.degrees else 'no'}", END, "\t".join(header.names), *rows]) + "\n"
@@ -371,7 +372,7 @@ def _text_header(path: Path, wanted: Collection[Column], table_format: TableForm
     They may stand behind a `#`. Raises a `UsageError` for a file that is empty, or has numbers where names should be.
     """
     (text, notes), given = _text_of(path, table_format.encoding), table_format.header_line
-    lines = [line.rstrip("\r\n") for line in islice(_each_line(text), max(SEARCHED, given or 0))]
+    lines = [line.rstrip("\n") for line in islice(_each_line(text), max(SEARCHED, given or 0))]
     there = {number: line for number, line in enumerate(lines, start=1) if line.strip()}
     content = [number for number, line in there.items() if not line.startswith(COMMENT)]
     if not content:
@@ -595,9 +596,9 @@ def _records(header: Header, table_format: TableFormat, units: dict[int, str]) -
             yield line, cells
 
 
-def _each_line(text: str) -> Iterator[str]:
-    """Yield the lines of a text with what ends them, which may be that of any system."""
-    return (match[0] for match in re.finditer(r"[^\r\n]*(?:\r\n?|\n)|[^\r\n]+", text))
+def _each_line(text: str) -> io.StringIO:
+    """Iterate over the lines of a text, which end as those of any system do, as lines that end with a newline."""
+    return io.StringIO(text, newline=None)
 
 
 def _lines(header: Header) -> Iterator[tuple[int, list[str]]]:
@@ -606,7 +607,7 @@ def _lines(header: Header) -> Iterator[tuple[int, list[str]]]:
     if mark == " " or header.entries is not None:
         for number, text in enumerate(file, start=1):
             divided = mark != " " and text.count(mark) == between
-            yield number, text.rstrip("\r\n").split(mark) if divided else text.split()
+            yield number, text.rstrip("\n").split(mark) if divided else text.split()
         return
     lines = csv.reader(file, delimiter=mark)
     try:

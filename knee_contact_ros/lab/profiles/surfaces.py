@@ -446,24 +446,15 @@ def _articular(pieces: Pieces, chart: Chart) -> tuple[Floats, list[str]]:
     seen = _seen(0.5 * (pieces.begins + pieces.ends), pieces, chart)
     lengths = np.hypot(*(pieces.ends - pieces.begins).T)
     visible = np.bincount(pieces.numbers, weights=lengths * seen)
-    whole = np.bincount(pieces.numbers, weights=lengths)
     best = int(visible.argmax())
     chosen = (pieces.numbers == best) & seen
     points = np.unique(np.concatenate([pieces.begins[chosen], pieces.ends[chosen]]), axis=0)
-    remarks = []
-    others = [length for number, length in enumerate(whole) if number != best and length > LEAST_LENGTH]
-    if others:
-        left = ", ".join(f"{1e3 * length:.1f}" for length in sorted(others, reverse=True)[:5])
-        remarks.append(
-            f"the slice has {1 + len(others)} pieces; the one with the longest outer side is used "
-            f"({1e3 * whole[best]:.1f} mm), left out are {left} mm"
-        )
-    hidden = whole[best] - visible[best]
-    if hidden > LEAST_LENGTH:
-        remarks.append(
-            f"{1e3 * hidden:.1f} mm of the slice lie behind the rest and are left out, because they are not articular"
-        )
-    return points, remarks
+    if lengths.sum() - visible[best] <= LEAST_LENGTH:
+        return points, []
+    return points, [
+        f"{1e3 * visible[best]:.1f} of {1e3 * lengths.sum():.1f} mm of the slice are used, the outer side of one "
+        f"of {len(visible)} pieces; the rest lies behind it, or is apart from it"
+    ]
 
 
 def _seen(points: Floats, pieces: Pieces, chart: Chart) -> Any:

@@ -249,23 +249,6 @@ def test_a_left_leg_is_mirrored(results: list[str], loads: list[str], tmp_path: 
     assert "ground: no free moment in the file" in notes
 
 
-@pytest.mark.usefixtures("by_tests")
-@pytest.mark.parametrize("rate", ["200", "0"])
-def test_the_knee_is_the_same_as_without(results: list[str], loads: list[str], tmp_path: Path, rate: str) -> None:
-    """With rate 0 each keeps its stamps: the ground those of its file."""
-    knees = []
-    for more, topics in (([], INPUT_TYPES), (loads, TOPICS)):
-        assert main([*results, "--side", "right", "--rate", rate, "--overwrite", *more]) == 0
-        messages = read_bag(tmp_path / "walk", topics)
-        angles = [(m.log_time, m.message.position[0]) for m in messages if m.topic == "/joint_states"]
-        forces = [(m.log_time, str(m.message)) for m in messages if m.topic == "/joint_reaction_force"]
-        knees.append((angles, forces))
-    assert knees[0] == knees[1]
-    ground = [m.log_time for m in messages if m.topic == "/ground_reaction_force"]
-    assert ground == [5_000_000 * row for row in range(241)]
-    assert len(angles) == (241 if rate == "200" else 121)
-
-
 def test_the_joints_are_found_by_their_names_and_the_knees_angle(tmp_path: Path) -> None:
     model = write_model(tmp_path / "m.osim")
     assert leg.leg_joints(model, "left", "knee_angle_l") == ["hip_l", "walker_knee_l", "ankle_l"]

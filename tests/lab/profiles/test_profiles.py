@@ -130,8 +130,8 @@ def test_of_a_closed_cartilage_and_of_one_with_its_bone_the_outer_side_is_taken(
     rim = np.concatenate([corner[:, 0], corner[-1, 1:], corner[::-1, -1][1:], corner[0, ::-1][1:]])
     below = rim + len(outer[0])
     walls = [np.column_stack([rim[:-1], rim[1:], below[:-1]]), np.column_stack([rim[1:], below[1:], below[:-1]])]
-    for mesh, remark, error in ((joined(outer, inner, walls=np.concatenate(walls)), "lie behind the rest", 0.05 * MM),
-                                (joined(outer, inner), "has 2 pieces", 0.02 * MM)):  # fmt: skip
+    for mesh, remark, error in ((joined(outer, inner, walls=np.concatenate(walls)), "of 1 pieces;", 0.05 * MM),
+                                (joined(outer, inner), "of 2 pieces;", 0.02 * MM)):  # fmt: skip
         found = fit(mesh, MIDDLE)
         assert any(remark in each for each in found.remarks)
         assert radii(found) == pytest.approx([0.030] * 3, abs=FACET / OF_ARC + error)
