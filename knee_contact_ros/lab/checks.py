@@ -112,7 +112,7 @@ def outside(where: object, what: str, value: float, unit: str, limits: Range, cu
 
 
 def refuse(sentences: list[str], anyway: bool | None = None) -> None:
-    """Raise a UsageError with the first sentence, if there is one; not with `anyway`, which others may give."""
+    """Raise a UsageError with the first sentence, if there is one; `anyway` None: no option insists, True: it is given."""
     if sentences and not anyway:
         raise UsageError(sentences[0] + " (--anyway imports it as it is)" * (anyway is False))
 
@@ -208,7 +208,7 @@ def joint_doubts(series: Series, *, is_torque: bool = False) -> list[str]:
 
 
 def unusual(load: Series, weight: float | None) -> list[str]:
-    """List what may be a mistake, and cannot be told without a body weight [N]."""
+    """List what may be a mistake, if no body weight [N] is known to judge it by."""
     cure = "percent of body weight, kN, or a spike? Give a body weight to be sure"
     return [] if weight else outside(load.where, "the peak", float(load.values.max()), "N", USUAL_LOAD, cure)
 

@@ -141,7 +141,7 @@ def check(channels: dict[str, Series], sensors: SensorMap, anyway: bool) -> list
     """List what may be a mistake.
 
     Raises:
-        UsageError: the values are not those of a leg at all, or, but for `anyway`, are likely a mistake.
+        UsageError: the values cannot be those of a leg, or are likely a mistake and `anyway` is not given.
     """
     load, ground, weight = channels.get("load"), channels.get("ground_force"), sensors.body_weight
     for name in ANGLES:

@@ -70,16 +70,16 @@ def import_opensim(
     if ground:
         require("opensim", "opensim")
         own |= {"ground": Path(ground), "ground_data": run.data_file(Path(ground))}
-    bags, more, told = outputs(side, output, settings, overwrite), dict[str, str](), list[str]()
+    bags, more, lines = outputs(side, output, settings, overwrite), dict[str, str](), list[str]()
     with work_folder(output.parent) as temporary:
         if setup:
             folder = (work or temporary / "opensim").resolve()
-            own, more, told = run_tools(setup, chosen, folder, ground)
+            own, more, lines = run_tools(setup, chosen, folder, ground)
         gaits = {bag: read_knee(name, Files(**own), settings, temporary) for name, bag in bags.items()}
         used = {name: path for name, path in own.items() if path}
         more = {"settings": json.dumps(settings._asdict())} | more
         gait_bag.store(gaits, "OpenSim results", used, more, temporary)
-    for line in told:
+    for line in lines:
         say(line, hang=2 * line.startswith("-"))
 
 
