@@ -112,7 +112,7 @@ def outside(where: object, what: str, value: float, unit: str, limits: Range, cu
 
 
 def refuse(sentences: list[str], anyway: bool | None = None) -> None:
-    """Raise a UsageError with the first sentence, if there is one; not if `anyway` is given (None: it cannot be given)."""
+    """Raise a UsageError with the first sentence, if there is one; not if `anyway` is given (None: it cannot be)."""
     if sentences and not anyway:
         raise UsageError(sentences[0] + " (--anyway imports it as it is)" * (anyway is False))
 
