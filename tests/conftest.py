@@ -22,8 +22,8 @@ os.environ.pop("RMW_IMPLEMENTATION", None)  # the tests have a graph of their ow
 settings.register_profile("no timed tests", deadline=None)
 settings.load_profile("no timed tests")
 
-LONG = {"packaging", "studies", "calibrate"}
-"""Folders with tests of half a minute"""
+LONG = {"packaging", "ros", "studies", "calibrate", "sweep"}
+"""Folders with tests of half a minute, or with files that one process runs"""
 LONGEST_NAME = 60
 """Largest length of a text, or of bytes, by which a case is named"""
 REFERENCE_DATA = ROOT.parent / "shared" / "data"

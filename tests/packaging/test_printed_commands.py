@@ -37,7 +37,7 @@ GROUPS = TOGETHER + [
 BLOCK = re.compile(r"^(?P<before>[^\n]*)\n+```(?P<kind>\w+)\n(?P<text>.*?)^```$", re.MULTILINE | re.DOTALL)
 NEED = re.compile(r"<!-- not run: (.*) -->")
 NEEDS = {"a download", "a screen", "apt", "OpenSim", "Docker", "ros2", "systemd", "other machines", "hours", "itself",
-         "by tests/ros/test_demo.py"}  # fmt: skip
+         "by tests/ros/test_demo.py", "by tests/lab/sweep/test_killed.py"}  # fmt: skip
 """What a block may need that this test does not have, or which other test runs it"""
 SAVED = re.compile(r"Save this as `([\w.]+)`")
 INSTALLED = ROOT / ".venv" / ".installed"

@@ -3,20 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
-import pytest
 from visualization_msgs.msg import Marker, MarkerArray
 
-from knee_contact_ros.node.contact_node import MARKER_DEPTH, MarkerTopic
-from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.topics import KNEE_CONTACT_MARKERS
-from knee_contact_ros.view.anatomy import drawing_of
-from knee_contact_ros.view.markers import KneeMarkers
 from tests.helpers.markers import place_of
-from tests.helpers.messages import raw_inputs
 from tests.ros.conftest import NodeProcess, Peer
 
 Start = Callable[..., NodeProcess]
@@ -65,34 +57,3 @@ def test_what_is_shown_is_the_answer(peer: Peer, start_node: Start) -> None:
         _, _, point, force = markers.values()
         assert place_of(point).tolist() == [contact.contact_point.x, contact.contact_point.y, contact.contact_point.z]
         assert force.action == (Marker.ADD if contact.contact_force else Marker.DELETE)
-
-
-def test_nothing_is_made_unless_somebody_looks_and_then_once(
-    peer: Peer, right_bag: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The topic in this process, so that calls of its publisher can be counted."""
-    pipeline = ContactStream(load_parameters({}), compiled=False)
-    publisher = peer.node.create_publisher(MarkerArray, KNEE_CONTACT_MARKERS, MARKER_DEPTH)
-    published, publish = [], publisher.publish
-    monkeypatch.setattr(publisher, "publish", lambda data: (published.append(data), publish(data)))
-    topic = MarkerTopic(publisher, KneeMarkers([drawing_of(pipeline.model, "knee", 700.0)]))
-    topic.publish()
-    for name, _, data in raw_inputs(right_bag)[:60]:
-        take = pipeline.take_joint_state if name == "/joint_states" else pipeline.take_force
-        for pair in take(data):
-            topic.newest = (pair.load, pipeline.answer(pair, pipeline.compute(pair)).row)
-            topic.publish()
-    assert topic.newest
-    assert not published
-    screen = Screen(peer)
-    peer.wait_until(publisher.get_subscription_count)
-    newest = topic.newest
-    for _ in range(3):
-        topic.publish()
-    assert len(published) == 1
-    screen.shown(newest[0].stamp)
-    screen.close()
-    peer.wait_until(lambda: not publisher.get_subscription_count())
-    topic.newest = newest
-    topic.publish()
-    assert len(published) == 1

@@ -7,8 +7,6 @@ from __future__ import annotations
 
 import json
 import re
-import subprocess
-import sys
 import xml.etree.ElementTree as ET
 from pathlib import Path
 
@@ -21,7 +19,6 @@ from knee_contact_ros.model.types import UNUSABLE, ContactState, Fidelity, Statu
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from scripts.make_layouts import LANES, PLOTS, files
-from tests import ROOT
 
 MADE = dict(files())
 SERIES = sum(len(plot.curves) for plot in PLOTS) + len(LANES) + 1
@@ -105,30 +102,3 @@ def test_plotjuggler_every_curve_is_a_number_of_the_recording(schemas: dict[str,
         topic = max((topic for topic in schemas if curve.startswith(f"{topic}/")), key=len)
         field = curve.removeprefix(f"{topic}/").replace("/", ".")
         assert field == "knee.position" if topic == "/joint_states" else is_number(kind_of(schemas[topic], field))
-
-
-def test_plotjuggler_shows_degrees_and_millimetres() -> None:
-    root = ET.fromstring(MADE["plotjuggler/knee_contact.xml"])  # noqa: S314  (our own file)
-    shown = {}
-    for curve in root.iter("curve"):
-        (transform,) = curve
-        (options,) = transform
-        shown[curve.attrib["name"]] = (transform.attrib["alias"], float(options.attrib["value_scale"]))
-    assert shown["/knee_contact/flexion_angle"] == ("flexion angle [deg]", pytest.approx(57.29578, abs=1e-5))
-    assert shown["/knee_contact/penetration_depth"] == ("penetration [mm]", 1e3)
-    assert shown["/knee_contact/error_estimate"] == ("error estimate [um]", 1e6)
-    assert shown["/knee_contact/contact_force"] == ("contact force [N]", 1.0)
-
-
-def test_a_namespace_by_the_script(tmp_path: Path) -> None:
-    run = [sys.executable, "-m", "scripts.make_layouts", "--output", tmp_path, "--namespace"]
-    subprocess.run([*run, "/robot/left"], check=True, capture_output=True, cwd=ROOT)
-    made = {path.relative_to(tmp_path).as_posix(): path.read_text() for path in tmp_path.rglob("*.*")}
-    assert made == dict(files("/robot/left"))
-    patterns = {"json": r'"(?:value|topicPath)": "([^"]*)"', "xml": r'<curve (?:name|topic)="([^"]*)"'}
-    paths = [re.findall(patterns[name.rpartition(".")[2]], text) for name, text in files("/robot/left")]
-    assert list(map(len, paths)) == [SERIES + 2, SERIES, SERIES]
-    assert all(path.startswith("/robot/left/") for each in paths for path in each)
-    refused = subprocess.run([*run, "1st"], capture_output=True, text=True, check=False, cwd=ROOT)
-    assert refused.returncode == 2
-    assert "'1st': it must be a name, such as left or robot/left" in refused.stderr

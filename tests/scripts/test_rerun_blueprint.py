@@ -5,12 +5,10 @@ from __future__ import annotations
 import os
 import re
 import subprocess
-import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -25,7 +23,6 @@ from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from scripts.make_layouts import COLOURS, JOINTS, LANES, PLOTS, STATES
 from scripts.make_rerun_blueprint import APPLICATION, TIMELINE, application_of, blueprint
-from tests import ROOT
 from tests.helpers.viewer import RERUN, Screen, pixels_of, rendered, wait_for
 
 TICKS, FIRST, LAST = 387, 530_000_000, 2_460_000_000
@@ -155,12 +152,3 @@ def test_opened_directly_with_the_shipped_blueprint(recording: Path, shipped: Pa
     routed = rerun("rrd", "route", "--application-id", application_of(recording), shipped)
     with piped(routed, tmp_path) as blueprint, rendered(recording, blueprint) as screen:
         seen(screen)
-
-
-def test_a_namespace_by_the_script(tmp_path: Path) -> None:
-    command: list[Any] = [sys.executable, "-m", "scripts.make_rerun_blueprint", "--output", tmp_path / "x.rbl"]
-    subprocess.run([*command, "--namespace", "left"], check=True, capture_output=True, cwd=ROOT)
-    assert {entity.startswith("/left/") for entity, _, _ in sources(tmp_path / "x.rbl")} == {True}
-    said = subprocess.run([*command, "--namespace", "le ft"], capture_output=True, text=True, check=False, cwd=ROOT)
-    assert said.returncode == 2
-    assert "'le ft': it must be a name, such as left or robot/left" in said.stderr

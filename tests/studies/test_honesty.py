@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-import csv
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 pytest.importorskip("tabulate", reason="the studies' tables")
 
 from knee_contact_ros.model.types import ROW, Status
-from studies.honesty.budgets import BUDGETS, COUNT, pulled, turned
 from studies.honesty.cut import PARTS
 from studies.honesty.judging import judge
 from studies.honesty.kinds import SETTINGS, STUDIES, TIGHT
-from studies.honesty.long_runs import long_runs, scene_of
 from studies.honesty.scenes import FAMILIES, TICKS, draw
-from studies.honesty.study import COLUMNS, row, save, table
 from studies.reference import LAWS, Solution
 
 TOLERANCE = 1e-6
@@ -65,32 +59,6 @@ def test_what_counts_as_wrong() -> None:
     assert judged.depth.ratio[:2] == pytest.approx([2.0, 2.0])
 
 
-def test_a_reference_that_is_no_better_than_the_model_judges_nothing() -> None:
-    judged = judge(series([1e-3 + 2e-6], [1e-9], [False]), truth([1e-3], [1e-7]), TOLERANCE)
-    assert not judged.depth.known.any()
-    assert not judged.depth.wrong.any()
-
-
-def test_counts_add_up(tmp_path: Path) -> None:
-    ours = series([1e-3 + 1e-7] * 3 + [1e-3 + 2e-6], [1e-6] * 4, [False] * 4)
-    one = row(("group",), "name", ours, judge(ours, truth([1e-3] * 4, [EXACT] * 4), TOLERANCE))
-    whole, group = table("study", [one, one._replace(groups=())])
-    found = dict(zip(COLUMNS, whole, strict=True))
-    assert (found["runs"], found["ticks"], found["OK and wrong"], found["in runs"]) == ("2", "8", "2", "2")
-    assert (found["known"], found["covered"]) == ("100.000 %", "75.000 %")
-    assert group[1:3] == ("group", "1")
-    save(tmp_path / "table.csv", [whole])
-    save(tmp_path / "table.csv", [("other", *whole[1:])])
-    save(tmp_path / "table.csv", [whole, group])
-    with (tmp_path / "table.csv").open(encoding="utf-8", newline="") as file:
-        assert [line[:2] for line in csv.reader(file)] == [
-            ["study", "group"],
-            ["other", "all"],
-            ["study", "all"],
-            ["study", "group"],
-        ]
-
-
 @pytest.mark.parametrize(
     ("study", "runs"), [("scenes", 2 * len(SETTINGS)), ("cut", len(PARTS) - 1), ("tight", 2 * len(TIGHT))]
 )
@@ -99,14 +67,3 @@ def test_a_number_is_judged(study: str, runs: int) -> None:
     assert len(rows) == runs
     assert sum(one.known for one in rows) > 0
     assert not any(one.wrong or one.not_finite for one in rows)
-
-
-def test_budgets_and_long_runs_are_as_many_as_they_say() -> None:
-    assert COUNT == 540
-    assert len(BUDGETS) * len({(pulled(i).family, pulled(i).load.tobytes()) for i in range(180)}) == 720
-    assert np.isfinite(turned(1_000_180).load).all()
-    assert sum(run.hours for run in long_runs()) >= 10.0
-    for run in long_runs():
-        scene = scene_of(run, 0.0, 0)
-        assert np.isfinite(scene.load).all()
-        assert len(scene.load) == len(scene.angle) == len(scene.time)

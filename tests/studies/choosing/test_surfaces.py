@@ -9,7 +9,7 @@ import pytest
 
 from knee_contact_ros.parameters.build import load_model
 from studies.choosing.scenes import CIRCLE, MRI_FEMUR, MRI_KNEE, geometries
-from studies.choosing.surfaces import OnPlane, OnPlateau, deepest, femur_through, lowest, plateau_through
+from studies.choosing.surfaces import deepest, femur_through, lowest, plateau_through
 
 A, B = 0.034, 0.028
 ANGLES = np.linspace(-0.1, 1.9, 21).tolist()
@@ -30,17 +30,6 @@ def test_the_lowest_point_is_that_of_an_ellipse() -> None:
         # A spline through 400 points of it is off by their distance to the fourth power: 1e-12 m or so.
         assert -y == pytest.approx(support, abs=1e-11)
         assert -x == pytest.approx((A * A - B * B) * math.sin(angle) * math.cos(angle) / support, abs=1e-8)
-
-
-def test_a_flat_plateau_is_the_plane() -> None:
-    femur = femur_through(ellipse_points(100))
-    plateau = plateau_through(np.array([np.linspace(-0.03, 0.03, 7), np.zeros(7)]))
-    plane, flat = OnPlane(femur), OnPlateau(femur, plateau)
-    for angle in ANGLES:
-        for height in (0.027, 0.05):
-            # Rounding of lengths of some 0.05 m.
-            assert flat(angle, 2.0, height) == pytest.approx(plane(angle, 2.0, height), abs=1e-15)
-            assert flat.contact_x(angle, height) == pytest.approx(plane.contact_x(angle, height), abs=1e-12)
 
 
 def test_on_a_concave_circle_the_centres_tell_the_depth() -> None:
@@ -66,14 +55,3 @@ def test_the_model_finds_the_same_contact(name: str) -> None:
             assert closest.depth == pytest.approx(depth, abs=1e-13)
             expected = geometry.contact_x(angle, state[0])
             assert closest.point(0.0, height)[0] == pytest.approx(expected, abs=1e-7)
-
-
-def test_rates_are_the_slope_of_the_depth() -> None:
-    geometry = GEOMETRIES[MRI_KNEE]
-    step = 1e-6
-    for angle in ANGLES:
-        state = (0.0222, 0.0)
-        forwards, backwards = (geometry.femur.contact(state, angle + sign * step, 0.0)[0] for sign in (1.0, -1.0))
-        _, rate = geometry.femur.contact(state, angle, 1.0)
-        # Central differences: rounding of 1e-17 m over the step, and the step squared times h''' of some 0.1 m.
-        assert rate == pytest.approx((forwards - backwards) / (2.0 * step), abs=1e-9)
