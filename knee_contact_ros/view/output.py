@@ -10,7 +10,7 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -43,17 +43,6 @@ BLOCK = 1 << 16
 """Bytes that a pipe holds"""
 
 
-class Serving(NamedTuple):
-    """Options of serving a scene to viewers."""
-
-    port: int
-    """Port of this machine's loopback interface"""
-    window: bool
-    """Whether a viewer is opened on this machine"""
-    knees: tuple[str, ...] = ()
-    """Names of all knees that share the viewer, with this one's; empty: this knee has the viewer for itself"""
-
-
 def sink_for(knee: Knee) -> Sink | None:
     """Describe the process that writes a Rerun file or serves a scene; None if drawing is off.
 
@@ -74,15 +63,24 @@ def sink_for(knee: Knee) -> Sink | None:
     own = compartments_of(name, models)
     if len(models) > 1:  # each is a knee of its own to a viewer
         knees = tuple(part for one in knees or (name,) for part in compartments_of(one, models))
-    serving = Serving(rerun.port, rerun.mode == "spawn", knees)
-    arguments = path, serving, drawings_of(models, own, knee.parameters.body_weight)
-    kind = "Rerun recording" if path else f"Rerun scene on port {serving.port}"
+    drawings = drawings_of(models, own, knee.parameters.body_weight)
+    arguments = path, drawings, rerun.port, rerun.mode == "spawn", knees
+    kind = "Rerun recording" if path else f"Rerun scene on port {rerun.port}"
     gather = FILE_GATHER if path else LIVE_GATHER
     return Sink("viewer", kind, str(path or ""), __name__, arguments, "row", True, NICENESS, gather)
 
 
-def open_output(path: Path | None, serving: Serving, own: Sequence[KneeOutlines]) -> Viewer:
+def open_output(
+    path: Path | None, own: Sequence[KneeOutlines], port: int = 0, spawn: bool = False, knees: Sequence[str] = ()
+) -> Viewer:
     """Open the output for a knee of one or two compartments: a file, or a server if there is no `path`.
+
+    Args:
+        path: Rerun file to write; None: serve the scene.
+        own: Outlines of the compartments.
+        port: Port of this machine's loopback interface, to serve on.
+        spawn: Whether to open a viewer on this machine, too.
+        knees: Names of all knees that share the viewer, with this one's; empty: this knee has the viewer for itself.
 
     Raises:
         UsageError: the output cannot be opened; see `RerunFile`, `serve` and `Window`.
@@ -103,10 +101,10 @@ def open_output(path: Path | None, serving: Serving, own: Sequence[KneeOutlines]
     else:
         # The others' surfaces are not known here; where they are looked at is much the same.
         known = {drawing.knee: drawing for drawing in own}
-        names = list(serving.knees or known)
+        names = list(knees or known)
         drawings = [known.get(name, own[0]._replace(knee=name)) for name in names]
-        recording = serve(serving.port, drawings, "+".join(serving.knees) or None)
-        window = Window(address(serving.port)) if serving.window else None
+        recording = serve(port, drawings, "+".join(knees) or None)
+        window = Window(address(port)) if spawn else None
     numbers = {name: number if len(names) > 1 else None for number, name in enumerate(names)}
     scenes = [
         Scene(recording, one, latency=True, pause=PAUSE, forgetful=not path, number=numbers[one.knee]) for one in own

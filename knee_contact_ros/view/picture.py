@@ -1,14 +1,13 @@
 """The knee at a moment, drawn by matplotlib, without Rerun or a display.
 
-`write_peak` writes a PNG of the knee where a recording's load is largest, or its contact force if no load drives;
-`draw_knee` draws on the axes of a figure of the caller.
+`write_peak` writes a PNG of the knee where a recording's load is largest, or its contact force if no load drives.
 """
 
 from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -24,7 +23,6 @@ from knee_contact_ros.system.files import require
 from knee_contact_ros.view.anatomy import Floats, Picture, picture_of
 
 MM = 1e3
-EXTRA = "report"
 BONE, CARTILAGE, EDGE, SURFACE = "#F0E8D6", "#A9D0EC", "#7A7060", "#4F93C4"
 OVERLAP, DEEP, FORCE, INK, QUIET = "#1F6FB2", "#C2357F", "#C8481A", "#1B1F24", "#5B6570"
 """Colours of the overlap of cartilages, of an overlap beyond the first layer, of the force, and of texts"""
@@ -40,27 +38,8 @@ SIZE, DPI = (5.2, 6.0), 160
 STYLE: Any = {"font.size": 10, "axes.titlesize": 10.5, "figure.dpi": DPI}
 
 
-class Moment(NamedTuple):
-    """A knee at a tick."""
-
-    model: KneeModel
-    flexion_angle: float
-    """Flexion angle [rad]"""
-    femoral_height: float
-    """Height of the femoral reference point [m]"""
-    contact_force: float
-    """Contact force [N]"""
-    body_weight: float
-    """Body weight [N]"""
-
-    @property
-    def force(self) -> str:
-        """The contact force in body weights and N, as text."""
-        return f"{self.contact_force / self.body_weight:.2f} BW ({self.contact_force:.0f} N)"
-
-
 def write_peak(recording: Path, output: Path) -> str:
-    """Write a PNG of a recording's first knee where the load is largest; return a line on what it shows.
+    """Write a PNG of a recording's first knee where the load is largest; return its title.
 
     Where the femoral height drives the model, the largest contact force counts.
 
@@ -71,56 +50,46 @@ def write_peak(recording: Path, output: Path) -> str:
     Raises:
         UsageError: matplotlib is not installed, or the recording has no answers or does not hold its parameters.
     """
-    require(EXTRA, "matplotlib")
-    topics = answer_topics(recording)
-    if not topics:
-        raise UsageError(f"recording {recording} has no answers (knee_contact_ros/msg/KneeContact)")
-    provenance = read_provenance(recording)
-    if provenance is None:
-        raise UsageError(f"recording {recording} does not hold its parameters")
-    known = provenance.parameters
-    model = build_model(known, curves=provenance.texts())
-    name, words = ("contact_force", "contact force") if model.height_prescribed else ("load", "load")
-    answers = read_answers(recording, topics[0])
-    row = answers[int(np.nan_to_num(answers[name], nan=-math.inf).argmax())]
-    angle, height, force = (float(row[each]) for each in ("flexion_angle", "femoral_height", "contact_force"))
-    moment = Moment(model, angle, height, force, known.body_weight)
-    which = f"{MEDIAL} compartment, " if has_both(known) else ""
-    title = f"{which}largest {words}, at {stamp_text(int(row['stamp']), begin_of(int(answers['stamp'][0])))} s"
-    output.write_bytes(png(moment, title))
-    depth = MM * row["penetration_depth"]
-    return f"{title}: {moment.force}, depth {depth:.3f} mm at {math.degrees(moment.flexion_angle):.0f}° of flexion"
-
-
-def png(moment: Moment, title: str) -> bytes:
-    """Return a PNG of the knee."""
-    import io
-
+    require("report", "matplotlib")
     import matplotlib as mpl
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
+    topics, provenance = answer_topics(recording), read_provenance(recording)
+    if not topics:
+        raise UsageError(f"recording {recording} has no answers (knee_contact_ros/msg/KneeContact)")
+    if provenance is None:
+        raise UsageError(f"recording {recording} does not hold its parameters")
+    parameters = provenance.parameters
+    model = build_model(parameters, curves=provenance.texts())
+    name = "contact_force" if model.height_prescribed else "load"
+    answers = read_answers(recording, topics[0])
+    row = answers[int(np.nan_to_num(answers[name], nan=-math.inf).argmax())]
+    which = f"{MEDIAL} compartment, " if has_both(parameters) else ""
+    when = stamp_text(int(row["stamp"]), begin_of(int(answers["stamp"][0])))
+    title = f"{which}largest {name.replace('_', ' ')}, at {when} s"
     with mpl.rc_context(STYLE):
         figure = Figure(figsize=SIZE, layout="constrained")
-        FigureCanvasAgg(figure)
         knee = figure.subplots()
-        draw_knee(knee, moment)
+        angle, height, force = (float(row[each]) for each in ("flexion_angle", "femoral_height", "contact_force"))
+        draw_knee(knee, model, angle, height, force, parameters.body_weight)
         knee.set_title(title)
-        file = io.BytesIO()
-        figure.savefig(file, format="png", dpi=DPI, metadata={"Software": None})
-    return file.getvalue()
+        figure.savefig(output, format="png", dpi=DPI, metadata={"Software": None})
+    return title
 
 
-def draw_knee(axis: Any, moment: Moment) -> None:
-    """Draw femur and tibia with their cartilage, the magnified overlap, the force on the femur, directions, a scale."""
-    picture = picture_of(moment.model, moment.flexion_angle, moment.femoral_height)
+def draw_knee(axis: Any, model: KneeModel, angle: float, height: float, force: float, body_weight: float) -> None:
+    """Draw femur and tibia with their cartilage, the magnified overlap, the force on the femur, directions, a scale.
+
+    The knee has a flexion angle [rad], a femoral height [m] and a contact force [N]; the body weight is in N.
+    """
+    picture = picture_of(model, angle, height)
     contact, normal = MM * np.array(picture.contact_point), np.array(picture.normal)
     for bone, cartilage in (
         (picture.tibia_bone, picture.tibia_cartilage), (picture.femur_bone, picture.femur_cartilage),
     ):  # fmt: skip
         fill(axis, MM * bone, BONE)
         fill(axis, MM * cartilage, CARTILAGE, SURFACE)  # half a millimetre of it is but its edge
-    layer = min(moment.model.cartilage_thickness, moment.model.law.thickness)
+    layer = min(model.cartilage_thickness, model.law.thickness)
     fill(axis, MM * magnified(picture, layer), OVERLAP, OVERLAP)
     fill(axis, MM * magnified(picture, math.inf, layer), DEEP, DEEP)
     everything = MM * np.concatenate(picture[:4])
@@ -129,16 +98,17 @@ def draw_knee(axis: Any, moment: Moment) -> None:
     left, right = left - aside, right + aside
     axis.set(aspect="equal", xlim=(left, right), ylim=(bottom - 8.0, top + 2.0))
     axis.set_axis_off()
-    end = contact + MM_PER_WEIGHT * moment.contact_force / moment.body_weight * normal
+    end = contact + MM_PER_WEIGHT * force / body_weight * normal
     look = {"arrowstyle": "-|>", "color": FORCE, "linewidth": 2.0, "shrinkA": 0, "shrinkB": 0}
     axis.annotate("", end, contact, zorder=6, annotation_clip=False, arrowprops=look)
     style = {"ha": "center", "fontsize": 9, "fontweight": "bold", "zorder": 6}
-    axis.text(end[0], end[1] + 1.0, moment.force.replace(" (", "\n("), color=FORCE, va="bottom", **style)
+    told = f"{force / body_weight:.2f} BW\n({force:.0f} N)"
+    axis.text(end[0], end[1] + 1.0, told, color=FORCE, va="bottom", **style)
     depth = MM * picture.depth
     words = f"{depth:.3f} mm deep\n(drawn × {MAGNIFICATION:g})" if depth > 0.0 else f"{-depth:.3f} mm apart"
     below = np.maximum(contact - (MAGNIFICATION * max(depth, 0.0) + 1.5) * normal, (left, bottom))  # within the picture
     axis.text(*below, words, color=INK, va="top", **style | {"fontsize": 7.5, "fontweight": "normal"})
-    up = (-math.sin(moment.flexion_angle), math.cos(moment.flexion_angle))
+    up = (-math.sin(angle), math.cos(angle))
     for text, bone, shaft in (("femur", picture.femur_bone, up), ("tibia", picture.tibia_bone, (0.0, -1.0))):
         along = np.array(shaft)
         end = MM * bone[np.argsort((MM * bone - contact) @ along)[-2:]].mean(axis=0)

@@ -39,14 +39,13 @@ from knee_contact_ros.streams.topics import (
     Ending,
 )
 from knee_contact_ros.view.anatomy import drawing_of
-from knee_contact_ros.view.output import NICENESS, Serving, open_output
+from knee_contact_ros.view.output import NICENESS, open_output
 from tests.helpers.answers import contact
 
 TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in RECORDED}
 MODEL = ContactStream(load_parameters({}), compiled=False).model
 NOTHING_LEFT = Ending((), {})
 SETTINGS = Settings(0.02)
-SERVING = Serving(port=0, window=False)
 
 
 class MayWait(NamedTuple):
@@ -135,7 +134,7 @@ class Started:
 
     def viewer(self, path: Path, wait: bool = True, queue: MayWait = QUEUE) -> SinkProcess:
         """A viewer."""
-        arguments = path, SERVING, [drawing_of(MODEL, "knee", 737.0)]
+        arguments = path, [drawing_of(MODEL, "knee", 737.0)]
         sink = Sink("viewer", "Rerun recording", str(path), open_output.__module__, arguments, "row", True, NICENESS)
         return self.begun(sink, wait, queue, "rerun")
 

@@ -15,7 +15,7 @@ from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.view import picture
 from knee_contact_ros.view.anatomy import picture_of
-from knee_contact_ros.view.picture import Moment, magnified, write_peak
+from knee_contact_ros.view.picture import magnified, write_peak
 from tests.offline.test_solve import make_bag, silent
 
 pytest.importorskip("matplotlib", minversion="3.7", reason="needs the extra report: matplotlib 3.7")
@@ -35,10 +35,7 @@ def test_the_picture_is_of_the_largest_load(recording: Path, tmp_path: Path, mon
     told = write_peak(recording, tmp_path / "knee.png")
     answers = read_answers(recording)
     peak = answers[int(answers["load"].argmax())]
-    assert told.startswith(f"largest load, at {1e-9 * peak['stamp']:.3f} s: ")  # as the table of peaks has it
-    assert f"({peak['contact_force']:.0f} N)" in told
-    assert f"{1e3 * peak['penetration_depth']:.3f} mm" in told
-    assert f"{np.degrees(peak['flexion_angle']):.0f}° of flexion" in told
+    assert told == f"largest load, at {1e-9 * peak['stamp']:.3f} s"  # as the table of peaks has it
     with Image.open(tmp_path / "knee.png") as image:
         assert min(image.size) > 700
         pixels = np.asarray(image.convert("RGB")).astype(int)
@@ -53,8 +50,8 @@ def test_the_picture_is_of_the_largest_load(recording: Path, tmp_path: Path, mon
 @pytest.mark.parametrize(
     ("begin", "step", "parameters", "heights", "words"),
     [  # where the height drives, of the largest force; a stamp of today from the first one on
-        (0, 0.0, {"drive": "displacement"}, 0.0335 - 1e-5 * np.arange(20.0), "largest contact force, at 0.095 s: "),
-        (1_764_027_108_530_000_000, 1.0, {}, None, "largest load, at +0.095 s: "),
+        (0, 0.0, {"drive": "displacement"}, 0.0335 - 1e-5 * np.arange(20.0), "largest contact force, at 0.095 s"),
+        (1_764_027_108_530_000_000, 1.0, {}, None, "largest load, at +0.095 s"),
     ],
 )
 def test_it_says_what_is_largest_and_when(
@@ -63,7 +60,7 @@ def test_it_says_what_is_largest_and_when(
     rows = [(begin + i * 5_000_000, 0.1, 800.0 + step * i) for i in range(20)]
     bag = make_bag(tmp_path / "in.mcap", rows, heights=heights)
     solve(bag, load_parameters(parameters), tmp_path / "knee.mcap", silent)
-    assert write_peak(tmp_path / "knee.mcap", tmp_path / "knee.png").startswith(words)
+    assert write_peak(tmp_path / "knee.mcap", tmp_path / "knee.png") == words
 
 
 def test_of_both_compartments_the_picture_says_which_and_a_bag_without_answers_is_refused(
@@ -76,14 +73,11 @@ def test_of_both_compartments_the_picture_says_which_and_a_bag_without_answers_i
     assert write_peak(tmp_path / "knee.mcap", tmp_path / "knee.png").startswith("medial compartment, largest load, at ")
 
 
-def pressed(depth: float, *files: str) -> Moment:
-    """A circle on a plane at a depth [m]."""
-    return Moment(load_model(["healthy", *files]), 0.1, 0.034 - depth, 1000.0, 737.0)
+ANGLE = 0.1
 
 
 def test_what_is_drawn_is_as_deep_as_it_says() -> None:
-    knee = pressed(0.7e-3, "osteoarthritis")
-    posed = picture_of(knee.model, knee.flexion_angle, knee.femoral_height)
+    posed = picture_of(load_model(["healthy", "osteoarthritis"]), ANGLE, 0.034 - 0.7e-3)  # a circle on a plane
     # Chords of the drawn outline: half a degree of a circle of 34 mm lies 0.3 µm behind it
     assert np.ptp(posed.overlap[:, 1]) == pytest.approx(0.7e-3, abs=1e-5)
     deep = magnified(posed, np.inf, 0.5e-3)
@@ -92,12 +86,11 @@ def test_what_is_drawn_is_as_deep_as_it_says() -> None:
     assert not len(magnified(posed, np.inf, 0.8e-3))
 
 
-def test_depth_and_scale_are_told_and_a_knee_that_is_apart_is_drawn() -> None:
+@pytest.mark.parametrize(("depth", "told"), [(0.7e-3, "0.700 mm deep\n(drawn × 10)"), (-0.4e-3, "0.400 mm apart")])
+def test_depth_and_scale_are_told_and_a_knee_that_is_apart_is_drawn(depth: float, told: str) -> None:
     from matplotlib.figure import Figure
 
-    words = ("0.700 mm deep\n(drawn × 10)", "0.400 mm apart")
-    for depth, told in zip((0.7e-3, -0.4e-3), words, strict=True):
-        knee = Figure().subplots()
-        picture.draw_knee(knee, pressed(depth))
-        texts = {text.get_text() for text in knee.texts}
-        assert {"femur", "tibia", "anterior →", "10 mm", "1.36 BW\n(1000 N)", told} <= texts
+    knee = Figure().subplots()
+    picture.draw_knee(knee, load_model("healthy"), ANGLE, 0.034 - depth, 1000.0, 737.0)
+    texts = {text.get_text() for text in knee.texts}
+    assert {"femur", "tibia", "anterior →", "10 mm", "1.36 BW\n(1000 N)", told} <= texts

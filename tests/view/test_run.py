@@ -30,7 +30,7 @@ from knee_contact_ros.streams.topics import MESSAGE_TYPES, Ending
 from knee_contact_ros.system.processes import free_port
 from knee_contact_ros.view.anatomy import drawing_of
 from knee_contact_ros.view.layout import CONTACT_POINT, DETAILS, KNEE, SOLVER
-from knee_contact_ros.view.output import Serving, open_output
+from knee_contact_ros.view.output import open_output
 from tests.helpers.messages import raw_inputs
 from tests.helpers.processes import has_ended
 from tests.helpers.viewer import rendered, wait_for
@@ -48,7 +48,7 @@ def answers_of(stream: ContactStream, bag: Path) -> Iterator[object]:
 def test_a_recording_looks_as_it_did_live(osteoarthritic: Path, config: Path, right_bag: Path, tmp_path: Path) -> None:
     stream = ContactStream(load_parameters([config / "osteoarthritis.yaml", config / "mri_femur.yaml"]), compiled=False)
     now, then = tmp_path / "live.rrd", tmp_path / "later.rrd"
-    live = open_output(now, Serving(0, False), [drawing_of(stream.model, "knee", 737.068)])
+    live = open_output(now, [drawing_of(stream.model, "knee", 737.068)])
     for answer in answers_of(stream, right_bag):
         live.write([answer.row])
     live.finish(Ending((), {}))

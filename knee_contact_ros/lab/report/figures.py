@@ -240,7 +240,7 @@ def knees(runs: Sequence[Run]) -> list[Figure]:
                     fields = ("flexion_angle", "femoral_height", "contact_force")
                     angle, place, force = (float(run.gathered.columns[name][tick]) for name in fields)
                     if run.model:  # as all have
-                        picture.draw_knee(axis, picture.Moment(run.model, angle, place, force, run.weight))
+                        picture.draw_knee(axis, run.model, angle, place, force, run.weight)
                     label = f"{_plain(run.label)}\n" if len(group) > 1 else ""
                     axis.set_title(f"{label}{title}\n{math.degrees(angle):.0f}° of flexion", fontsize=9.5)
     return figures
