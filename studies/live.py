@@ -25,6 +25,7 @@ from rclpy.parameter import parameter_value_to_python
 
 from knee_contact_ros.bags.reader import read_answers
 from knee_contact_ros.commands.main import GROUPS
+from knee_contact_ros.commands.options import FILE
 from knee_contact_ros.model.types import FLAT, TOLD, Status, byte
 from knee_contact_ros.parameters.files import known_parameters, load_parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
@@ -111,7 +112,7 @@ class Live:
 def paths(dice: random.Random) -> str:
     """A link to itself, a pipe, a socket or a device for an option that takes a file: one line, code 2."""
     options = [(one, option) for group in GROUPS.values() for one in group for option in one.params
-               if isinstance(option.type, click.Path)]  # fmt: skip
+               if isinstance(option.type, click.Path) or getattr(option.type, "func", None) is FILE]  # fmt: skip
     chosen, option = dice.choice(options)
     with tempfile.TemporaryDirectory() as folder:
         loop, pipe, listening = (Path(folder) / name for name in ("loop", "pipe", "socket"))
