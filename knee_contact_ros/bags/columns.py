@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise, zip_longest
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -45,8 +48,6 @@ class Connection(NamedTuple):
     """Encoding of the messages"""
     definition: MessageDefinition
     """Definition of the type in the bag"""
-    messages: int
-    """Number of messages"""
 
 
 class Segment(NamedTuple):
@@ -121,6 +122,42 @@ class Batch:
         return Batch(self.numbers, self.times, messages)
 
 
+class File(ABC):
+    """Open file of a bag, which has been looked through."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.faults: list[str] = []
+        """Faults of the file, as sentences"""
+        self.connections: dict[int, Connection] = {}
+        """Topics by the numbers of their channels"""
+        self.segments: list[Segment] = []
+        """Pieces of the file with messages, in its order"""
+        self.goes_back = False
+        """Whether the log times of a channel go back in the order of the file"""
+        self.close: Callable[[], None]
+        """Function that closes the file"""
+
+    @abstractmethod
+    def read(self, segment: Segment, numbers: Mapping[int, int]) -> Batch:
+        """Messages of a segment in its order; `numbers` has the number in the batch of each channel that is read."""
+
+    @property
+    def counts(self) -> Counter[int]:
+        """Number of messages of each channel that is declared."""
+        counts = Counter[int]()
+        for segment in self.segments:
+            counts.update(segment.counts)
+        return Counter({number: counts[number] for number in self.connections})
+
+    def note_undeclared(self) -> int:
+        """Add the fault that messages are of undeclared topics, if some are; number of all messages."""
+        total = sum(sum(segment.counts.values()) for segment in self.segments)
+        if lost := total - self.counts.total():
+            self.faults.append(f"{lost} messages are of topics that nothing declares")
+        return total
+
+
 def blocks(batches: Iterable[Batch], most: int) -> Iterator[Batch]:
     """Messages of the batches in blocks of `most` messages; only the last block may have fewer."""
     waiting, count = list[Batch](), 0
@@ -149,7 +186,7 @@ class Part(NamedTuple):
     """Which of its messages on the topics that are read"""
 
 
-def by_arrival(files: Sequence[Any], numbers: Sequence[Mapping[int, int]]) -> Iterator[Batch]:
+def by_arrival(files: Sequence[File], numbers: Sequence[Mapping[int, int]]) -> Iterator[Batch]:
     """Messages of files, which come in the order of recording: by log time, but not over a clock that was set back.
 
     Clocks can be set back, and our own recordings have stamps as log times, which go back when those of an input do.
@@ -157,7 +194,7 @@ def by_arrival(files: Sequence[Any], numbers: Sequence[Mapping[int, int]]) -> It
     got them.
 
     Args:
-        files: Files (`McapFile` or `SqliteFile`).
+        files: Files in the order of recording.
         numbers: For each file the number of each topic that is read, by its number in the file.
 
     Raises:
@@ -166,8 +203,7 @@ def by_arrival(files: Sequence[Any], numbers: Sequence[Mapping[int, int]]) -> It
 
     def read(part: Part) -> Batch:
         file = files[part.file]
-        batch: Batch = file.read(file.segments[part.segment], numbers[part.file])
-        return batch.part(part.chosen)
+        return file.read(file.segments[part.segment], numbers[part.file]).part(part.chosen)
 
     parts = [
         Part(segment.times, index, number)

@@ -11,7 +11,6 @@ import re
 import struct
 import zlib
 from bisect import bisect_right
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from functools import lru_cache
@@ -32,7 +31,7 @@ from mcap.records import Attachment, Channel, ChunkIndex, DataEnd, Footer, Heade
 from numpy.typing import NDArray
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 
-from knee_contact_ros.bags.columns import MESSAGE_HEADS, Batch, Connection, Segment
+from knee_contact_ros.bags.columns import MESSAGE_HEADS, Batch, Connection, File, Segment
 from knee_contact_ros.bags.recorder import HEAD, MAGIC, MESSAGE, MESSAGE_HEAD
 from knee_contact_ros.streams.columns import Column
 from knee_contact_ros.system.files import open_regular
@@ -228,7 +227,7 @@ class Records:
         return Piece(HOLE, offset, limit)
 
 
-class McapFile:
+class McapFile(File):
     """MCAP file that has been looked through: what of it can be read, and its faults."""
 
     def __init__(self, path: Path, advance: Advance = lambda _done, _total: None) -> None:
@@ -237,19 +236,14 @@ class McapFile:
         Raises:
             OSError: The file cannot be read.
         """
-        self.path, self.size = path, path.stat().st_size
-        self.faults: list[str] = []
-        """Faults of the file, as sentences"""
+        super().__init__(path)
+        self.size = path.stat().st_size
         self.profile = ""
         """Profile according to the header; `ros2` if the header is damaged and all messages are CDR"""
         self.unread = 0
         """Number of bytes that could not be used"""
         self.streams: dict[int, tuple[Channel, Schema | None]] = {}
         """Channels by their numbers, each with its schema, if it has one"""
-        self.segments: list[Segment] = []
-        """Pieces of the file with messages, in its order"""
-        self.goes_back = False
-        """Whether the log times of a channel go back in the order of the file"""
         self.promised: dict[int, int] | None = None
         """Number of messages of each channel according to the statistics record; None if there is none"""
         self._others: list[int] = []  # offsets [B] of metadata and attachments
@@ -277,26 +271,8 @@ class McapFile:
             self.close()
             raise
 
-    @property
-    def counts(self) -> Counter[int]:
-        """Number of messages of each channel that is declared."""
-        counts = Counter[int]()
-        for segment in self.segments:
-            counts.update({channel: count for channel, count in segment.counts.items() if channel in self.streams})
-        return counts
-
-    @property
-    def connections(self) -> dict[int, Connection]:
-        """Topics by the numbers of their channels."""
-        counts, described = self.counts, {}
-        for number, (channel, schema) in self.streams.items():
-            definition = definition_of(schema.encoding, schema.data) if schema else NO_DEFINITION
-            name = schema.name if schema else ""
-            described[number] = Connection(channel.topic, name, channel.message_encoding, definition, counts[number])
-        return described
-
     def read(self, segment: Segment, numbers: Mapping[int, int]) -> Batch:
-        """Messages of a segment in its order; `numbers` has the number in the batch of each channel that is read."""
+        """Messages of a segment; see `File.read`."""
         number_of = np.full(CHANNELS, -1, np.intp)
         number_of[list(numbers)] = list(numbers.values())
         heads, messages, *_ = self._contents(segment)
@@ -419,7 +395,12 @@ class McapFile:
         declared = self._doubtful | self._declared
         for (kind, number), channel in declared.items():
             if kind is Channel and (channel.schema_id == 0 or (Schema, channel.schema_id) in declared):
-                self.streams[number] = channel, declared.get((Schema, channel.schema_id))
+                schema = declared.get((Schema, channel.schema_id))
+                self.streams[number] = channel, schema
+                name, definition = "", NO_DEFINITION
+                if schema:
+                    name, definition = schema.name, definition_of(schema.encoding, schema.data)
+                self.connections[number] = Connection(channel.topic, name, channel.message_encoding, definition)
         notes, self.faults = self.faults, []
         for begin, end, reason in sorted(self._lost):
             self.unread += end - begin
@@ -429,9 +410,7 @@ class McapFile:
             stream.topic for number, (stream, _) in self.streams.items() if (Channel, number) not in self._declared
         ):
             self._note(f"only a damaged chunk declares {', '.join(doubtful)}")
-        counts, total = self.counts, sum(sum(segment.counts.values()) for segment in self.segments)
-        if total != counts.total():
-            self._note(f"{total - counts.total()} messages are of channels that nothing declares")
+        total = self.note_undeclared()
         if self.promised is not None and (promised := sum(self.promised.values())) != total:
             missing = f"{promised - total} of {promised} messages are missing"
             self._note(missing if promised > total else "the statistics do not fit")

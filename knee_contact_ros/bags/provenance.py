@@ -5,12 +5,16 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from mcap.records import Metadata
+
 import knee_contact_ros.model
 from knee_contact_ros import __version__
-from knee_contact_ros.bags.reader import files_of, is_there, metadata_records
+from knee_contact_ros.bags.mcap_file import Records
+from knee_contact_ros.bags.reader import files_of, is_there
 from knee_contact_ros.bags.recorder import CONTINUED
 from knee_contact_ros.parameters.files import curve_files, flat_parameters, load_parameters, read_curve
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters
@@ -115,7 +119,7 @@ def read_provenance(bag: Path) -> Provenance | None:
         UsageError: The provenance is damaged, or has parameters that this version does not know; or the bag is a later
             file of a recording, without its first one.
     """
-    records = list(_metadata(bag))
+    records = list(metadata_of(bag))
     first = dict(reversed(records))
     record = first.get(PROVENANCE)
     if record is None and CONTINUED in first and LOAD_PROVENANCE not in first:
@@ -160,7 +164,7 @@ def stored_load(bag: Path) -> tuple[dict[str, Any], int] | None:
     Raises:
         UsageError: The record that has the parameters is damaged.
     """
-    records = list(_metadata(bag))
+    records = list(metadata_of(bag))
     record = next((content for name, content in records if name == LOAD_PROVENANCE), None)
     values = _values_in(bag, LOAD_PROVENANCE, record)
     if values is None:
@@ -221,23 +225,22 @@ def _changes(records: Iterable[tuple[str, dict[str, str]]], before: int) -> tupl
 
 def is_recording(bag: Path) -> bool:
     """Whether a bag is a recording of a node of this package, or of `solve` or `estimate-load`."""
-    return any(name in (PROVENANCE, LOAD_PROVENANCE) for name, _ in _metadata(bag))
+    return any(name in (PROVENANCE, LOAD_PROVENANCE) for name, _ in metadata_of(bag))
 
 
 def weight_of(bag: Path) -> float | None:
     """Body weight [N] that an importer wrote into a bag; None: the bag names none."""
-    origin = next((content for name, content in _metadata(bag) if name == ORIGIN), {})
+    origin = next((content for name, content in metadata_of(bag) if name == ORIGIN), {})
     try:
         return float(origin.get("body_weight", "").removesuffix("N")) or None
     except ValueError:
         return None
 
 
-def _metadata(bag: Path) -> Iterator[tuple[str, dict[str, str]]]:
-    """Names and contents of the metadata records in the readable MCAP files of a bag."""
+def metadata_of(bag: Path) -> Iterator[tuple[str, dict[str, str]]]:
+    """Names and contents of the metadata records in the readable MCAP files of a bag, in their order."""
     for path in files_of(bag):
-        try:
-            records = metadata_records(path)
-        except OSError:
-            continue
-        yield from ((record.name, record.metadata) for record in records)
+        with suppress(OSError), open_regular(path) as file:
+            for piece in Records(file, path.stat().st_size).pieces():
+                if isinstance(piece.content, Metadata):
+                    yield piece.content.name, piece.content.metadata

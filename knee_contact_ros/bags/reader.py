@@ -25,18 +25,16 @@ from urllib.parse import quote
 
 import numpy as np
 import zstandard
-from mcap.records import Metadata
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 from rosbags.typesys import get_types_from_idl, get_types_from_msg
 
-from knee_contact_ros.bags.columns import Batch, Connection, Segment, blocks, by_arrival
+from knee_contact_ros.bags.columns import Batch, Connection, File, Segment, blocks, by_arrival
 from knee_contact_ros.bags.mcap_file import (
     ALLOWED_SIZE,
     BLOCK,
     MOST_GROWTH,
     NO_DEFINITION,
     McapFile,
-    Records,
     definition_of,
 )
 from knee_contact_ros.bags.recorder import MAGIC, METADATA
@@ -143,18 +141,16 @@ class BagReader:
                 self._files, self.damage, self._packed = _opened_files(path, opened)
             except OSError as error:
                 raise UsageError(f"cannot read bag {path}: {error.strerror}") from None
-            self._in_file = [file.connections for file in self._files]
-            merged = Counter[Connection]()
-            for connection in (each for topics in self._in_file for each in topics.values()):
-                merged[connection._replace(messages=0)] += connection.messages
-            self.connections = [key._replace(messages=count) for key, count in merged.items()]
-            """Connections of all files, with one for each topic, type, encoding and definition"""
-            if self.damage and not any(connection.messages for connection in self.connections):
+            self.connections = Counter[Connection]()
+            """Number of messages of each connection of all files, also of those without messages"""
+            for file in self._files:
+                for number, count in file.counts.items():
+                    self.connections[file.connections[number]] += count
+            if self.damage and not self.connections.total():
                 raise UsageError(f"cannot read bag {path}: no message of it can be read; {in_a_line(self.damage)}")
             try:
                 self.requested = {
-                    topic: _found(path, self.connections, topic, type_name, names.get(topic, topic))
-                    for topic, type_name in types.items()
+                    topic: self._found(topic, type_name, names.get(topic, topic)) for topic, type_name in types.items()
                 }
                 """Connections of each requested topic"""
             except UsageError as error:
@@ -172,12 +168,12 @@ class BagReader:
 
     def count_of(self, topic: str) -> int:
         """Number of messages on a requested topic."""
-        return sum(connection.messages for connection in self.requested[topic])
+        return sum(self.connections[connection] for connection in self.requested[topic])
 
     def channels(self, topic: str) -> list[int]:
         """Numbers of the channels that give a requested topic, in the file that has most of them."""
         wanted = {connection[:3] for connection in self.requested[topic]}
-        each = ([n for n, one in own.items() if one[:3] in wanted and one.messages] for own in self._in_file)
+        each = ([n for n, count in f.counts.items() if count and f.connections[n][:3] in wanted] for f in self._files)
         return max(each, key=len)
 
     @property
@@ -219,15 +215,43 @@ class BagReader:
         """Definition of the type of a requested topic in the bag."""
         return self.requested[topic][0].definition
 
+    def _found(self, topic: str, type_name: str, name: str) -> list[Connection]:
+        """Connections of a topic, whose absolute names are `topic` in the node and `name` in the bag.
+
+        Recorders with several publishers, and merged files, may have several.
+
+        Raises:
+            UsageError: The topic is missing or empty, has another type or several, or is not encoded as CDR.
+        """
+        is_it = fnmatchcase if "*" in name else str.__eq__
+        of_name = [connection for connection in self.connections if is_it(absolute(connection.topic), name)]
+        if not of_name:
+            raise UsageError(f"bag {self.path} has no topic {name} ({type_name}); {_advice(self.connections, topic)}")
+        filled = [connection for connection in of_name if self.connections[connection]]
+        types = sorted({connection.type for connection in filled or of_name})
+        if types != [type_name]:
+            fault = f"is a {types[0]}" if len(types) == 1 else f"has {len(types)} types, {' and '.join(types)}"
+            raise UsageError(f"bag {self.path}: topic {name} {fault}; it must be a {type_name}")
+        if not filled:
+            raise UsageError(f"bag {self.path}: topic {name} has no messages")
+        for encoding in (connection.encoding for connection in filled if connection.encoding != "cdr"):
+            raise UsageError(f"bag {self.path}: topic {name} is encoded as {encoding or 'nothing'}; it must be cdr")
+        for connection in filled if type_name in FIXED_TYPES else ():
+            if difference := _difference(connection.definition, type_name):
+                raise UsageError(
+                    f"bag {self.path}: topic {name}: the bag defines {type_name} differently from ROS 2: "
+                    f"{difference}; name the field to read, as in knee.source or load.source"
+                )
+        return filled
+
     def _batches(self, topics: Collection[str] = ()) -> Iterator[Batch]:
         wanted = {
-            each._replace(messages=0): index
+            each: index
             for index, (topic, found) in enumerate(self.requested.items())
             for each in found
             if topic in topics or not topics
         }
-        in_files = [{n: each._replace(messages=0) for n, each in declared.items()} for declared in self._in_file]
-        numbers = [{n: wanted[key] for n, key in in_file.items() if key in wanted} for in_file in in_files]
+        numbers = [{n: wanted[each] for n, each in f.connections.items() if each in wanted} for f in self._files]
         try:
             for batch in by_arrival(self._files, numbers):
                 yield replace(batch, messages=Column.of([*map(_unpacked, batch.messages)])) if self._packed else batch
@@ -260,11 +284,9 @@ def answer_topics(path: Path) -> list[str]:
     Raises:
         UsageError: There is no such bag, or nothing of it can be read.
     """
-    if not path.exists():
-        raise UsageError(f"no recording at {path}: give an .mcap file or a rosbag2 folder")
     with BagReader(path, {}) as bag:
-        answers = [topic for topic in bag.connections if topic.type == MESSAGE_TYPES[KNEE_CONTACT] and topic.messages]
-    return sorted({absolute(connection.topic) for connection in answers})
+        filled = [connection for connection, count in bag.connections.items() if count]
+    return sorted({absolute(each.topic) for each in filled if each.type == MESSAGE_TYPES[KNEE_CONTACT]})
 
 
 def answer_blocks(
@@ -301,17 +323,6 @@ def answer_blocks(
 def read_answers(path: Path, topic: str = f"/{KNEE_CONTACT}") -> Rows:
     """All answers of a recording in one array; see `answer_blocks`."""
     return np.concatenate(list(answer_blocks(path, topic)))
-
-
-def metadata_records(path: Path) -> list[Metadata]:
-    """Readable metadata records of a file in their order.
-
-    Raises:
-        OSError: The file cannot be read.
-    """
-    with open_regular(path) as file:
-        pieces = Records(file, path.stat().st_size).pieces()
-        return [piece.content for piece in pieces if isinstance(piece.content, Metadata)]
 
 
 def absolute(name: str, namespace: str = "") -> str:
@@ -355,41 +366,6 @@ def names_in_bag(remaps: Iterable[str] = (), namespace: str = "", inputs: Sequen
     return names
 
 
-def _found(bag: Path, connections: Sequence[Connection], topic: str, type_name: str, name: str) -> list[Connection]:
-    """Connections of a topic in a bag; recorders with several publishers, and merged files, may have several.
-
-    Args:
-        bag: Path of the bag, for messages.
-        connections: Connections of the bag.
-        topic: Absolute name of the topic in the node.
-        type_name: Type that the topic must have.
-        name: Absolute name of the topic in the bag.
-
-    Raises:
-        UsageError: The topic is missing or empty, has another type or several, or is not encoded as CDR.
-    """
-    is_it = fnmatchcase if "*" in name else str.__eq__
-    of_name = [connection for connection in connections if is_it(absolute(connection.topic), name)]
-    if not of_name:
-        raise UsageError(f"bag {bag} has no topic {name} ({type_name}); {_advice(connections, topic)}")
-    filled = [connection for connection in of_name if connection.messages]
-    types = sorted({connection.type for connection in filled or of_name})
-    if types != [type_name]:
-        fault = f"is a {types[0]}" if len(types) == 1 else f"has {len(types)} types, {' and '.join(types)}"
-        raise UsageError(f"bag {bag}: topic {name} {fault}; it must be a {type_name}")
-    if not filled:
-        raise UsageError(f"bag {bag}: topic {name} has no messages")
-    for encoding in (connection.encoding for connection in filled if connection.encoding != "cdr"):
-        raise UsageError(f"bag {bag}: topic {name} is encoded as {encoding or 'nothing'}; it must be cdr")
-    for connection in filled if type_name in FIXED_TYPES else ():
-        if difference := _difference(connection.definition, type_name):
-            raise UsageError(
-                f"bag {bag}: topic {name}: the bag defines {type_name} differently from ROS 2: {difference}; name the "
-                "field to read, as in knee.source or load.source"
-            )
-    return filled
-
-
 @lru_cache(maxsize=16)
 def _difference(definition: MessageDefinition, type_name: str) -> str:
     """First difference between a type's definition in a bag and in ROS 2; empty if there is none, or no definition."""
@@ -405,7 +381,7 @@ def _difference(definition: MessageDefinition, type_name: str) -> str:
     return ""
 
 
-def _advice(connections: Sequence[Connection], topic: str) -> str:
+def _advice(connections: Iterable[Connection], topic: str) -> str:
     """Advice for a topic that is missing under its name: an option to give, or the topics of the bag."""
     types = {absolute(connection.topic): connection.type for connection in connections}
     own = topic.removeprefix("/")
@@ -538,7 +514,7 @@ def _opened_files(path: Path, opened: ExitStack) -> tuple[list[File], list[str],
         files.sort(key=lambda file: _number(file.path.name))
     else:
         files.sort(key=lambda file: min((segment.times for segment in file.segments), default=(0, 0)))
-    missing = contents.messages - sum(topic.messages for file in files for topic in file.connections.values())
+    missing = contents.messages - sum(file.counts.total() for file in files)
     faults += [f"{missing} of {contents.messages} messages of {METADATA} are missing"] * (missing > 0)
     return files, faults, contents.compression == "message"
 
@@ -620,7 +596,7 @@ def is_there(path: Path) -> bool:
         return False
 
 
-class SqliteFile:
+class SqliteFile(File):
     """Messages of a sqlite3 file of a rosbag2 recording, and its faults; the format has no checksums."""
 
     def __init__(self, path: Path) -> None:
@@ -629,15 +605,7 @@ class SqliteFile:
         Raises:
             UsageError: The file is damaged, or no bag.
         """
-        self.path = path
-        self.faults: list[str] = []
-        """Faults of the file, as sentences"""
-        self.connections: dict[int, Connection] = {}
-        """Topics by their numbers"""
-        self.segments: list[Segment] = []
-        """Blocks of rows, in the order of the file"""
-        self.goes_back = False
-        """Whether the log times go back in the order of the file"""
+        super().__init__(path)
         log = path.with_name(f"{path.name}-wal")
         if log.exists() and log.stat().st_size:
             self.faults.append(f"{log.name} holds messages that were never merged: open the bag once with sqlite3")
@@ -653,7 +621,7 @@ class SqliteFile:
             raise UsageError(f"{path} is not a sqlite3 bag, or it is damaged ({reason}): {advice}") from None
 
     def read(self, segment: Segment, numbers: Mapping[int, int]) -> Batch:
-        """Messages of a segment in its order; see `McapFile.read`."""
+        """Messages of a segment; see `File.read`."""
         query = f"SELECT topic_id, timestamp, data {ROWS} AND id BETWEEN ? AND ? ORDER BY id"
         rows = self._database.execute(query, (segment.begin, segment.end))
         selected = [(numbers[topic], time, data) for topic, time, data in rows if topic in numbers]
@@ -677,22 +645,16 @@ class SqliteFile:
             raise ValueError("its messages or topics cannot be read as a table")  # a view may take forever to read
         found = query(DEFINITIONS) if "message_definitions" in kinds else ()
         definitions = {str(name): definition_of(str(encoding), str(text).encode()) for name, encoding, text in found}
-        counts, rows, last = Counter[int](), query(f"SELECT id, topic_id, timestamp {ROWS} ORDER BY id"), 0
+        rows, last = query(f"SELECT id, topic_id, timestamp {ROWS} ORDER BY id"), 0
         while part := rows.fetchmany(AT_ONCE):
             ids, topics, times = zip(*part, strict=True)
             span = min(times), max(times)
             self.segments.append(Segment(ids[0], ids[-1], ids[0], 0, times=span, counts=Counter(topics)))
             self.goes_back |= any(later < earlier for earlier, later in pairwise((last, *times)))
-            counts.update(topics)
             last = times[-1]
-        every, usable = one("SELECT count(*) FROM messages"), counts.total()
         for number, *texts in query("SELECT id, name, type, serialization_format FROM topics"):
             topic, kind, encoding = map(str, texts)
             definition = definitions.get(kind, NO_DEFINITION)
-            self.connections[int(number)] = Connection(topic, kind, encoding, definition, counts.pop(number, 0))
+            self.connections[int(number)] = Connection(topic, kind, encoding, definition)
+        every, usable = one("SELECT count(*) FROM messages"), self.note_undeclared()
         self.faults += [f"{every - usable} rows are no messages"] * (every > usable)
-        self.faults += [f"{counts.total()} messages are of topics that nothing declares"] * (counts.total() > 0)
-
-
-File = McapFile | SqliteFile
-"""Open file of a bag"""

@@ -11,7 +11,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from knee_contact_ros.bags.reader import answer_blocks, answer_topics, metadata_records
+from knee_contact_ros.bags.provenance import metadata_of
+from knee_contact_ros.bags.reader import answer_blocks, answer_topics
 from knee_contact_ros.bags.recorder import REFUSED_SAMPLES
 from knee_contact_ros.model.types import ROW, Fidelity, Rows, Status
 from knee_contact_ros.streams.gait_events import LOAD_PEAK, GaitEvent, GaitEvents
@@ -205,8 +206,5 @@ def read_summary(recording: Path, body_weight: float, doubts: Doubts | None = No
 
 def read_refused(recording: Path) -> Counter[str]:
     """Return the number of refused samples by reason, from the metadata of a recording (a file or a folder)."""
-    records: dict[str, dict[str, str]] = {}
-    for path in recording.glob("*.mcap") if recording.is_dir() else (recording,):
-        records |= {record.name: record.metadata for record in metadata_records(path)}
-    counts = records.get(REFUSED_SAMPLES, {})
+    counts = dict(metadata_of(recording)).get(REFUSED_SAMPLES, {})
     return Counter({reason: int(count) for reason, count in counts.items() if reason != "total"})

@@ -85,7 +85,7 @@ def test_a_file_of_two_definitions_is_refused(old_recording: Path, tmp_path: Pat
 
 
 def test_unusable_recordings_are_one_line(tmp_path: Path, right_bag: Path, recording: Path) -> None:
-    with pytest.raises(UsageError, match="no recording at"):
+    with pytest.raises(UsageError, match="no bag at"):
         answer_topics(tmp_path / "nothing.mcap")
     with pytest.raises(UsageError, match="has no topic /knee_contact"):
         list(answer_blocks(right_bag))

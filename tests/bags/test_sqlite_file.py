@@ -30,7 +30,7 @@ def rows(file: SqliteFile) -> list[tuple[int, int, bytes]]:
 def read(path: Path) -> tuple[list[Message], list[str]]:
     with closing(SqliteFile(path)) as file:
         found = [(file.connections[topic].topic, time, data) for topic, time, data in rows(file)]
-        assert sum(topic.messages for topic in file.connections.values()) == len(found)
+        assert file.counts.total() == len(found)
         return found, file.faults
 
 

@@ -8,8 +8,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from knee_contact_ros.bags.provenance import provenance_record, read_provenance
-from knee_contact_ros.bags.reader import BagReader, RawMessage, metadata_records, read_answers, read_bag
+from knee_contact_ros.bags.provenance import metadata_of, provenance_record, read_provenance
+from knee_contact_ros.bags.reader import BagReader, RawMessage, read_answers, read_bag
 from knee_contact_ros.bags.recorder import REFUSED_SAMPLES, AnswerWriter, BagWriter, Limits
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.joint_reaction.estimator import Estimate
@@ -49,7 +49,7 @@ def raw(path: Path, types: dict[str, str] = TYPES) -> list[RawMessage]:
 
 
 def metadata(path: Path) -> dict[str, dict[str, str]]:
-    return {record.name: record.metadata for record in metadata_records(path)}
+    return dict(metadata_of(path))
 
 
 @pytest.fixture(scope="module")

@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from knee_contact_ros.bags.provenance import read_provenance
-from knee_contact_ros.bags.reader import BagReader, metadata_records
+from knee_contact_ros.bags.provenance import metadata_of, read_provenance
+from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
@@ -194,7 +194,7 @@ def test_forces_in_a_sensors_frame_give_the_same_answers_and_those_in_another_fr
         assert summary.refused == ({"frame_changed": 20} if name == "changes" else {})
     assert answers(made["sensor"]) == answers(made["tibia"])
     assert answers(made["changes"]) == answers(made["tibia"])[:40]
-    note = next(record.metadata for record in metadata_records(made["sensor"]) if record.name == FORCE_TURNED)
+    note = dict(metadata_of(made["sensor"]))[FORCE_TURNED]
     assert (note["from"], note["to"]) == ("sensor", "tibia")
     recorded = read_provenance(made["sensor"])
     assert recorded is not None

@@ -131,7 +131,7 @@ def test_what_happened_to_the_node_is_seen_where_it_happened(right_bag: Path, co
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["nothing.mcap"], "no recording at nothing.mcap"),
+        (["nothing.mcap"], "no bag at nothing.mcap"),
         (["text.mcap", "--save", "out.rrd"], "text.mcap"),
         (["RECORDING"], "no screen for a viewer (DISPLAY is not set); say --save OUT.rrd or --serve"),
         (["RECORDING", "--save", "old.rrd"], "old.rrd exists already"),

@@ -255,7 +255,7 @@ def test_where_the_height_drives_a_report_is_of_the_contact_force(tmp_path: Path
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["nowhere.mcap"], "no recording at nowhere.mcap"),
+        (["nowhere.mcap"], "no bag at nowhere.mcap"),
         (["{bag}", "--label", "a", "--label", "b"], "--label: 2 given for 1 FILEs"),
         (["{bag}", "--compare", "mri_femur.yaml"], "mri_femur.yaml: sets no contact.* parameter"),
         (["{bag}", "--uncertainty", "{wrong}"], "uncertainty: contact.stifness is not allowed"),
