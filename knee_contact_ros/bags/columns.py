@@ -25,12 +25,10 @@ MESSAGE_HEADS = np.dtype(
 """Layout `MESSAGE_HEAD` as a NumPy type"""
 MOST_AT_ONCE = 2**28
 """Largest size [B] of the chunks that lie in memory at one time"""
-FAR, JITTER = 3.0, 0.05
-"""Multiples of a topic's usual step: beyond the one messages do not belong together, by the other log times may go
-back without any meaning"""
-FEW, ENOUGH = 4, 3
-"""Messages behind a step back fill a hole if there is at most one of the earlier ones among `FEW`, and, where all
-earlier ones are later, if they are less than `ENOUGH`"""
+JITTER = 0.05
+"""Part of a topic's usual step by which log times may go back without any meaning"""
+FEW = 4
+"""Messages behind a step back fill a hole if at most one earlier message lies among `FEW` of them"""
 UNSORTED, MOST_STEPS, WINDOW = 3, 10_000, 100_000
 """A topic is just sorted if one of `UNSORTED` steps goes back, or more than `MOST_STEPS`; so many messages before and
 behind a step are compared"""
@@ -257,12 +255,11 @@ def _cuts(topics: Sequence[NDArray[np.intp]], times: NDArray[np.int64]) -> list[
 
 
 def _fills_a_hole(before: NDArray[np.int64], after: NDArray[np.int64], usual: float) -> bool:
-    """Whether the messages at the beginning of `after` were written late, as there are none at their times `before`."""
-    differences = np.diff(after)
-    ends = (differences < 0) | (differences > FAR * usual) | (after[1:] > before.max())
+    """Whether the messages up to the next step back, or to times beyond all `before`, fill a hole in these."""
+    ends = (np.diff(after) < 0) | (after[1:] > before.max())
     group = after[: int(np.argmax(ends)) + 1 if ends.any() else len(after)]
     among = np.count_nonzero((before > group[0] - 0.5 * usual) & (before < group[-1] + 0.5 * usual))
-    return FEW * int(among) <= len(group) and (bool(group[0] > before.min()) or len(group) < ENOUGH)
+    return FEW * int(among) <= len(group) and bool(group[0] > before.min())
 
 
 def _by_time(parts: Sequence[Part], read: Callable[[Part], Batch]) -> Iterator[Batch]:

@@ -137,6 +137,15 @@ def test_chunks_that_lie_over_each_other_come_by_time(tmp_path: Path, seed: int)
     assert [time for _, time, _ in read(path)[0]] == sorted(time for part in times for time in part)
 
 
+@pytest.mark.parametrize("pause", [25, 500])
+def test_a_clock_that_is_set_back_between_bursts_leaves_the_order_of_arrival(tmp_path: Path, pause: int) -> None:
+    times = np.cumsum(np.where(np.arange(500) % 5 == 0, pause, 1))  # five messages at a time, as over a radio
+    times[300:] -= times[300] - times[150] + 10
+    path, data = tmp_path / "bag.mcap", b"".join(message(1, b"", time) for time in times.tolist())
+    path.write_bytes(whole(schema(1, "a/msg/B", b""), channel(1, "/a"), chunk(data, len(data), "", 0, 10**6)))
+    assert [time for _, time, _ in read(path)[0]] == times.tolist()
+
+
 def test_a_chunk_holds_so_much_at_most(tmp_path: Path) -> None:
     path = tmp_path / "bag.mcap"
     for content, words in (
