@@ -2,12 +2,12 @@
 
 A block whose messages share their layouts, whose samples are in order, and none of which is to be refused, is decoded,
 paired, computed and written as columns of numbers. Any other block is computed sample by sample, and the next block is
-tried again. `Synchroniser.steady` and `Synchroniser.go_on` hand over the samples that wait between two blocks.
+tried again. `Synchroniser.is_steady` and `go_on` hand over the samples that wait between two blocks.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,6 @@ from knee_contact_ros.streams.columns import (
     encode_answer_wrenches,
     encode_answers,
     pair,
-    steps_of,
 )
 from knee_contact_ros.streams.contact_stream import (
     DOUBTFUL_LOAD,
@@ -34,7 +33,7 @@ from knee_contact_ros.streams.contact_stream import (
     summed_wrenches,
 )
 from knee_contact_ros.streams.messages import JOINT_STATE, LAST_STAMP, WRENCH, Stamps
-from knee_contact_ros.streams.pairing import STEPS, AngleSample, LoadSample, Steady
+from knee_contact_ros.streams.pairing import STEPS, AngleSample, LoadSample, Synchroniser, Timeline
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT_WRENCH, NANOSECONDS
 
 Floats = NDArray[np.float64]
@@ -77,21 +76,22 @@ def take(pipeline: ContactStream, states: Column, forces: Column, numbers: Numbe
     Afterwards `pipeline` is in the state that it would have after the same messages one by one. Returns None if the
     block has to be computed sample by sample; `pipeline` is unchanged then.
     """
-    steady = pipeline.synchroniser.steady()
-    if steady is None or not (len(states) and len(forces)):
+    before = pipeline.synchroniser
+    if not (before.is_steady and len(states) and len(forces)):
         return None
     pairing = pipeline.parameters.pairing
     max_gap = round(pairing.max_gap * NANOSECONDS)
-    block, fresh = _with_held(steady, states, forces)
+    block, fresh = _with_held(before, states, forces)
     samples = _samples(block, pipeline) if max(map(len, block)) <= pairing.queue else None
-    if samples is None or _apart(steady, samples, numbers, pipeline.synchroniser.angle_delay, max_gap):
+    if samples is None or _apart(before, samples, numbers, max_gap):
         return None
-    angle_steps, load_steps = _steps(steady, samples)
-    if not all_go_on(angle_steps, len(steady.angle_steps), max_gap):
+    angle_steps = _steps(before.angle_time, samples.stamps[-len(states) :])
+    load_steps = _steps(before.load_time, samples.wrenches.stamps[-len(forces) :])
+    if not all_go_on(angle_steps, len(before.angle_time.steps), max_gap):
         return None
-    if not all_go_on(load_steps, len(steady.load_steps), max_gap):
+    if not all_go_on(load_steps, len(before.load_time.steps), max_gap):
         return None
-    paired = pair(samples.stamps, samples.angles, samples.heights, samples.wrenches.stamps, steady.last_pair, max_gap)
+    paired = pair(samples.stamps, samples.angles, samples.heights, samples.wrenches.stamps, before.last_pair, max_gap)
     if paired is None or not len(paired.angle):
         return None
     pipeline.frame.hold(samples.wrenches.shape[0])
@@ -102,37 +102,33 @@ def take(pipeline: ContactStream, states: Column, forces: Column, numbers: Numbe
     return answers
 
 
-def _apart(steady: Steady, samples: _Samples, numbers: Numbers, delay: int, max_gap: int) -> bool:
+def _apart(pairs: Synchroniser, samples: _Samples, numbers: Numbers, max_gap: int) -> bool:
     """Whether stamps lie apart from the other stream's last one by more than `max_gap` [ns]; see `Synchroniser`."""
     loads, (states, forces) = numbers == 1, (samples.states.stamps, samples.wrenches.stamps)
     stamps, count = np.empty(len(numbers), np.int64), int(np.count_nonzero(loads))
     stamps[loads], stamps[~loads] = forces[len(forces) - count :], states[len(states) - len(loads) + count :]
-    turns, before = np.diff(loads, prepend=not loads[0]), steady.last_load
+    turns, before = np.diff(loads, prepend=not loads[0]), pairs.load_time.last
     if loads[0]:
-        before = None if steady.last_angle is None else steady.last_angle + delay
+        before = None if pairs.angle_time.last is None else pairs.angle_time.last + pairs.angle_delay
     steps = np.diff(stamps, prepend=stamps[0] if before is None else before)
     return bool((turns & (np.abs(steps) > max_gap)).any())
 
 
-def _with_held(steady: Steady, states: Column, forces: Column) -> tuple[_Received, Fresh]:
+def _with_held(before: Synchroniser, states: Column, forces: Column) -> tuple[_Received, Fresh]:
     """Put the messages of a block behind those that wait; say which of the angles are still to be recorded."""
-    held = {angle.stamp: angle.data for angle in (*steady.fresh, *steady.angles)}
-    untaken = {angle.stamp for angle in steady.fresh}
+    held = {angle.stamp: angle.data for angle in (*before.fresh, *before.angles)}
+    untaken = {angle.stamp for angle in before.fresh}
     block = _Received(
         Column.together([Column.of([held[stamp] for stamp in sorted(held)]), states]),
-        Column.together([Column.of([load.data for load in steady.loads]), forces]),
+        Column.together([Column.of([load.data for load in before.waiting]), forces]),
     )
     return block, np.array([stamp in untaken for stamp in sorted(held)] + [True] * len(states))
 
 
-def _steps(steady: Steady, samples: _Samples) -> tuple[Stamps, Stamps]:
-    """Return the time steps [ns] of angles and loads: the last ones before the block, and those within it."""
-    held = {angle.stamp for angle in (*steady.fresh, *steady.angles)}
-    angles, loads = samples.stamps[len(held) :], samples.wrenches.stamps[len(steady.loads) :]
-    return (
-        steps_of(angles, steady.last_angle, steady.angle_steps),
-        steps_of(loads, steady.last_load, steady.load_steps),
-    )
+def _steps(time: Timeline[Any], stamps: Stamps) -> Stamps:
+    """Return the steps [ns] of a stream: the last ones before its new stamps, the one to them, and those between."""
+    new = np.diff(stamps) if time.last is None else np.diff(stamps, prepend=time.last)
+    return np.concatenate([np.array(time.steps, np.int64), new])
 
 
 def _samples(block: _Received, pipeline: ContactStream) -> _Samples | None:
@@ -233,10 +229,7 @@ def _hand_over(
         return load_sample(message, pipeline.by_moment, data=data)
 
     untaken = np.flatnonzero(fresh & (paired.tick_of_angle == number))
-    pipeline.synchroniser.go_on(
-        Steady(
-            tuple(map(angle, range(first, len(states)))), tuple(map(angle, untaken.tolist())),
-            tuple(map(force, range(number, len(forces)))), int(angle_stamps[-1]), int(load_stamps[-1]), last,
-            tuple(steps[0][-STEPS:].tolist()), tuple(steps[1][-STEPS:].tolist()),
-        )
-    )  # fmt: skip
+    pipeline.synchroniser.angle_time.go_on(int(angle_stamps[-1]), steps[0][-STEPS:].tolist())
+    pipeline.synchroniser.load_time.go_on(int(load_stamps[-1]), steps[1][-STEPS:].tolist())
+    angles, waiting = map(angle, range(first, len(states))), map(force, range(number, len(forces)))
+    pipeline.synchroniser.go_on(angles, map(angle, untaken.tolist()), waiting, last)

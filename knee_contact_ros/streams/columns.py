@@ -358,12 +358,6 @@ def pair(
     )
 
 
-def steps_of(stamps: Stamps, last: int | None, before: tuple[int, ...]) -> Stamps:
-    """Steps [ns] of a stream: those `before` its stamp `last`, the one to `stamps`, and those between these."""
-    new = np.diff(stamps) if last is None else np.diff(stamps, prepend=last)
-    return np.concatenate([np.array(before, np.int64), new])
-
-
 def all_go_on(steps: Stamps, known: int, max_gap: int) -> bool:
     """Whether a `Timeline` would accept all steps [ns] behind the first `known` ones: forward, and not too far."""
     if len(steps) <= known:

@@ -226,7 +226,8 @@ class ContactStream(PairedStreams):
         """Check that `retune` will take these parameters; raises what is against it, and changes nothing."""
         load_rule(parameters, self._texts)
         offset = parameters.knee.flexion_offset
-        if any(abs(angle + offset) > LARGEST_ANGLE for angle in self.synchroniser.angles):
+        waiting = (*self.synchroniser.angles, *self.synchroniser.angle_time.pending)
+        if any(abs(sample.angle + offset) > LARGEST_ANGLE for sample in waiting):
             text = f"with an angle that waits for its force, {offset:g} rad is beyond {LARGEST_ANGLE:g} rad"
             raise UsageError(f"parameter knee.flexion_offset: {text}")
         knees = (parameters, lateral_knee(parameters))

@@ -263,27 +263,6 @@ class PairedSample(NamedTuple):
     """Further numbers of the joints at the load's stamp; see `AngleSample`"""
 
 
-class Steady(NamedTuple):
-    """State of a synchroniser between two samples while nothing unusual happens."""
-
-    angles: tuple[AngleSample, ...]
-    """Angles from the last one before the next load on, or earlier"""
-    fresh: tuple[AngleSample, ...]
-    """Angles that belong to no pair yet"""
-    loads: tuple[LoadSample, ...]
-    """Loads that wait for an angle"""
-    last_angle: int | None
-    """Stamp of the last angle [ns]"""
-    last_load: int | None
-    """Stamp of the last load [ns]"""
-    last_pair: int | None
-    """Stamp of the last pair [ns]"""
-    angle_steps: tuple[int, ...]
-    """Last steps [ns] of the angles; see `Timeline`"""
-    load_steps: tuple[int, ...]
-    """Last steps [ns] of the loads; see `Timeline`"""
-
-
 class Synchroniser:
     """Takes the samples of two streams, and makes pairs in the order of the loads' stamps.
 
@@ -301,12 +280,16 @@ class Synchroniser:
         self.load_time: Timeline[LoadSample] = Timeline(self._max_gap, self._queue, self.refused, "load")
         self.unrecorded = 0
         """Number of angles that no pair will contain, as more than `pairing.queue` came between two loads"""
-        self._loads: deque[LoadSample] = deque()  # that wait for an angle
-        self._angles: deque[AngleSample] = deque(maxlen=self._queue)  # from the last one before the next load on
-        self._fresh: deque[AngleSample] = deque()  # that belong to no pair yet
+        self.waiting: deque[LoadSample] = deque()
+        """Loads that wait for an angle"""
+        self.angles: deque[AngleSample] = deque(maxlen=self._queue)
+        """Angles from the last one before the next load on, or earlier"""
+        self.fresh: deque[AngleSample] = deque()
+        """Angles that belong to no pair yet"""
         self._left: list[AngleSample] = []  # likewise, from before a jump: they go to the next pair
         self._last_load: int | None = None
-        self._last_pair: int | None = None
+        self.last_pair: int | None = None
+        """Stamp [ns] of the last pair"""
         self.apart = False
         """Whether the stamps of both streams lie apart by more than `pairing.max_gap`, although both come in turns"""
         self.leads: list[int] = []
@@ -317,19 +300,9 @@ class Synchroniser:
         self._flags = OK
 
     @property
-    def waiting(self) -> int:
-        """Number of loads that wait for an angle."""
-        return len(self._loads)
-
-    @property
-    def angles(self) -> list[float]:
-        """Angles [rad] that may still belong to a pair, before the offset."""
-        return [sample.angle for sample in (*self._angles, *self.angle_time.pending)]
-
-    @property
     def fill(self) -> float:
         """Fill of the fuller one of the queues, from 0 to 1 at `pairing.queue`."""
-        return max(len(self._loads), len(self._left) + len(self._fresh)) / self._queue
+        return max(len(self.waiting), len(self._left) + len(self.fresh)) / self._queue
 
     @property
     def lead(self) -> float | None:
@@ -359,29 +332,29 @@ class Synchroniser:
         if of_load and len(self.leads) < MOST_LEADS:
             self.leads.append(stamp - other)
 
-    def steady(self) -> Steady | None:
-        """Current state; None after something unusual, until a pair has been flagged with it."""
-        if self._apart_since is not None:
-            return None
-        if self._flags or self.refused.is_new or self._left or self.angle_time.pending or self.load_time.pending:
-            return None
-        return Steady(
-            tuple(self._angles), tuple(self._fresh), tuple(self._loads),
-            self.angle_time.last, self.load_time.last, self._last_pair,
-            tuple(self.angle_time.steps), tuple(self.load_time.steps),
-        )  # fmt: skip
+    @property
+    def is_steady(self) -> bool:
+        """Whether nothing unusual has happened, or a pair has been flagged with it; `go_on` is allowed then."""
+        unusual = self._flags or self.refused.is_new or self._left or self._apart_since is not None
+        return not (unusual or self.angle_time.pending or self.load_time.pending)
 
-    def go_on(self, steady: Steady) -> None:
-        """Continue from a state; only allowed while `steady` returns one."""
-        self._angles = deque(steady.angles, maxlen=self._queue)
-        self._fresh, self._loads = deque(steady.fresh), deque(steady.loads)
-        self.angle_time.go_on(steady.last_angle, steady.angle_steps)
-        self.load_time.go_on(steady.last_load, steady.load_steps)
-        self._last_load, self._last_pair, self._met = steady.last_load, steady.last_pair, True
+    def go_on(
+        self,
+        angles: Iterable[AngleSample],
+        fresh: Iterable[AngleSample],
+        waiting: Iterable[LoadSample],
+        last_pair: int,
+    ) -> None:
+        """Continue with these samples in place of `angles`, `fresh` and `waiting`, after a pair at a stamp [ns].
+
+        `angle_time` and `load_time` have to go on, too.
+        """
+        self.angles, self.fresh, self.waiting = deque(angles, maxlen=self._queue), deque(fresh), deque(waiting)
+        self._last_load, self.last_pair, self._met = self.load_time.last, last_pair, True
 
     def start_anew(self) -> None:
         """Let the next tick start from rest, as after a jump back in time."""
-        self._last_pair = None
+        self.last_pair = None
         self._flags |= TIME_RESET
 
     def forget(self) -> None:
@@ -392,9 +365,9 @@ class Synchroniser:
 
     def forget_angles(self) -> None:
         """Use no earlier angle any more; to be called after `forget` if the streams are interrupted."""
-        self._left += self._fresh
-        self._angles.clear()
-        self._fresh.clear()
+        self._left += self.fresh
+        self.angles.clear()
+        self.fresh.clear()
         self._met = False
 
     def push_angle(self, sample: AngleSample) -> list[PairedSample]:
@@ -429,7 +402,7 @@ class Synchroniser:
             jumped = self.load_time.believe()
             angles = self._take_angles(self.angle_time.look_again(self.load_time, jumped=True))
             return angles + self._take_loads(jumped) + self.give_up(arrived_by)
-        number = sum(1 for _ in itertools.takewhile(lambda load: load.arrived <= arrived_by, self._loads))
+        number = sum(1 for _ in itertools.takewhile(lambda load: load.arrived <= arrived_by, self.waiting))
         return self._pairs(hold=True, most=number)
 
     def finish(self) -> list[PairedSample]:
@@ -443,23 +416,23 @@ class Synchroniser:
 
     def rest(self) -> list[AngleSample]:
         """Take out the angle samples that belong to no pair, at the end of a stream."""
-        rest = [*self._left, *self._fresh]
-        self._fresh.clear()
+        rest = [*self._left, *self.fresh]
+        self.fresh.clear()
         self._left = []
         return rest
 
     def _take_angles(self, samples: Sequence[AngleSample]) -> list[PairedSample]:
         pairs = []
         for sample in samples:
-            if self._angles and sample.stamp <= self._angles[-1].stamp:
+            if self.angles and sample.stamp <= self.angles[-1].stamp:
                 pairs += self.give_up()
                 self.forget_angles()
-            self._angles.append(sample)
-            self._fresh.append(sample)
-        while len(self._left) + len(self._fresh) > self._queue:
-            self._left.pop(0) if self._left else self._fresh.popleft()
+            self.angles.append(sample)
+            self.fresh.append(sample)
+        while len(self._left) + len(self.fresh) > self._queue:
+            self._left.pop(0) if self._left else self.fresh.popleft()
             self.unrecorded += 1
-        return pairs + self._pairs() if self._loads else pairs
+        return pairs + self._pairs() if self.waiting else pairs
 
     def _take_loads(self, samples: Sequence[LoadSample]) -> list[PairedSample]:
         pairs = []
@@ -468,30 +441,30 @@ class Synchroniser:
                 pairs += self.give_up()
                 self.start_anew()
             self._last_load = sample.stamp
-            self._met |= bool(self._angles) and sample.stamp < self._angles[0].stamp - self._max_gap
-            self._loads.append(sample)
+            self._met |= bool(self.angles) and sample.stamp < self.angles[0].stamp - self._max_gap
+            self.waiting.append(sample)
         pairs += self._pairs()
-        if (surplus := len(self._loads) - self._queue) > 0:
+        if (surplus := len(self.waiting) - self._queue) > 0:
             pairs += self._pairs(hold=True, most=surplus)
         return pairs
 
     def _pairs(self, hold: bool = False, most: int | None = None) -> list[PairedSample]:
         """Pair the oldest loads, at most `most` of them; with `hold` also those whose angle is not known."""
         pairs: list[PairedSample] = []
-        for _ in range(len(self._loads) if most is None else most):
-            load = self._loads[0]
+        for _ in range(len(self.waiting) if most is None else most):
+            load = self.waiting[0]
             result = self._angle_at(load.stamp, hold)
             if result is None:
                 break
-            self._loads.popleft()
+            self.waiting.popleft()
             pose, status = result
             if pose is None:
                 self.refused.count("no_angle_before")
                 continue
             self._met = True
-            if self._last_pair is not None and load.stamp - self._last_pair > self._max_gap:
+            if self.last_pair is not None and load.stamp - self.last_pair > self._max_gap:
                 status |= STALE_INPUT
-            self._last_pair = load.stamp
+            self.last_pair = load.stamp
             taken = self._taken(max(load.stamp, pose.stamp))
             status |= (
                 self._flags | (INPUT_REJECTED if self.refused.is_new else OK) | (STALE_INPUT if self.apart else OK)
@@ -503,8 +476,8 @@ class Synchroniser:
     def _taken(self, until: int) -> tuple[AngleSample, ...]:
         """Take out the angles up to a stamp [ns] that belong to no pair yet."""
         taken, self._left = self._left, []
-        while self._fresh and self._fresh[0].stamp <= until:
-            taken.append(self._fresh.popleft())
+        while self.fresh and self.fresh[0].stamp <= until:
+            taken.append(self.fresh.popleft())
         return tuple(taken)
 
     def _angle_at(self, stamp: int, hold: bool) -> tuple[AngleSample | None, int] | None:
@@ -513,7 +486,7 @@ class Synchroniser:
         None while the angle is not known; with `hold` the last one is returned then. If there is no angle for the load
         at all, the first part of the result is None.
         """
-        angles = self._angles
+        angles = self.angles
         while len(angles) > 1 and angles[1].stamp <= stamp:
             angles.popleft()
         if not angles:
@@ -675,7 +648,13 @@ class PairedStreams(ABC):
             self.forces_seen.add(came.stamp, sample.axial)
         except RefusedSampleError as refused:
             return self.refuse(refused)
-        return self.push_load(sample, came.frame_id)
+        if self.frame.is_held:
+            return self.synchroniser.push_load(sample)
+        refused_before = self.refused
+        pairs = self.synchroniser.push_load(sample)
+        if self.refused == refused_before:
+            self.frame.hold(came.frame_id)  # all others are expected in it
+        return pairs
 
     @abstractmethod
     def compute(self, pair: PairedSample) -> list[bytes]:
@@ -717,16 +696,6 @@ class PairedStreams(ABC):
         topic, *_ = re.split("[: ]", str(refused), maxsplit=1)
         self.last_refusal = self.sources.get(topic, topic) + str(refused).removeprefix(topic)
         return []
-
-    def push_load(self, sample: LoadSample, came_in: str) -> list[PairedSample]:
-        """Take a load whose message came in a frame; all others are expected in it unless this one is refused."""
-        if self.frame.is_held:
-            return self.synchroniser.push_load(sample)
-        refused_before = self.refused
-        pairs = self.synchroniser.push_load(sample)
-        if self.refused == refused_before:
-            self.frame.hold(came_in)
-        return pairs
 
     def joint_state(self, data: bytes) -> Iterator[Answer]:
         """Take the bytes of a JointState; yield the answers that it makes possible."""

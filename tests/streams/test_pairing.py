@@ -240,7 +240,7 @@ def test_nothing_grows_while_the_other_stream_is_silent() -> None:
     held = feed(synchroniser, [load(i) for i in range(1000, 1300)])
     assert [pair.load.stamp // MS for pair in held] == list(range(1000, 1200))
     assert {pair.angle for pair in held} == {999.0}
-    assert synchroniser.waiting == 100
+    assert len(synchroniser.waiting) == 100
 
 
 def test_after_forget_nothing_of_before_is_known_and_no_force_between_two_angles_is_lost() -> None:
@@ -260,7 +260,7 @@ def test_after_forget_nothing_of_before_is_known_and_no_force_between_two_angles
 def test_all_angles_are_recorded_those_of_before_a_jump_with_the_next_pair() -> None:
     synchroniser = Synchroniser(Pairing())
     feed(synchroniser, "a1990 l1990 a2000")
-    assert synchroniser.steady()
+    assert synchroniser.is_steady
     pairs = feed(synchroniser, "a0 l0 a10 l10 a20")
     assert [[a.stamp // MS for a in pair.angles] for pair in pairs] == [[2000, 0], [10]]
 
