@@ -24,10 +24,10 @@ LABEL = 11
 """Width of the label of a line on the terminal, with the space behind it"""
 MM = 1e3
 PROFILE, RAW, BONE = "#0072B2", "0.6", "#B08968"
-CIRCLES = (("#D55E00", 4.6), ("#009E73", 3.5), ("#CC79A7", 2.4), ("#E69F00", 1.4))
-"""Colours of circles, and their line widths in the plot of curvature, where they may lie on each other"""
-FARTHEST = 40.0
-"""Largest distance [mm] from the origin to the middle of the circle of a condyle, or to a plateau"""
+CIRCLES = ("#D55E00", "#009E73", "#CC79A7", "#E69F00")
+"""Colours of circles"""
+FAR_CONDYLE, FAR_PLATEAU = 40.0, 70.0
+"""Largest distances [mm] from the origin to the middle of a condyle's circle, and to a plateau"""
 SIZE, DPI = (8.0, 9.0), 110
 """Size of a picture [in] and its resolution"""
 STYLE: Any = {"font.size": 9.5, "axes.titlesize": 10, "axes.spines.top": False, "axes.spines.right": False,
@@ -107,17 +107,19 @@ def _origin(found: Fit, text: str | None, mesh: Path) -> Floats:
         raise UsageError(
             f"--origin {text}: it must be {allowed}; this is x = {MM * x.min():.1f} to {MM * x.max():.1f} mm"
         )
-    where, limits = f"{mesh}, --origin {','.join(f'{MM * each:g}' for each in place)}", (0.0, FARTHEST)
+    where = f"{mesh}, --origin {','.join(f'{MM * each:g}' for each in place)}"
     if not found.femur:
         away = MM * float(np.hypot(*(points - place).T).min())
-        refuse(outside(where, "the distance of the plateau", away, "mm", limits, "give surface or X,Y in mm"))
+        refuse(
+            outside(where, "the distance of the plateau", away, "mm", (0.0, FAR_PLATEAU), "give surface or X,Y in mm")
+        )
         return np.array(place)
     touching = (found.shape.normal >= math.radians(GAIT[0])) & (found.shape.normal <= math.radians(GAIT[1]))
     middle = circle(points[touching])[0]
     cure = (f"a femur turns about it: give the joint's axis in the mesh by --origin=X,Y, or this condyle's middle: "
             f"--origin={','.join(f'{round(MM * each, 1) + 0.0:.1f}' for each in middle)}")  # fmt: skip
     away = MM * math.dist(middle, place)
-    refuse(outside(where, "the distance of the condyle's middle", away, "mm", limits, cure))
+    refuse(outside(where, "the distance of the condyle's middle", away, "mm", (0.0, FAR_CONDYLE), cure))
     return np.array(place)
 
 
@@ -216,7 +218,8 @@ def picture(found: Fit, name: str) -> bytes:
             whole.plot(*piece.T, color=BONE, linewidth=1.2, label=None if number else "bone")
         whole.plot(*(MM * smoothed.raw).T, "o", color=RAW, markersize=3.0, label="slice of the mesh")
         whole.plot(*(MM * shape.points).T, color=PROFILE, linewidth=1.6, label="profile")
-        for each, (colour, width) in zip(found.circles, CIRCLES, strict=False):
+        for number, (each, colour) in enumerate(zip(found.circles, CIRCLES, strict=False)):
+            width = 4.5 - number  # they may lie on each other
             rows[0].plot(each.window, (1.0 / (MM * each.radius),) * 2, color=colour, linewidth=width)
             whole.plot(*(MM * each.part).T, color=colour, label=f"circle of radius {MM * each.radius:.1f} mm")
         nearest = along[cKDTree(shape.points).query(smoothed.raw)[1]]
