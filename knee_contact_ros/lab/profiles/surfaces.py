@@ -34,6 +34,8 @@ Integers = NDArray[np.int64]
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
 SIZE = (0.008, 0.7)
 """Range of the longest edge of the box around a cartilage or bone of the knee [m], generously"""
+USUAL = 0.07
+"""Longest edge [m] of a usual one: the width of a knee"""
 CLOUDS = (".txt", ".xyz", ".csv", ".asc", ".dat")
 INSIDE = 0.5
 """Level of the contour around voxels that are 1, among voxels that are 0"""
@@ -178,8 +180,9 @@ def _check_size(path: Path, points: Floats, unit: str) -> None:
     if not np.isfinite(points).all():
         raise UsageError(f"{path} has a point that is not finite")
     largest = float(np.ptp(points, axis=0).max())
-    fitting = [name for name, factor in UNITS.items() if SIZE[0] <= largest * factor <= SIZE[1]]
-    cure = f"is it in {' or '.join(fitting)}?" if fitting else "scale it to m or mm first"
+    likely = min(UNITS, key=lambda name: abs(math.log(max(largest, 1e-9) * UNITS[name] / USUAL)))
+    fits = SIZE[0] <= largest * UNITS[likely] <= SIZE[1]
+    cure = f"likely it is in {likely}, --unit {likely}" if fits else "scale it to m or mm first"
     refuse(outside(path, f"its largest extent with --unit {unit}", largest * UNITS[unit], "m", SIZE, cure))
 
 

@@ -82,7 +82,7 @@ CASES = {
     "garbage map": ("a.nii", text("no image"), [], "cannot be read"),
     "no label": ("a.nii", label_map, [], "needs --label N: it has the labels 1, 4"),
     "label": ("a.stl", mesh(), ["--label", "2"], "is not a label map"),
-    "in m": ("a.stl", mesh(), ["--unit", "mm"], "is it in m?"),
+    "in m": ("a.stl", mesh(), ["--unit", "mm"], "likely it is in m, --unit m"),
     "divided twice": ("a.ply", mesh(FEMUR, 1e3), [], "scale it to m or mm first"),
     "beside the mesh": ("a.stl", mesh(), ["--slice", "12"], "--slice 12 misses"),
     "wrong compartment": ("a.stl", mesh(), ["--slice", "auto", "--compartment", "lateral"],
