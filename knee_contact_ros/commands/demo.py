@@ -18,7 +18,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import click
 import numpy as np
@@ -333,26 +333,15 @@ def offer(scene: Path) -> None:
             look_at(scene)
 
 
-class Peak(NamedTuple):
-    """The largest joint reaction of a bag."""
+def largest(bag: Path, topic: str) -> tuple[float, float]:
+    """Return the largest joint reaction of a bag, and its standard deviation [N]; 0 if it is not an estimate.
 
-    axial: float
-    """Axial force [N]"""
-    deviation: float
-    """Standard deviation [N] of an estimate; 0 for a joint reaction that is no estimate"""
-
-    def text(self, weight: float) -> str:
-        """Return the force in N and in body weights as text; `weight` is the body weight [N]."""
-        deviation = f", standard deviation {self.deviation:.0f} N" if self.deviation else ""
-        return f"{self.axial:.1f} N ({self.axial / weight:.2f} BW){deviation}"
-
-
-def largest(bag: Path, topic: str) -> Peak:
-    """Return the largest joint reaction of a bag, on the topic `joint_reaction_force` or `load_estimate`."""
+    The topic is `joint_reaction_force` or `load_estimate`.
+    """
     messages = [message.message for message in read_bag(bag, {f"/{topic}": MESSAGE_TYPES[topic]})]
     if topic == LOAD_ESTIMATE:
-        return max(Peak(message.axial_force, message.standard_deviation) for message in messages)
-    return max(Peak(-message.wrench.force.y, 0.0) for message in messages)
+        return max((message.axial_force, message.standard_deviation) for message in messages)
+    return max((-message.wrench.force.y, 0.0) for message in messages)
 
 
 def load_rows(bag: Path, load: LoadParameters, work: Path) -> dict[str, str]:
@@ -360,10 +349,11 @@ def load_rows(bag: Path, load: LoadParameters, work: Path) -> dict[str, str]:
     weight = load.person.constants.weight
     calibrated = "yes" if load.calibrated else "no: for looking, not for gating anything"
     rows = {"load's level": load.chosen_level, "calibrated": calibrated}
-    rows["estimated load"] = largest(work / LOAD_RECORDING.parent, LOAD_ESTIMATE).text(weight)
+    axial, deviation = largest(work / LOAD_RECORDING.parent, LOAD_ESTIMATE)
+    rows["estimated load"] = f"{axial:.1f} N ({axial / weight:.2f} BW), standard deviation {deviation:.0f} N"
     if bag.resolve() == (share_folder() / "bags" / BAG).resolve():
-        recorded = largest(bag.with_name(RECORDED), JOINT_REACTION_FORCE)
-        rows["recorded load"] = f"{recorded.text(weight)}, by OpenSim from muscles"
+        recorded, _ = largest(bag.with_name(RECORDED), JOINT_REACTION_FORCE)
+        rows["recorded load"] = f"{recorded:.1f} N ({recorded / weight:.2f} BW), by OpenSim from muscles"
     return rows
 
 

@@ -116,7 +116,7 @@ def text(torques: Sequence[float], found: Mapping[str, Sequence[Walk]]) -> str:
     parameters, (more, higher) = person(), with_more_co_contraction()
     weight, level = parameters.person.constants.weight, parameters.chosen_level
     deviation = LEVELS[level].uncalibrated
-    recorded = largest(share_folder() / "bags" / RECORDED, JOINT_REACTION_FORCE)
+    recorded, _ = largest(share_folder() / "bags" / RECORDED, JOINT_REACTION_FORCE)
     numbers = {
         "machine": machine(),
         "most": f"{torques[-1]:g}", "limit": f"{FORCE_LIMIT:g}", "floor": f"{deviation.floor:g}",
@@ -130,7 +130,7 @@ def text(torques: Sequence[float], found: Mapping[str, Sequence[Walk]]) -> str:
         "effect": f"{middle[0] - middle[best]:.0f}", "band": f"{forces[best, 2] - middle[best]:.0f}",
 "given": f"{parameters.person.co_contraction:g}", "doubled": f"{more:g}",
         "co": f"{higher - middle[0]:.0f}",
-        "recorded": f"{recorded.axial:.0f}", "estimated": f"{constant[0].axial.max():.0f}",
+        "recorded": f"{recorded:.0f}", "estimated": f"{constant[0].axial.max():.0f}",
     }  # fmt: skip
     return Template(PAGE.read_text(encoding="utf-8")).substitute(numbers)
 

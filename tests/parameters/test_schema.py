@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import pickle
 from typing import Annotated
 
 import pytest
 from pydantic import ValidationError
 
 from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw, Range
-from knee_contact_ros.parameters.schema import ContactParameters, Parameters, with_constants_of_laws
+from knee_contact_ros.parameters.schema import ContactParameters, with_constants_of_laws
 
 
 def law_with_an_edge(*, stiffness: float, edge: Annotated[float, Range(0.0, 1.0, "[m] of it")] = 0.25) -> ContactLaw:
@@ -26,7 +25,3 @@ def test_what_a_law_alone_asks_for_is_a_parameter() -> None:
     for bad in (-0.1, 1.1, "0.5", float("nan")):
         with pytest.raises(ValidationError, match="edge"):
             section(edge=bad)
-
-
-def test_parameters_can_go_to_another_process() -> None:
-    assert pickle.loads(pickle.dumps(Parameters())) == Parameters()  # noqa: S301

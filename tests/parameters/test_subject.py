@@ -10,7 +10,6 @@ import pytest
 from knee_contact_ros.bags.provenance import read_provenance
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.offline.solve import Subject
-from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.errors import UsageError
 
@@ -53,17 +52,6 @@ bag: gait
     assert (parameters.femur.geometry, parameters.femur.profile) == ("profile", str(tmp_path / "mine.csv"))
     assert parameters.tibia.profile == str(config / "tibia_medial.csv")
     assert (parameters.femur.scale, parameters.tibia.scale) == (0.95, 0.95)
-
-
-def test_surfaces_are_to_scale(tmp_path: Path) -> None:
-    text = "mass: 70\nscale: 1.1\nparameters: [healthy.yaml, mri_femur.yaml]\n"
-    larger, one = (
-        load_model(load_parameters(Subject(subject(tmp_path, content)).sources()))
-        for content in (text, text.replace("1.1", "1.0"))
-    )
-    for angle in (0.0, 0.4, 1.1):
-        # A fitted spline scales as its points do, up to the tolerance of its fit: roundings.
-        assert larger.pair.femur.support(angle)[0] == pytest.approx(1.1 * one.pair.femur.support(angle)[0], rel=1e-9)
 
 
 def test_solve_takes_it_and_other_values_win(

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +11,6 @@ import pytest
 pytest.importorskip("rerun", reason="needs the extra viewer")
 
 from knee_contact_ros.model.types import ROW, Rows
-from knee_contact_ros.offline.notebooks import solve
 from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.results import DATES_FROM
@@ -20,7 +18,7 @@ from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.strides import strides_of
 from knee_contact_ros.view.anatomy import POINTS, KneeOutlines, drawing_of
 from knee_contact_ros.view.layout import DETAILS, FORCES, KNEE, SOLVER, about, plane_title, plots_of, title_of
-from knee_contact_ros.view.scene import PICTURE_PERIOD, Remarks
+from knee_contact_ros.view.scene import PICTURE_PERIOD
 from tests.helpers.answers import contact
 from tests.view.scenes import SHIPPED, WEIGHT, answered, at, column, constant, entities, lists, texts_of, written
 
@@ -257,20 +255,3 @@ def test_events_are_told_with_their_times(knee: Knee, drawn: Path) -> None:
     (one,) = strides_of(knee[1], WEIGHT)
     words = f"stride of {one.span.duration:.2f} s: impulse {one.impulse:.1f} N s, stance {one.stance_impulse:.1f} N s"
     assert f"{one.span.end / 1e9:.3f} s  {words}" in texts
-
-
-def test_every_stride_has_its_impulse_though_old_samples_go(right_bag: Path) -> None:
-    """The shipped gait eight times without a pause, and once more from the beginning on."""
-    gait: Any = np.asarray(solve(right_bag))
-    length = int(gait["stamp"][-1] - gait["stamp"][0]) + 5_000_000
-    walked = np.concatenate([at(gait, gait["stamp"] + place * length) for place in range(8)])
-    expected = strides_of(walked, WEIGHT)
-    assert len(expected) >= 8
-    whole = np.concatenate([walked, walked])
-    for batches in ([whole], np.array_split(whole, 57), np.array_split(whole, 1000)):
-        remarks = Remarks(WEIGHT)
-        texts = [remark for batch in batches for remark in remarks.take(batch)] + remarks.finish()
-        strides = sorted(remark for remark in texts if remark.text.startswith("stride"))
-        for remark, one in zip(strides, [one for one in expected for _ in range(2)], strict=True):
-            assert remark.stamp == one.span.end
-            assert f"impulse {one.impulse:.1f} N s, stance {one.stance_impulse:.1f} N s" in remark.text
