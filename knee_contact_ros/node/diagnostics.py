@@ -36,7 +36,7 @@ SILENCE = 5.0
 REMINDER_PERIOD = 30.0
 """Shortest time [s] between two warnings of a state that lasts, such as a silent input"""
 STEADY = Clock(clock_type=ClockType.STEADY_TIME)
-"""Clock that runs on when simulated time stands still, or the system's is set"""
+"""Clock that keeps running when simulated time stands still or the system's clock is set"""
 OK, WARN, ERROR, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticStatus.ERROR, DiagnosticStatus.STALE
 Problem = tuple[bytes, str]
 """Level of a `DiagnosticStatus`, and its message, which is empty if nothing is wrong"""
@@ -80,7 +80,7 @@ class InputMeter:
         self.begin()
 
     def begin(self) -> None:
-        """Start to measure: neither silence nor rate counts the time before."""
+        """Start to measure; the time before counts neither for the rate nor as silence."""
         self.last = self._reported = time.monotonic()
         self._pauses: list[float] = []  # [s] before each message since the last report
         self._ages: list[float] = []  # [s] from their stamps to their arrivals, by the system's clock
@@ -117,7 +117,7 @@ class InputMeter:
 class Health:
     """Counts ticks, faults and delays of a session, and reports them.
 
-    Everything is counted right after its message was handled: what is left to do once a second delays the messages
+    It counts each answer right after it was published, because work that piles up for a second would delay the messages
     that come meanwhile.
     """
 

@@ -137,7 +137,7 @@ class Input:
     def adapt(self) -> None:
         """Subscribe as best effort if a publisher could not be received; look for topics once a second.
 
-        Not to be called from the subscription's own callbacks.
+        Do not call it from the subscription's own callbacks.
         """
         for topic in self._unheard - self._best_effort:
             name = self._node.resolve_topic_name(topic)
@@ -231,14 +231,14 @@ Inputs = tuple[Input, Input]
 
 
 LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
-"""QoS of `/tf_static` as tf2 has it: late subscribers get all earlier messages"""
+"""QoS of `/tf_static`, the same as in tf2: late subscribers get all earlier messages"""
 
 
 class StaticTransformTopic:
     """Publisher and subscription of `/tf_static`, if `frame.tibia` names a frame and tf2_msgs is installed."""
 
     def __init__(self, node: LifecycleNode, frame: ForceFrame) -> None:
-        """Publish where the tibia frame lies, if its name says so; transforms of others are handed to `frame`."""
+        """Publish where the tibia frame lies, if its name says so, and hand the transforms of others to `frame`."""
         self._node, self._frame = node, frame
         self._publisher: Any = None
         self._subscription: Any = None

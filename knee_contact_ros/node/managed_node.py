@@ -127,12 +127,12 @@ class ManagedNode(LifecycleNode):
         return super().on_cleanup(state)
 
     def on_shutdown(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Close inputs and outputs."""
+        """Close the inputs and the outputs."""
         self.finish()
         return super().on_shutdown(state)
 
     def on_error(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Close the outputs; the node is unconfigured then and can be configured anew."""
+        """Close the outputs; afterwards the node is unconfigured and can be configured again."""
         self.get_logger().error("a transition has failed; the node is unconfigured")
         self.finish()
         return super().on_error(state)
@@ -202,7 +202,7 @@ def of_node(kind: NodeKind, kinds: Sequence[NodeKind]) -> Iterator[None]:
 
 
 def finish(nodes: Sequence[ManagedNode]) -> None:
-    """End nodes; all outputs are told to end before any of them is waited for."""
+    """End nodes: first tell all outputs to end, then wait for them."""
     for session in [node.session for node in nodes if node.session]:
         session.end()
     for node in nodes:

@@ -265,7 +265,7 @@ class Ring:
             items.popleft()
 
     def taken(self) -> tuple[list[Answer | Note], float]:
-        """What is kept, the oldest first, and the time [s] from its first answer to its last."""
+        """The kept items, oldest first, and the time [s] from the first answer to the last."""
         times = [at for at, item in self._items if isinstance(item, Answer)]
         return [item for _, item in self._items], (times[-1] - times[0]) / NANOSECONDS if times else 0.0
 
@@ -281,11 +281,11 @@ class Outputs:
         """
         self._log = log
         self.ring = Ring(knee.parameters.record.snapshot, knee.parameters.record.queue)
-        """What a snapshot would hold"""
+        """Answers that a snapshot would contain"""
         self._ending: list[SinkProcess] = []
         """Recordings that are being completed"""
         self._deadline = math.inf
-        """Monotonic time [s] until which `close` waits, once all outputs were told to end"""
+        """Monotonic time [s] until which `close` waits for the outputs, after `end`"""
         self.sinks: dict[str, SinkProcess] = {}
         """Outputs by their titles"""
         described = [sink_of(section, knee) for section in sections_of_outputs(type(knee.parameters))]

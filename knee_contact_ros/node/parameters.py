@@ -62,7 +62,7 @@ class NodeParameters:
         """
         self._node, self._kind, self._known = node, kind, known_parameters(kind.schema)
         self.user: Session | None = None
-        """Session that is told of changes while the node is configured"""
+        """Session that takes changes while the node is configured"""
         self._before: dict[str, Any] = {}  # values before the change that is checked
         overrides = self._values()
         values = all_values(load_parameters(overrides, kind.schema))

@@ -61,14 +61,14 @@ class Session(ABC):
 
     @abstractmethod
     def _publish(self, pair: PairedSample) -> None:
-        """Compute a tick and publish its messages; what is not needed for that comes after the publishing."""
+        """Compute a tick, publish its messages, and then do the rest."""
 
     @abstractmethod
     def _described(self, parameters: Any) -> Knee:
         """Description for outputs that begin now, with these parameters."""
 
     def make_ready(self, interrupting: Callable[[], AbstractContextManager[None]]) -> None:  # noqa: B027
-        """Prepare what takes long, such as the compiled model; a signal ends it in a block of `interrupting`."""
+        """Prepare what takes long, such as the compiled model; signals may interrupt it within `interrupting`."""
 
     def _input_streams(self, qos_given: Collection[str], handed: HandedInputs | None = None) -> Inputs:
         """Streams of angles and of forces, from their topics or from another node in this process (`handed`).
@@ -203,12 +203,12 @@ class Session(ABC):
             self.node.destroy_lifecycle_publisher(publisher)
 
     def _on_joint_state(self, data: bytes) -> int | None:
-        """Answer what a JointState makes possible; return its stamp [ns], None if its bytes are none."""
+        """Take a JointState and answer; return its stamp [ns], or None if the bytes are no JointState."""
         self._answer(self.pipeline.take_joint_state(data))
         return self.pipeline.stamp
 
     def _on_force(self, data: bytes) -> int | None:
-        """Answer what a force makes possible; return its stamp [ns], None if its bytes are none."""
+        """Take a force and answer; return its stamp [ns], or None if the bytes are no WrenchStamped."""
         pairs = self.pipeline.take_force(data, time.perf_counter())
         if self.pipeline.frame.turn_note:
             note = self.pipeline.frame.take_turn_note()
@@ -234,7 +234,7 @@ class Session(ABC):
         return self.node.create_service(Trigger, f"~/{name}", answer)
 
     def _answer_all(self) -> None:
-        """Answer what waits or was kept aside, and forget the streams."""
+        """Answer all forces that wait or were kept aside, and forget the streams."""
         self._answer(self.pipeline.synchroniser.finish())
         self.pipeline.synchroniser.forget()
 

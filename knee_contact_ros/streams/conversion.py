@@ -99,7 +99,7 @@ class Converter:
                 )
 
     def __call__(self, data: bytes, arrived: int) -> bytes:
-        """Bytes of the JointState or WrenchStamped; those of a refusal if there is none."""
+        """Bytes of the JointState or WrenchStamped, or those of a refusal if the message cannot be converted."""
         try:
             return self._converted(data, arrived)
         except RefusedSampleError as refused:

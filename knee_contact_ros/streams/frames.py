@@ -170,7 +170,7 @@ class ForceFrame:
             self._transforms.add(own)
 
     def take_turn_note(self) -> dict[str, str]:
-        """Metadata record of a turn that is new, empty if there is none; each is returned once."""
+        """Metadata record of a new turn, or an empty one; each record is returned once."""
         note, self.turn_note = self.turn_note, {}
         return note
 

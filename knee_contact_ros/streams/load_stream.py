@@ -69,7 +69,7 @@ def _angle(message: JointState, joint: MeasuredJoint) -> float:
 
 
 def _assistance(message: JointState, joint: ActuatedJoint) -> float:
-    """Torque [N m] of a joint's actuator, positive against its angle; 0 if there is none."""
+    """Torque [N m] of a joint's actuator, positive against its angle; 0 if the joint has no actuator."""
     if not joint.assisted:
         return 0.0
     effort = number_of(message, joint.joint_name, "effort")

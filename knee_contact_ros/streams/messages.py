@@ -199,7 +199,7 @@ class Coder(Generic[Content]):
         self._layouts: dict[int, Layout] = {}
 
     def decode(self, data: bytes | bytearray | memoryview) -> tuple[Content, bytes] | None:
-        """Content of a message, and the bytes to record; None if they are none."""
+        """Content of a message, and the bytes to record; None if the bytes are no such message."""
         try:
             received = data if type(data) is bytes else bytes(data)
             layout = self._layouts.get(len(received))
@@ -267,7 +267,7 @@ def written_layout(kind: Any, shape: Shape) -> Layout:
 
 
 def _plain(content: JointState | WrenchStamped) -> bytes:
-    """Bytes of a message with this content, but for the stamp; written field by field."""
+    """Bytes of a message with this content and the stamp 0, written field by field."""
     data = bytearray(HEADER + bytes(STAMP_END - len(HEADER)))
 
     def put(part: bytes, size: int) -> None:
@@ -314,7 +314,7 @@ encode_wrench_stamped = WRENCH.encode
 
 
 def decode_joint_state(data: bytes | bytearray | memoryview) -> JointState | None:
-    """Content of a JointState; None if the bytes are none."""
+    """Content of a JointState; None if the bytes are no JointState."""
     decoded = JOINT_STATE.decode(data)
     return decoded and decoded[0]
 
@@ -430,8 +430,8 @@ def as_joint_state(data: bytes, wanted: Collection[str] = ()) -> bytes:
     Velocities and efforts are left out, as they are not used.
 
     Raises:
-        RefusedSampleError: the bytes are none, names and values do not belong together, or one of the joints `wanted`
-            is there without a position.
+        RefusedSampleError: the bytes are no such message, the numbers of names and values differ, or one of the joints
+            `wanted` has no position.
     """
     try:
         message: Any = _types().deserialize_cdr(data, DYNAMIC_JOINT_STATE)

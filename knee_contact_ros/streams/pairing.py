@@ -1,10 +1,10 @@
 """Pairs loads and angles by stamp: every load gets the angle at its own stamp, interpolated between its two neighbours.
 
-The `Timeline` of each stream decides by the stamps which samples to believe: one that continues the stream at once,
-others later. A sample whose stamp lies far ahead of the one before is wrong, or the stream has paused; far behind, it
-is wrong, or the clock was set back, or a bag begins anew. The following samples show which. Until then such samples are
-kept aside, and none is lost by that: they are believed as soon as the other stream is at the same time, or if for a
-while no sample continues the stream from the last one believed; they are refused once one does.
+The `Timeline` of each stream decides by the stamps which samples to believe. A sample that continues the stream is
+believed at once. A stamp far ahead is wrong, or the stream has paused; one far behind is wrong, or the clock was set
+back, or a bag starts again. The following samples show which of these it is. Until then the sample is kept aside. It is
+believed as soon as the other stream is at the same time, or if for a while no sample continues the stream from the last
+one believed. It is refused once one does.
 
 No clock is used: pairs depend on the samples and their order alone, and the caller decides when an angle is late
 (`give_up`).
@@ -266,8 +266,8 @@ class PairedSample(NamedTuple):
 class Synchroniser:
     """Takes the samples of two streams, and makes pairs in the order of the loads' stamps.
 
-    The `Timeline` of each stream decides which samples are believed, and when the stream has jumped. After a jump back
-    of the loads the run starts anew; after one of the angles, the earlier angles are forgotten.
+    The `Timeline` of each stream decides which samples are believed, and when the stream has jumped. If the loads jump
+    back, the run starts again from rest; if the angles do, the earlier angles are forgotten.
     """
 
     def __init__(self, pairing: Pairing) -> None:
@@ -334,7 +334,7 @@ class Synchroniser:
 
     @property
     def is_steady(self) -> bool:
-        """Whether nothing unusual has happened, or a pair has been flagged with it; `go_on` is allowed then."""
+        """Whether nothing unusual has happened since the last pair; `go_on` is allowed only then."""
         unusual = self._flags or self.refused.is_new or self._left or self._apart_since is not None
         return not (unusual or self.angle_time.pending or self.load_time.pending)
 
@@ -345,9 +345,9 @@ class Synchroniser:
         waiting: Iterable[LoadSample],
         last_pair: int,
     ) -> None:
-        """Continue with these samples in place of `angles`, `fresh` and `waiting`, after a pair at a stamp [ns].
+        """Replace `angles`, `fresh` and `waiting` by these samples, and continue after a pair at a stamp [ns].
 
-        `angle_time` and `load_time` have to go on, too.
+        Call `go_on` of `angle_time` and `load_time` before.
         """
         self.angles, self.fresh, self.waiting = deque(angles, maxlen=self._queue), deque(fresh), deque(waiting)
         self._last_load, self.last_pair, self._met = self.load_time.last, last_pair, True
@@ -526,7 +526,7 @@ SHORT = 0.05
 BACK = 0.5
 """Largest part of a change that is left after the way back"""
 OFTEN, TOLD_FROM = 0.05, 10
-"""Part of the samples, and their number, from which an alternation is told"""
+"""Share of the samples, and their number, from which alternating samples are reported"""
 MOST = 8192
 """Number of samples that are looked at together"""
 

@@ -86,7 +86,7 @@ class Doubts:
             self.off_by = max(self.off_by, float(places[off].max()))
         flagged = ((answers["status"] & IMPLAUSIBLE) != 0) & ~off & (angles >= EXTENDS) & (angles <= FLEXES)
         self.farthest = max(self.farthest, float(gaps.max()))
-        # After a flight that no knee makes the bit tells of this, and not of a depth.
+        # After a flight that no knee makes, the bit means the flight and not a depth.
         flown = (gaps > FARTHEST_GAP) | (flagged & ((depths <= 0.0) | (self.farthest > FARTHEST_GAP)))
         self.flown += int(np.count_nonzero(flown))
         absurd = (flagged & ~flown) | (depths > self.plausible_depth)

@@ -92,7 +92,7 @@ def _refuse_folder(path: Path) -> None:
 
 
 def _impossible(path: Path, error: OSError | ValueError) -> UsageError:
-    """Error for an output that the system does not write; a ValueError tells of characters that no name can have."""
+    """Error for an output that cannot be written; a ValueError means characters that no file name can have."""
     return UsageError(f"cannot write {path}: {getattr(error, 'strerror', None) or error}")
 
 

@@ -100,7 +100,7 @@ def child_process(name: str, arguments: Sequence[str], log: Path, patience: floa
 def python_module(module: str, *arguments: str) -> dict[str, Any]:
     """Arguments of `start` for a module in a process that imports from the same folders as this one.
 
-    The working folder is none of them: a file there may have the name of a library.
+    The working folder is left out, because a file there may have the name of a library.
     """
     path = os.pathsep.join(str(Path(folder).absolute()) for folder in sys.path)
     command = [sys.executable, "-c", RUN_MODULE, module, *arguments]
