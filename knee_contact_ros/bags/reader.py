@@ -349,14 +349,9 @@ def names_in_bag(remaps: Iterable[str] = (), namespace: str = "", inputs: Sequen
     remapped = set()
     for rule in remaps:
         source, target = split(rule, "--remap")
-        topic, other = absolute(source), target.removeprefix("/")
-        if topic not in names and other in inputs:
-            raise UsageError(f"--remap {rule!r}: the node's name comes first; say {other}:={source}")
+        topic, allowed = absolute(source), " or ".join(inputs)
         if topic not in names:
-            allowed = " or ".join(inputs)
-            raise UsageError(
-                f"--remap {rule!r}: {source} is not an input; FROM must be {allowed}, TO is the bag's topic"
-            )
+            raise UsageError(f"--remap {rule!r}: FROM must be {allowed}, the input; TO is its name in the bag")
         if topic in remapped:
             raise UsageError(f"--remap {rule!r}: {source} is remapped twice")
         remapped.add(topic)

@@ -19,21 +19,6 @@ FOLDER = "bag"
 RECORDING = "out.mcap"
 
 
-class Watched:
-    """A folder on a disk that is watched."""
-
-    def __init__(self, watching: Path, place: Path, patch: pytest.MonkeyPatch) -> None:
-        self.folder, self.log = place / FOLDER, place / "log"
-        patch.setenv("LD_PRELOAD", str(watching))
-        patch.setenv("WATCHED_FOLDER", str(self.folder))
-        patch.setenv("WATCHED_LOG", str(self.log))
-
-    def calls(self) -> list[Call]:
-        """What was called so far."""
-        lines = self.log.read_text().split("\n")
-        return [call_of(line) for line in lines[:-1]]  # the last one may not be there as a whole
-
-
 class Call(NamedTuple):
     """What a program had its disk do."""
 
@@ -44,16 +29,22 @@ class Call(NamedTuple):
     data: bytes
 
 
-def call_of(line: str) -> Call:
-    """A line of the log."""
-    what, path, other, offset, data = line.split("\t")
-    return Call(what, Path(path), Path(other), int(offset), bytes.fromhex(data))
+def calls(log: Path) -> list[Call]:
+    """What was called so far."""
+    lines = [line.split("\t") for line in log.read_text().split("\n")[:-1]]  # the last one may not be there as a whole
+    return [
+        Call(what, Path(path), Path(other), int(offset), bytes.fromhex(data))
+        for what, path, other, offset, data in lines
+    ]
 
 
 @pytest.fixture
-def watched(watching: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Watched:
-    """For recorders that are started in this test."""
-    return Watched(watching, tmp_path, monkeypatch)
+def log(watching: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Log of the calls in a folder, for recorders that are started in this test."""
+    monkeypatch.setenv("LD_PRELOAD", str(watching))
+    monkeypatch.setenv("WATCHED_FOLDER", str(tmp_path / FOLDER))
+    monkeypatch.setenv("WATCHED_LOG", str(tmp_path / "log"))
+    return tmp_path / "log"
 
 
 class Disk:
@@ -115,18 +106,18 @@ HOW = ("nothing", "torn", "zeros", "backwards", "all")
 """What becomes of that which was not asked for to be on the disk"""
 
 
-def test_what_was_synced_is_found_wherever_the_power_fails(watched: Watched, started: Started, tmp_path: Path) -> None:
-    path, numbers = watched.folder / RECORDING, 0
+def test_what_was_synced_is_found_wherever_the_power_fails(log: Path, started: Started, tmp_path: Path) -> None:
+    path, numbers = tmp_path / FOLDER / RECORDING, 0
     sink = started.recorder(path, settings=SETTINGS)
     for number in (30, 45, 80):  # the recording goes on in a new file meanwhile
         put(sink, range(numbers, number))
         numbers = number
-        wait_until(lambda number=number: synced(watched.calls(), tmp_path) == number)  # while it is written
+        wait_until(lambda number=number: synced(calls(log), tmp_path) == number)  # while it is written
     close(sink)
     assert (sink.failure, started.told) == ("", [])
 
-    calls, disk, most = watched.calls(), Disk(), 0
-    for number, call in enumerate(calls):
+    disk, most = Disk(), 0
+    for number, call in enumerate(calls(log)):
         disk.take(call)
         for how in HOW:
             certain = found_on(disk, how, tmp_path / "left")
@@ -135,10 +126,10 @@ def test_what_was_synced_is_found_wherever_the_power_fails(watched: Watched, sta
     assert most == numbers
 
 
-def synced(calls: list[Call], place: Path) -> int:
+def synced(made: list[Call], place: Path) -> int:
     """How many answers are on the disk for certain."""
     disk = Disk()
-    for call in calls:
+    for call in made:
         disk.take(call)
     return found_on(disk, "nothing", place / "so_far")
 

@@ -59,7 +59,7 @@ def test_solve_takes_inputs_and_parameters_from_elsewhere(
         (["-p", "knee.joint_name:=hip"], "joint_states has no joint 'hip'; it has knee (parameter knee.joint_name)"),
         (["-p", "load.share=1"], "-p 'load.share=1': it must be NAME:=VALUE"),
         (["--namespace", "left"], "has no topic /left/joint_states"),
-        (["--remap", "angles:=/exo"], "angles is not an input"),
+        (["--remap", "angles:=/exo"], "FROM must be joint_states or joint_reaction_force"),
     ],
 )
 def test_what_solve_cannot_take_is_told_in_one_line(

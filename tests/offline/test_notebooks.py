@@ -109,7 +109,7 @@ def test_what_is_wrong_is_told(right_bag: Path, tmp_path: Path) -> None:
     [
         ({"values": ["contact.damping"]}, r"values: \['contact.damping'\] is not allowed; a mapping, as {'contact."),
         ({"remap": "a:=b"}, "remap: 'a:=b' is not allowed; a mapping, as {'joint_states':"),
-        ({"remap": {"joint": "/x"}}, r"^remap=\{'joint': '/x'\}: joint is not an input"),
+        ({"remap": {"joint": "/x"}}, r"^remap=\{'joint': '/x'\}: FROM must be joint_states or"),
         ({"params": ""}, "parameters: '' is not allowed; a parameter file's name"),
         ({"params": "osteoarthrits"}, r"\(healthy, .*\); did you mean osteoarthritis\?"),
         ({"output": "there.mcap"}, "there.mcap exists already; choose another name, or overwrite=True$"),
