@@ -21,7 +21,7 @@ from knee_contact_ros.system.output_files import is_being_written, rename_new
 RECOVERED = "recovered"
 """Name of the metadata record that describes the file from which another one was recovered"""
 SUFFIX = ".recovering"
-"""Suffix of the output until it is complete; `.partial` may be that of the input"""
+"""Suffix of the output until it is complete, behind the number of the process; the input may end in `.partial`"""
 COMPRESSIONS = {"": CompressionType.NONE, "lz4": CompressionType.LZ4}
 """Compression of the output by the name of that in the input; zstd for others, and without chunks"""
 MOST_FAULTS = 1000
@@ -80,14 +80,10 @@ def recover(
             raise UsageError(f"{source} is {kind}: {in_a_line(file.faults) or 'it has none'}")
         topics, spans = _topics(file), [segment.times for segment in file.segments]
         times = min(first for first, _ in spans), max(last for _, last in spans)
-        partial = output.with_name(output.name + SUFFIX)
+        partial = output.with_name(f"{output.name}.{os.getpid()}{SUFFIX}")
         try:
             output.parent.mkdir(parents=True, exist_ok=True)
             partial.open("xb").close()
-        except FileExistsError:
-            raise UsageError(
-                f"{partial} exists: another recovery is running, or was cut off; move it away first"
-            ) from None
         except OSError as error:
             raise UsageError(f"cannot write {output}: {error.strerror}") from None
         try:

@@ -177,15 +177,6 @@ def test_what_appears_where_the_output_is_to_be_is_left_alone(cut: Path, tmp_pat
     assert raw_inputs(output)
 
 
-def test_another_recovery_of_the_same_name_is_left_alone(cut: Path, tmp_path: Path) -> None:
-    theirs = tmp_path / "bag.mcap.recovering"
-    theirs.write_text("theirs")
-    with pytest.raises(UsageError, match="another recovery is running, or was cut off"):
-        recover(cut, tmp_path / "bag.mcap")
-    assert theirs.read_text() == "theirs"
-    assert not (tmp_path / "bag.mcap").exists()
-
-
 Damage = Callable[[bytearray, list[int], int], object]
 """Change of a file whose chunks, and whose summary, begin at these offsets; the data of a chunk begin behind byte 48"""
 
