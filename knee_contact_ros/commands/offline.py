@@ -92,7 +92,7 @@ def solve(
     It needs no ROS, runs as fast as the machine allows, and gives the same numbers as the node. BAG is an .mcap file, a
     .db3 file or a rosbag2 folder with the topics /joint_states and /joint_reaction_force. If BAG is a recording of this
     package, its own parameters are used unless you give --params. If a bag is damaged, the command computes what it can
-    read, says what is missing, and ends with code 1. Several bags, as of a recorder on each machine, are read as one.
+    read, says what is missing, and ends with code 1. Several bags, for example one from each machine, are read as one.
     """
     from knee_contact_ros.bags.provenance import Provenance, weight_of
     from knee_contact_ros.bags.reader import names_in_bag, others_beside

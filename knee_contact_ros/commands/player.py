@@ -198,7 +198,7 @@ class Player:
     def __post_init__(self) -> None:
         """Begin with no message."""
         self._bag, self._clock = 0, 0.0  # the bag's time [ns] at a time of the clock [s]
-        self._tick = math.inf  # when the time is told again
+        self._tick = math.inf  # when the clock is published again
         self._look = 0.0
         self._commands: deque[Command] = deque()
 

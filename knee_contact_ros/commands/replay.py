@@ -146,7 +146,7 @@ def run_replay(
         transforms = transform_messages(bag)
         replayer = Replayer(node, inputs=inputs, clock=timing.clock is not None, transforms=transforms)
         if not replayer.wait_for_subscribers(timing.wait, time.sleep):
-            say(f"no subscriber on every topic after {timing.wait:g} s; publishing anyway", err=True)
+            say(f"not every topic has a subscriber after {timing.wait:g} s; publishing anyway", err=True)
         time.sleep(timing.delay)
         play(reader, span, replayer, timing)
 

@@ -35,7 +35,7 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS
 
 SHARES = {"total": 1.0, "moment_balance": 0.5, "measured_share": 0.6}
-"""Part of the body weight that a compartment is tried with, by the rule of its load; see also `load.share`"""
+"""Fraction of the body weight that loads a compartment in `parameter_doubts`, by the load's rule; else `load.share`"""
 MM = 1e3
 GAIT = tuple(math.radians(degrees) for degrees in range(0, 61, 5))
 """Flexion angles of gait [rad]"""

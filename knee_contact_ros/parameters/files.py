@@ -145,7 +145,7 @@ def load_parameters(source: Any, schema: Any = Parameters, namespace: str = "") 
     for bone, profile in alone.items():
         if merged.get(f"{bone}.geometry") != "profile":
             raise UsageError(f"parameter {bone}.profile: {profile!r} is not used; set {bone}.geometry to profile, too")
-    return _checked(_nested(merged, "", schema), "", schema)
+    return _validated(merged, "", schema)
 
 
 def values_set_in(name: str | Path, schema: type[NodeSection] = Parameters, namespace: str = "") -> dict[str, Any]:
@@ -162,7 +162,7 @@ def values_set_in(name: str | Path, schema: type[NodeSection] = Parameters, name
         reason += f"; did you mean {shipped[near[0]]}?" if near else ""
         raise UsageError(f"{short(str(name))}: cannot read the parameter file: {reason}")
     values = _own_values(read_sections(path), str(name), schema, namespace)
-    _checked(_nested(values, f"{name}: ", schema), f"{name}: ", schema)
+    _validated(values, f"{name}: ", schema)
     return values
 
 
@@ -198,8 +198,7 @@ def check_file(path: Path, schema: type[NodeSection]) -> None:
     ]
     for names in spaces or [[]]:
         namespace = "/".join("x" if name == "*" else name for name in names if name != "**")
-        values = values_for(sections, _node(schema, namespace))
-        _checked(_nested(values, f"{path}: ", schema), f"{path}: ", schema)
+        _validated(values_for(sections, _node(schema, namespace)), f"{path}: ", schema)
 
 
 def check_value(name: str, value: Any) -> None:
@@ -225,6 +224,11 @@ def variations_of(parameters: Parameters) -> Callable[[Mapping[str, Any]], Param
     return lambda values: _checked(overlaid(common, _nested(values, "", Parameters)), "", Parameters)
 
 
+def _validated(values: Mapping[str, Any], where: str, schema: type[P]) -> P:
+    """Parameters from dotted values, checked each alone and in combination; errors begin with `where`."""
+    return _checked(_nested(values, where, schema), where, schema)
+
+
 def _nested(values: Mapping[str, Any], where: str, schema: type[NodeSection]) -> dict[str, Any]:
     """Dotted values by section and name, without those that every ROS 2 node has; errors begin with `where`."""
     known, nested = known_parameters(schema), dict[str, Any]()
@@ -234,7 +238,7 @@ def _nested(values: Mapping[str, Any], where: str, schema: type[NodeSection]) ->
         if name not in known:
             near = difflib.get_close_matches(short(name), known, n=1, cutoff=0.5)
             names = [one for one in known if not one.startswith(LATERAL)]
-            names += [f"{LATERAL}* (as of femur, tibia and contact)"] * (len(names) < len(known))
+            names += [f"{LATERAL}* (as for femur, tibia and contact)"] * (len(names) < len(known))
             hint = f"did you mean {near[0]}?" if near else f"known are {', '.join(names)}"
             raise UsageError(f"{where}unknown parameter {short(name)}; {hint}")
         *sections, inner = name.split(".")

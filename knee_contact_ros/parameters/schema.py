@@ -201,7 +201,7 @@ class Diagnostics(Section):
 
 
 class ContactDiagnostics(Diagnostics):
-    """The same for the contact node, which also reports the uncertainty of force and depth due to the load."""
+    """Diagnostics of the contact node, which also reports the uncertainty of force and depth due to the load."""
 
     load_deviation: float = Field(0.0, ge=0.0, le=10.0)
     """standard deviation of a compartment's load, as a fraction of body weight; 0: not known"""
@@ -376,7 +376,7 @@ class CommonContactParameters(Section):
     femoral_radius: float = Field(0.034, gt=0.0, le=10.0)
     """[m] convex radius of the femur for stiffness_from material, elastic_foundation and the patch"""
     tibial_radius: float = Field(0.095, gt=0.0, le=10.0)
-    """[m] concave radius of the tibia, for the same three"""
+    """[m] concave radius of the tibia, used as contact.femoral_radius is"""
     foundation_thickness: float = Field(4.4e-3, gt=0.0, le=0.1)
     """[m] thickness of both cartilages together, for elastic_foundation and the strain"""
 

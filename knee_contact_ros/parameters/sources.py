@@ -51,7 +51,7 @@ def source_of(text: str, own_type: str) -> Source:
     """Source that a text describes; without a type its messages are of the input's `own_type`.
 
     Raises:
-        ValueError: the text describes none, or has a unit that is none of angles or of forces.
+        ValueError: the text does not describe a source, or its unit does not fit angles or forces.
     """
     match = SOURCE.fullmatch(text.strip())
     if not match:

@@ -285,7 +285,7 @@ def title_of(drawings: Sequence[KneeOutlines], plot: Plot) -> str:
         if plot.path in {one.path for one in plots_of(drawing, latency=True)}
     ]
     full = f"{title}: {', '.join(names)}"
-    return full if len(full) <= LONGEST_TITLE or plot.path == FLEXION else f"{title}: colours as of the flexion angle"
+    return full if len(full) <= LONGEST_TITLE or plot.path == FLEXION else f"{title}: colours as for flexion"
 
 
 def plane_title(drawing: KneeOutlines, several: bool = False) -> str:

@@ -432,7 +432,7 @@ class Remarks:
         return sorted([*self._contact(answers), *self._flags(answers), *self._gait(self._strides.add(answers))])
 
     def finish(self) -> list[Remark]:
-        """Return the remarks that the end makes certain; later answers start anew."""
+        """Return the remarks that the end makes certain; later answers start again."""
         self._strides.events = []
         return sorted(self._gait(self._strides.finish()))
 
@@ -454,7 +454,7 @@ class Remarks:
                 yield Remark(int(answers["stamp"][i]), text)
 
     def _flags(self, answers: Rows) -> Iterator[Remark]:
-        """Yield remarks on status bits that are set anew."""
+        """Yield remarks on status bits that are newly set."""
         status = np.append(self._status, answers["status"].astype(int))
         self._status = int(status[-1])
         begun = status[1:] & ~status[:-1]

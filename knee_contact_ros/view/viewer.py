@@ -22,8 +22,8 @@ SCREENS = ("DISPLAY", "WAYLAND_DISPLAY")
 MEMORY_LIMIT = "1GB"
 """Memory that a viewer beside a node may take; older data is dropped first"""
 IN_BACKGROUND = ("env", "--default-signal=INT,TERM", "nice", "-n", "10")
-"""Beginning of the command of a viewer beside a node: it runs at low priority, as a tick must not wait for it, and it
-heeds signals that the process of a scene ignores"""
+"""Beginning of the command of a viewer beside a node: it runs at low priority, so that no tick waits for it, and it
+obeys signals that the process of a scene ignores"""
 END = 5.0
 """Time [s] that a viewer may take to end"""
 

@@ -77,7 +77,7 @@ def test_several_knees_are_told_apart_by_their_colours(knee: Knee) -> None:
     for plot in (*KNEE, *DETAILS, *SOLVER):
         title = title_of(four, plot)
         assert len(title) <= layout.LONGEST_TITLE
-        assert title.endswith((": colours as of the flexion angle", "right_lateral violet"))
+        assert title.endswith((": colours as for flexion", "right_lateral violet"))
 
 
 def test_curves_can_be_seen_in_a_dark_and_in_a_light_viewer() -> None:
