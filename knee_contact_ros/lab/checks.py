@@ -194,7 +194,7 @@ def doubts(
     found += outside(where, jump, float(steps[worst]), "deg", (0.0, JUMP), "a loose contact, or an encoder's turn?")
     if load:
         found += _spike(load, weight or MIDDLE_WEIGHT) + peak_doubts(load, unit, weight)
-    return found
+    return list(dict.fromkeys(found))
 
 
 def joint_doubts(series: Series, *, is_torque: bool = False) -> list[str]:

@@ -18,6 +18,7 @@ from knee_contact_ros.lab import checks
 from knee_contact_ros.lab.profiles.surfaces import (
     TURNED,
     Chart,
+    Pieces,
     Slices,
     Surface,
     circle,
@@ -216,6 +217,7 @@ def smooth(slab: Slices, chart: Chart, tolerance: float) -> Smoothed:
     """
     from scipy.interpolate import make_interp_spline
     from scipy.optimize import lsq_linear
+    from scipy.spatial import cKDTree
 
     place = chart.place(slab.points)
     low, high = float(place.min()), float(place.max())
@@ -259,9 +261,11 @@ def smooth(slab: Slices, chart: Chart, tolerance: float) -> Smoothed:
     way = _chord_length(curve)
     evenly = np.linspace(0.0, way[-1], math.ceil(way[-1] / SPACING) + 1)
     points = np.column_stack([np.interp(evenly, way, axis) for axis in curve.T])
+    nearest = np.clip(cKDTree(curve).query(raw)[1], 1, len(curve) - 2)
+    along, offset = curve[nearest + 1] - curve[nearest - 1], raw - curve[nearest]
+    across = np.abs(along[:, 0] * offset[:, 1] - along[:, 1] * offset[:, 0]) / np.hypot(*along.T)
     out = chart.outwards(raw) - np.interp(chart.place(raw), chart.place(curve), chart.outwards(curve))
-    deviations = np.copysign(_distances(curve[:-1], curve[1:], raw), out)
-    return Smoothed(points, raw, deviations, roughness, deviation)
+    return Smoothed(points, raw, np.copysign(across, out), roughness, deviation)
 
 
 def _b_splines(places: Floats, low: float, high: float, spacing: float) -> Floats:
@@ -320,7 +324,7 @@ def _thickness(shape: Shape, chart: Chart, bone: Surface, z: float) -> Thickness
     pieces = cut(bone, z)
     if not len(pieces.begins):
         raise UsageError(f"--slice {1e3 * z:g} misses --bone {bone.path}, which reaches from {bone.lateral_range}")
-    along = _distances(pieces.begins, pieces.ends, shape.points)
+    along = _distances(pieces, shape.points)
     x = shape.points[:, 0]
     reach = np.degrees(shape.normal) if chart.femur else (x - x.min()) / np.ptp(x)
     first, last = FEMORAL_ZONE if chart.femur else TIBIAL_ZONE
@@ -341,9 +345,9 @@ def _thickness(shape: Shape, chart: Chart, bone: Surface, z: float) -> Thickness
     return Thickness(along, mean, np.stack([pieces.begins, pieces.ends], axis=1))
 
 
-def _distances(begins: Floats, ends: Floats, points: Floats) -> Floats:
-    """Distance [m] of each point from the nearest of straight pieces with these ends, shape (n,)."""
-    along, offset = ends - begins, points[:, None, :] - begins
+def _distances(pieces: Pieces, points: Floats) -> Floats:
+    """Distance [m] of each point from the nearest straight piece, shape (n,)."""
+    along, offset = pieces.ends - pieces.begins, points[:, None, :] - pieces.begins
     squared_length = np.maximum((along**2).sum(axis=1), 1e-30)
     share = np.clip((offset * along).sum(axis=2) / squared_length, 0.0, 1.0)
     return np.asarray(np.sqrt(((offset - share[..., None] * along) ** 2).sum(axis=2).min(axis=1)))
