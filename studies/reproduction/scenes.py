@@ -63,10 +63,9 @@ def parameters(*files: str) -> Parameters:
 
 @cache
 def model(*files: str, changes: Changes = ()) -> KneeModel:
-    """Model of some parameter files with changes; compiled if it is the sphere on the plane, which most are."""
+    """Compiled model of some parameter files with changes."""
     asked = load_parameters({**parameters(*files).model_dump(), "fidelity.tolerance": TOLERANCE, **dict(changes)})
-    curved = asked.femur.geometry != "circle" or asked.tibia.geometry != "plane"
-    return load_model(asked, compiled=not curved and asked.translation.mechanism == "hinge")
+    return load_model(asked, compiled=True)
 
 
 @cache

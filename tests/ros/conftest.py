@@ -12,6 +12,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import psutil
 import pytest
 import rclpy
@@ -35,6 +36,11 @@ from tests.ros.forked import COMMAND, Forked
 
 PATIENCE = 240.0  # a node on a new machine compiles first, and all tests may do so at once
 """How long [s] to wait for what must come; discovery alone can take seconds."""
+STEP = 5_000_000
+STAMPS = np.arange(40) * STEP
+ANGLES = 0.2 + 0.3 * np.sin(STAMPS * 3e-9)
+AXIAL = 1500.0 + 900.0 * np.sin(STAMPS * 2e-8)
+"""A little series of samples: their step and stamps [ns], angles [rad] and forces [N]"""
 ACQUAINTANCE = 0.3
 """Time [s] in which a node hears of a client that has heard of it"""
 ACQUAINTANCE_WHEN_BUSY = 5.0
@@ -181,6 +187,12 @@ class Peer:
         """Publish both."""
         self.send_angle(stamp, angle)
         self.send_force(stamp, axial)
+
+    def send_series(self) -> None:
+        """Publish the little series and wait for its answers."""
+        for stamp, angle, axial in zip(STAMPS.tolist(), ANGLES.tolist(), AXIAL.tolist(), strict=True):
+            self.send(stamp, angle, axial)
+        self.wait_until(lambda: len(self.contacts) == len(STAMPS) and len(self.wrenches) == len(STAMPS))
 
 
 def call(peer: Peer, service_type: type, name: str, request: object) -> Any:

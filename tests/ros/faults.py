@@ -24,13 +24,26 @@ from knee_contact_ros.model.types import Status
 from knee_contact_ros.node.managed_node import MEANINGLESS
 from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
 from tests.helpers.messages import RosMessages, header
-from tests.ros.conftest import Peer, call
+from tests.ros.conftest import STEP, Peer, call
 
-STEP = 5_000_000
 HALF = 12
 """Good samples before a fault, and as many after it"""
 SECOND = 1_000_000_000
 OK, REJECTED = Status.OK, Status.INPUT_REJECTED
+LISTENER = """
+import rclpy
+from knee_contact_ros.msg import KneeContact
+from rclpy.node import Node
+
+rclpy.init()
+node = Node("listener")
+node.create_subscription(KneeContact, "knee_contact", lambda _message: None, 10)
+while not node.count_publishers("knee_contact"):
+    rclpy.spin_once(node, timeout_sec=0.1)
+print("listening", flush=True)
+rclpy.spin(node)
+"""
+"""A program that listens to the answers reliably, says so, and reads on and on"""
 
 
 class Sample(NamedTuple):
@@ -189,8 +202,7 @@ def clock_jump(peer: Peer, _stamp: int) -> None:
 
 def stalled_subscriber(peer: Peer, _stamp: int) -> None:
     """Somebody else listens, reliably, and then reads no more."""
-    code = "import time; from tests.ros.listener import listen; listen()"
-    listener = subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+    listener = subprocess.Popen([sys.executable, "-c", LISTENER], stdout=subprocess.PIPE, text=True)
     assert listener.stdout
     assert listener.stdout.readline() == "listening\n"
     listener.send_signal(signal.SIGSTOP)

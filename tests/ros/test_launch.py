@@ -20,8 +20,7 @@ from knee_contact_ros.bags.reader import BagReader, absolute
 from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.system.files import PACKAGE, share_folder
 from tests.helpers.launching import RUN
-from tests.ros.conftest import PATIENCE, Peer
-from tests.ros.series import STEP
+from tests.ros.conftest import PATIENCE, STEP, Peer
 
 pytest.importorskip("launch_ros", reason="the launch packages are not installed (CONTRIBUTING.md)")
 FOLDER = share_folder() / "launch"

@@ -15,8 +15,7 @@ import knee_contact_ros
 from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.streams.topics import MESSAGE_TYPES
-from tests.ros.conftest import NodeProcess, Peer, change_state, set_parameters, state_of, trigger
-from tests.ros.series import ANGLES, AXIAL, STAMPS, send_all
+from tests.ros.conftest import ANGLES, AXIAL, STAMPS, NodeProcess, Peer, change_state, set_parameters, state_of, trigger
 
 Start = Callable[..., NodeProcess]
 MILLISECOND = 1_000_000
@@ -54,7 +53,7 @@ def test_the_life_cycle_is_ros_2s(peer: Peer, start_node: Start, tmp_path: Path)
     assert set_parameter("femur.geometry", "profile") == (False, refusal)
     assert change_state(peer, Transition.TRANSITION_ACTIVATE)
     peer.wait_for_node()
-    send_all(peer)
+    peer.send_series()
     undamped = knee_contact_ros.load_model({"contact.damping": 0.0}).run(STAMPS / 1e9, ANGLES, 0.5 * AXIAL)
     assert undamped.penetration_depth.tolist() == [contact.penetration_depth for contact in peer.contacts]
     assert change_state(peer, Transition.TRANSITION_DEACTIVATE)
@@ -71,7 +70,7 @@ def test_the_life_cycle_is_ros_2s(peer: Peer, start_node: Start, tmp_path: Path)
     peer.wait_for_node()
     peer.contacts.clear()
     peer.wrenches.clear()
-    send_all(peer)
+    peer.send_series()
     assert peer.contacts[0].status == 0
     assert change_state(peer, Transition.TRANSITION_ACTIVE_SHUTDOWN)
     assert state_of(peer) == State.PRIMARY_STATE_FINALIZED

@@ -26,15 +26,14 @@ from tests.helpers.answers import FIELDS
 from tests.helpers.messages import RosMessages
 from tests.helpers.needs import needs_viewer
 from tests.helpers.sockets import internet_sockets
-from tests.ros.conftest import PATIENCE, NodeProcess, Peer, own_words, trigger
-from tests.ros.series import ANGLES, AXIAL, STAMPS, STEP, send_all
+from tests.ros.conftest import ANGLES, AXIAL, PATIENCE, STAMPS, STEP, NodeProcess, Peer, own_words, trigger
 
 Start = Callable[..., NodeProcess]
 
 
 def assert_bits_of_python(peer: Peer, parameters: str) -> None:
     """Send the little series; the answers are those of the Python calls."""
-    send_all(peer)
+    peer.send_series()
     series = knee_contact_ros.load_model(parameters).run(STAMPS / 1e9, ANGLES, 0.5 * AXIAL)
     for field in FIELDS:
         if field != "contact_point":
@@ -126,7 +125,7 @@ def test_a_node_without_standard_streams_computes(peer: Peer, tmp_path: Path) ->
     with subprocess.Popen(["/bin/sh", "-c", f"exec {node} <&- >&- 2>&-"]) as process:
         try:
             peer.wait_for_node()
-            send_all(peer)
+            peer.send_series()
         finally:
             process.send_signal(signal.SIGINT)
             process.wait(PATIENCE)
@@ -153,7 +152,7 @@ def test_no_output_keeps_the_node_from_computing(
         ports = {"taken": taken.getsockname()[1], "free": free_port()}
         node = start_node(*(part for rule in arguments for part in ("-p", rule.format(**ports))))
         peer.wait_for_node()
-        send_all(peer)
+        peer.send_series()
         peer.wait_until(lambda: words.format(**ports) in peer.problems.get(f"knee_contact: {output}", ""))
         code, said = node.stop()
     assert code == 0

@@ -17,8 +17,7 @@ import pytest
 
 from knee_contact_ros.system.files import PACKAGE, parse_yaml, share_folder
 from tests.helpers.launching import RUN
-from tests.ros.conftest import PATIENCE, NodeProcess, Peer
-from tests.ros.series import STEP
+from tests.ros.conftest import PATIENCE, STEP, NodeProcess, Peer
 
 SAY = """#!{python}
 import json, pathlib, sys

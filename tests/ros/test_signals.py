@@ -15,8 +15,7 @@ from knee_contact_ros.model.compiler import kept_files, stamp
 from knee_contact_ros.streams.topics import EACH_TICK, MESSAGE_TYPES
 from tests.helpers.needs import needs_viewer
 from tests.helpers.processes import has_ended
-from tests.ros.conftest import NodeProcess, Peer
-from tests.ros.series import STAMPS, STEP, send_all
+from tests.ros.conftest import STAMPS, STEP, NodeProcess, Peer
 
 Start = Callable[..., NodeProcess]
 
@@ -30,7 +29,7 @@ def test_a_signal_completes_the_files(peer: Peer, start_node: Start, tmp_path: P
         "-p", f"record.path:={recording}", "-p", "rerun.mode:=file", "-p", f"rerun.path:={picture}", anew=True
     )  # fmt: skip
     peer.wait_for_node()
-    send_all(peer)
+    peer.send_series()
     peer.send_angle(int(STAMPS[-1]) + STEP, 0.1)  # an input without an answer
     peer.spin(0.3)
     code, output = node.stop(number)
@@ -83,7 +82,7 @@ def test_a_node_outlives_its_terminal_where_it_was_asked_to(
     peer.wait_for_node()
     node.process.send_signal(signal.SIGHUP)
     peer.spin(0.3)
-    send_all(peer)
+    peer.send_series()
     code, output = node.stop(signal.SIGTERM)
     assert code == 0, output
     assert "40 ticks" in output

@@ -25,7 +25,7 @@ def test_the_model_meets_the_reference_on_every_geometry() -> None:
     scene = SCENES["impact"]
     short = scene._replace(time=scene.time[45:85], angle=scene.angle[45:85], load=scene.load[45:85])
     for geometry in geometries():
-        model = load_model([*geometry.files, {"fidelity.tolerance": 1e-8}], compiled=False)
+        model = load_model([*geometry.files, {"fidelity.tolerance": 1e-8}])
         found = answer_of(model.run(short.time, short.angle, short.load))
         worst = apart(found, exact(geometry, short))
         # Ten tolerances, as a landing multiplies what is left at the release; 1e-7 m are some 0.5 N at 2 mm of depth.
