@@ -179,11 +179,14 @@ class SinkProcess:
 
     def _feed(self, connection: Connection) -> str:
         """Send what waits until an exception says that the process is gone, or until the reason that is returned."""
+        readable, writable = select.poll(), select.poll()  # quicker than the connection's own
+        readable.register(connection.fileno(), select.POLLIN)
+        writable.register(connection.fileno(), select.POLLOUT)
         connection.send((self._sink.module, self._sink.arguments))
         while True:
             self._wake.wait(self._sink.gather if self.state == OPEN and not self._closed else LATEST)
             self._wake.clear()
-            while connection.poll():
+            while readable.poll(0):
                 self._hear(connection.recv())
             if self._refused and not self.failure:
                 if not self._sink.gaps_allowed:
@@ -191,7 +194,7 @@ class SinkProcess:
                 self._fail(f"{self.label} has gaps: {self._too_many()}")
             # What comes meanwhile is gathered again; sending to a process that stands still might never end.
             due = len(self._waiting)
-            while due > 0 and select.select([], [connection], [], 0)[1]:
+            while due > 0 and writable.poll(0):
                 due -= self._send_batch(connection)
 
     def _send_batch(self, connection: Connection) -> int:

@@ -168,7 +168,7 @@ def test_a_pause_of_the_angles_is_no_motion(pause: int, given_up: bool) -> None:
     assert max(abs(found[stamp].axial_force - whole[stamp].axial_force) for stamp in after) <= inertia
 
 
-@pytest.mark.parametrize("apart", [20, 50, 70, 90])
+@pytest.mark.parametrize("apart", [20, 90])
 def test_the_kinks_between_slow_angles_are_no_motion(apart: int) -> None:
     """Angles so many ms apart are interpolated for the forces between: no estimate is off by more than by no motion.
 
@@ -285,12 +285,6 @@ def test_the_bytes_are_those_of_rosbags_and_ros_reads_what_was_meant(
     for read in (deserialize(data, LOAD_ESTIMATE), deserialize_message(data, LoadEstimate)):
         assert fields_of(read) == fields_of(estimate)
         assert (read.header.frame_id, read.header.stamp.sec * 10**9 + read.header.stamp.nanosec) == (frame, stamp)
-
-
-@pytest.mark.parametrize("stamp", [2**31 * 10**9, -(2**31) * 10**9 - 1])
-def test_a_stamp_beyond_what_ros_can_hold_is_refused(stamp: int) -> None:
-    with pytest.raises(ValueError, match="stamp"):
-        encode_estimate(stamp, "", Estimate(*[0.0] * 11, 0, False, 0))
 
 
 def test_constants_are_those_of_the_package() -> None:
