@@ -283,19 +283,13 @@ class Lateness:
     largest: float = 0.0
     """Largest delay [s]"""
     drift: float = 0.0
-    """Delay [s] of the last message of a pass through the bag, the largest of all passes"""
-    last: float = 0.0
     """Delay [s] of the last message"""
 
     def add(self, seconds: float | None) -> None:
         """Count a message that was `seconds` late; None: a key stepped to it, and it is never late."""
-        self.messages, self.last = self.messages + 1, seconds or 0.0
-        self.late += self.last > LATE
-        self.largest = max(self.largest, self.last)
-
-    def end(self) -> None:
-        """Note the end of a pass through the bag."""
-        self.drift, self.last = max(self.drift, self.last), 0.0
+        self.messages, self.drift = self.messages + 1, seconds or 0.0
+        self.late += self.drift > LATE
+        self.largest = max(self.largest, self.drift)
 
     def __str__(self) -> str:
         """Return the report as one line."""

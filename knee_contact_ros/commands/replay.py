@@ -197,8 +197,6 @@ def play(reader: BagReader, span: tuple[int, int], replayer: Replayer, timing: T
                     replayer.publish(message)
                     lateness.add(late)
                     bar(message.log_time - start, stop - start)
-                lateness.end()
             patience = timing.wait
         finally:
             replayer.wait_for_acknowledgements(patience)
-            lateness.end()
