@@ -305,11 +305,10 @@ def write_messages(bag: BagWriter, rows: Sequence[Messages]) -> None:
     stamps = np.concatenate([row.stamps for row in rows])[order]
     ends = np.cumsum(np.concatenate([np.full(len(each), each.itemsize) for each in records])[order])
     begins = np.append(0, ends[:-1])
-    data, number_of = np.empty(ends[-1], np.uint8), np.argsort(order)  # number of each message in the order
-    for each, numbers in zip(
-        records, np.split(number_of, np.cumsum([len(each) for each in records])[:-1]), strict=True
-    ):
-        np.ndarray(len(data) - each.itemsize + 1, each.dtype, data, strides=(1,))[begins[numbers]] = each
+    data = np.empty(ends[-1], np.uint8)
+    by_topic = np.split(begins[np.argsort(order)], np.cumsum([len(each) for each in records])[:-1])
+    for each, own_begins in zip(records, by_topic, strict=True):
+        np.ndarray(len(data) - each.itemsize + 1, each.dtype, data, strides=(1,))[own_begins] = each
     first = 0
     while first < len(order):
         shift = int(begins[first]) - file.place  # offset in the data minus that in the chunk

@@ -464,7 +464,8 @@ def contents_of(folder: Path) -> Contents:
             f"give one of these files: {listed(names)}"
         )
     faults = [*contents.faults, *(f"{name} is missing" for name in contents.names)]
-    return contents._replace(names=sorted(names, key=_number), faults=faults)
+    mode = contents.compression.replace("file", "")  # somebody has unpacked these
+    return Contents(sorted(names, key=_number), faults, mode, contents.messages)
 
 
 def files_of(bag: Path) -> list[Path]:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+import zstandard
 from mcap.writer import CompressionType
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
@@ -197,6 +198,15 @@ def test_empty_and_foreign_topics_are_told(tmp_path: Path) -> None:
         BagReader(empty(tmp_path / "empty.mcap", channels, written=False))
     with pytest.raises(UsageError, match="topic /joint_states is encoded as json; it must be cdr"):
         BagReader(empty(tmp_path / "json.mcap", channels, encoding="json"))
+
+
+def test_a_compressed_file_that_somebody_unpacked_is_read(gait: list[RawMessage], tmp_path: Path) -> None:
+    folder = write_rosbag2(tmp_path / "bag", gait, MCAP, CompressionMode.FILE)
+    (packed,) = folder.glob("*.zstd")
+    with packed.open("rb") as source, packed.with_suffix("").open("wb") as target:
+        zstandard.ZstdDecompressor().copy_stream(source, target)
+    packed.unlink()
+    assert raw_inputs(folder) == gait
 
 
 @pytest.mark.parametrize("storage", [SQLITE, MCAP])
