@@ -1,17 +1,24 @@
-"""From names to models: every law works with every drive; surfaces and mechanisms: `tests/view/test_markers.py`."""
+"""From names to models, in this process and another; surfaces and mechanisms: `tests/view/test_markers.py`."""
 
 from __future__ import annotations
 
+import copy
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from typing import Annotated
+
 import numpy as np
 import pytest
+from pydantic import ValidationError
 
 import knee_contact_ros
-from knee_contact_ros.model.knee import BUDGET
-from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw, Layer
+from knee_contact_ros.model.knee import BUDGET, KneeModel
+from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw, Layer, Range
 from knee_contact_ros.model.ticks import LEVELS
 from knee_contact_ros.parameters import schema
 from knee_contact_ros.parameters.build import retuned
 from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.schema import ContactParameters, with_constants_of_laws
 from knee_contact_ros.system.errors import UsageError
 
 TIME = np.arange(0.0, 0.1, 0.005)
@@ -90,3 +97,32 @@ def test_a_law_of_ones_own_that_breaks_the_contract_is_refused_by_its_name(monke
         "0 m and",
     ):
         knee_contact_ros.load_model({"contact.law": "hertz"})
+
+
+def law_with_an_edge(*, stiffness: float, edge: Annotated[float, Range(0.0, 1.0, "[m] of it")] = 0.25) -> ContactLaw:
+    """A law with a constant of its own."""
+    return CONTACT_LAWS["hertz"](stiffness=stiffness, exponent=1.0 + edge)
+
+
+def test_what_a_law_alone_asks_for_is_a_parameter() -> None:
+    section = with_constants_of_laws({**CONTACT_LAWS, "edged": law_with_an_edge})
+    assert set(section.model_fields) == {*ContactParameters.model_fields, "edge"}
+    assert section.model_fields["edge"].description == "[m] of it"
+    assert section().model_dump() == {**ContactParameters().model_dump(), "edge": 0.25}
+    assert section(edge=1.0).model_dump()["edge"] == 1.0
+    for bad in (-0.1, 1.1, "0.5", float("nan")):
+        with pytest.raises(ValidationError, match="edge"):
+            section(edge=bad)
+
+
+def bits(knee: KneeModel) -> bytes:
+    time = 0.002 * np.arange(6)
+    return knee.run(time, 0.1 + time, 600.0 + 4e3 * time).tobytes()
+
+
+@pytest.mark.parametrize("compiled", [None, False])
+def test_a_loaded_model_works_in_another_process(compiled: bool | None) -> None:
+    knee = knee_contact_ros.load_model(["osteoarthritis", "mri_femur"], compiled=compiled)
+    with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
+        assert pool.submit(bits, knee).result(120.0) == bits(knee)
+    assert isinstance(copy.deepcopy(knee).run([0.0], [0.1], [700.0]), knee_contact_ros.Results)
