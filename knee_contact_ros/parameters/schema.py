@@ -488,8 +488,8 @@ class Parameters(NodeSection):
     @classmethod
     def _lateral_follows(cls, values: dict[str, Any]) -> dict[str, Any]:
         """Give the lateral compartment the medial one's values where it has none of its own."""
-        own = values.get("lateral", {})
-        both = {name: {**values.get(name, {}), **own.get(name, {})} for name in Lateral.model_fields}
+        own = dict(values.get("lateral", {}))
+        both = {name: {**dict(values.get(name, {})), **dict(own.get(name, {}))} for name in Lateral.model_fields}
         return {**values, "lateral": both}
 
     def joints(self) -> dict[str, str]:

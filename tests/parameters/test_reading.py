@@ -10,7 +10,7 @@ import pytest
 
 import knee_contact_ros
 from knee_contact_ros.parameters.files import flat_parameters, load_parameters, variations_of
-from knee_contact_ros.parameters.schema import Parameters, has_both
+from knee_contact_ros.parameters.schema import Femur, Parameters, has_both
 from knee_contact_ros.system.errors import UsageError
 
 
@@ -119,3 +119,9 @@ def test_files_from_a_spreadsheet_are_read(tmp_path: Path) -> None:
 def test_what_is_no_source_is_refused_in_a_line(source: Any) -> None:
     with pytest.raises(UsageError, match=r"^parameters: .* is not allowed; a parameter file's name, a mapping of"):
         load_parameters(source)
+
+
+def test_lateral_values_follow_sections_that_are_given_as_objects() -> None:
+    assert Parameters(femur=Femur(radius=0.03)) == load_parameters({"femur.radius": 0.03})
+    own = Parameters.model_validate({"lateral": {"femur": Femur(radius=0.02)}})
+    assert (own.femur.radius, own.lateral.femur.radius) == (Femur().radius, 0.02)
