@@ -6,6 +6,7 @@ import math
 from random import Random
 from typing import Any
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -25,6 +26,7 @@ from knee_contact_ros.joint_reaction.leg import (
 from knee_contact_ros.model.types import UNUSABLE, Status
 from tests import ROOT
 from tests.joint_reaction.examples import EPOCH, LEG, MS, PERSON, STANDING_STILL, angles, ground, motion
+from tests.joint_reaction.lagrange import Chain
 
 TYPE = "knee_contact_ros/msg/LoadEstimate"
 WINDOW = 0.05
@@ -157,6 +159,22 @@ def test_what_is_not_known_is_not_a_number(level: str, joints: Joints, torque: A
         if number in (0, 99):
             assert {name for name, value in found._asdict().items() if math.isnan(value)} == unknown
     assert (found.gastrocnemius_force > 100.0) == (level == "ankle_moment")  # asked for where the ankle is known
+
+
+@given(draw=draws)
+def test_moments_of_joints_that_turn_steadily_quicker_are_those_of_lagrange(draw: Random) -> None:
+    """Parabolas: the angles of now, the rates of half a window before."""
+    curves = np.array([[draw.uniform(-0.5, 0.5), draw.uniform(-5.0, 5.0), draw.uniform(-60.0, 60.0)] for _ in range(3)])
+    sensed, one = ground(draw), Seeing("ankle_moment")
+    for number in range(-50, 1):
+        time = 1e-3 * number
+        hip, flexion, ankle = (curves @ (1.0, time, 0.5 * time * time)).tolist()
+        found = one.at(EPOCH + number * MS, Joints(flexion, hip, ankle, 7.0, 4.0), sensed)
+    rates = curves[:, 1] - 0.5 * WINDOW * curves[:, 2]
+    expected = Chain(LEG).holds(curves[:, 0], rates, curves[:, 2], np.array(sensed.force[:2]), sensed.torque[2])
+    # Accelerations to 4e-9 rad/s^2 (`test_leg.py`), with inertias of 2 kg m^2 and masses by lengths of 4 kg m
+    told = (found.knee_moment + 7.0, found.ankle_moment + 4.0, found.resultant_force)
+    assert told == pytest.approx(expected, abs=2e-8)
 
 
 SECOND = 1000 * MS

@@ -80,6 +80,14 @@ def test_moments_and_compression_are_those_of_lagrange_and_newton(leg: Leg, draw
     assert alone.frontal == pytest.approx(still(flat, under, leg).frontal, abs=FEW)
 
 
+def test_standing_on_a_straight_leg() -> None:
+    """Half of 75 kg through ankle and knee: the foot's weight alone bends the ankle, and the knee by as much."""
+    found = still(Joints(0.0, 0.0, 0.0), Ground((0.0, 367.749375, 0.0), (0.0, 0.0, 0.0)))
+    foot = 0.0145 * 75.0 * 9.80665 * 0.25 * 0.152 * 1.8  # [N m], its centre a quarter of a foot ahead
+    compression, frontal = 367.749375 - 0.061 * 75.0 * 9.80665, -367.749375 * 0.008 * 1.8
+    assert found == pytest.approx((foot, -foot, compression, frontal), abs=FEW)
+
+
 @given(draw=draws)
 def test_the_frontal_moment_is_that_of_all_the_grounds_wrench_about_the_knee(draw: Random) -> None:
     joints, (force, torque) = angles(draw), ground(draw)

@@ -35,6 +35,10 @@ def test_arms_are_the_polynomials_and_constant_beyond_their_range(name: str) -> 
     coefficients, span, known = MUSCLES[name]
     for degrees, millimetres in known.items():  # with two decimals
         assert 1e3 * arm(coefficients, math.radians(degrees)) == pytest.approx(millimetres, abs=0.0051)
+    for angle in np.linspace(*np.radians(span), 200)[1:-1].tolist():
+        expected = float(np.polynomial.polynomial.polyval(angle, coefficients))
+        assert arm(coefficients, angle) == pytest.approx(expected, rel=1e-14)  # roundings
+        assert 0.005 < arm(coefficients, angle) < 0.06
     for end, sign in zip(np.radians(span).tolist(), (-1.0, 1.0), strict=True):
         # the end is told with four decimals of a radian, and no arm changes by more than 0.05 m/rad
         assert arm(coefficients, end + sign) == pytest.approx(arm(coefficients, end), abs=0.05 * 5e-5)
@@ -79,6 +83,22 @@ def test_the_forces_make_the_moment_that_is_asked_for_and_both_sides_pull_with_h
         assert muscles.hamstrings == max(0.5 * floor - calf, 0.0)
     elif moment < arm.at_rest(calf, floor) - ROUNDINGS * 400.0:
         assert muscles.quadriceps == 0.5 * floor
+
+
+@pytest.mark.parametrize(
+    ("moment", "calf", "floor", "scale", "forces"),
+    [
+        (44.63, 0.0, 0.0, 1.0, (1000.0, 0.0, 0.0)),
+        (-26.16, 0.0, 0.0, 1.0, (0.0, 1000.0, 0.0)),
+        (44.63, 0.0, 0.0, 2.0, (500.0, 0.0, 0.0)),
+        (44.63, 500.0, 0.0, 1.0, (1000.0 + 22.20 / 44.63 * 500.0, 0.0, 500.0)),
+        (44.63, 50.0, 400.0, 1.0, (1000.0 + (22.20 * 50.0 + 26.16 * 150.0) / 44.63, 150.0, 50.0)),
+        (0.0, 0.0, 400.0, 1.0, (200.0, 200.0 * 44.63 / 26.16, 0.0)),
+    ],
+)
+def test_forces_by_hand(moment: float, calf: float, floor: float, scale: float, forces: tuple[float, ...]) -> None:
+    """Of a straight knee: arms of 44.63, 26.16 and 22.20 mm."""
+    assert muscles_of(moment, 0.0, calf, floor, scale) == pytest.approx(forces, rel=ROUNDINGS)
 
 
 MS = 1_000_000

@@ -18,6 +18,9 @@ TRUE = ShareTable(
     0.5 + 0.4 * np.sin(np.arange(30.0)).reshape(6, 5),
 )  # fmt: skip
 SUMS = ["--axial", "am + pm + lateral", "--medial", "am+pm", "--flexion=-angle", "--angle-unit", "deg"]
+CELLS = "1.0 * pm_n + am_n + al_n + pl_n", "0.9871 am_n + 0.9683 pm_n + 0.0387 al_n + 0.0211 pl_n"
+
+
 APART = 0.08
 """Spacing [m] of the compartments of the knee that is drawn"""
 
@@ -147,3 +150,29 @@ def test_what_is_wrong_is_told_in_one_line(
     (line,) = capsys.readouterr().err.splitlines()
     assert reason in line
     assert not (tmp_path / "a.csv").exists()
+
+
+def test_two_instrumented_knees(reference_data: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    """A person's own table holds for the trial that is left out; no share lies beside one that contradicts it."""
+    first, second = reference_data / "instrumented_knee", reference_data / "instrumented_knee_ps"
+    if not first.is_dir() or not second.is_dir():
+        pytest.skip("the measurements of the instrumented knees are not on this machine")
+    persons = (
+        (first, ("ngait_og5", "ngait_tm_fast1"), "tibia_cells", *CELLS, "654.3", 90.0, 0.071),
+        (second, [f"PS_ngait_og_{name}" for name in ("ss1", "ss8", "ss11")], "tibia_force", "total_n", "medial_n",
+         "735.75", 140.0, 0.093),
+    )  # fmt: skip
+    for folder, names, forces, axial, medial, weight, missed, apart in persons:
+        trials = [f"--trial={folder / name}_{forces}.csv,{folder / name}_motion.csv" for name in names]
+        output = tmp_path / f"{weight}.csv"
+        sums = ["--axial", axial, "--medial", medial, "--flexion=-knee_flexion_deg", "--angle-unit", "deg"]
+        sums += ["--moment", "knee_adduction_moment_nm"]
+        assert run(*trials, *sums, "--body-weight", weight, "--output", output) == 0
+        said = capsys.readouterr().out
+        left_out = [float(line.split(" N")[3].split()[-1]) for line in said.splitlines() if line.count(" N") > 3]
+        assert len(left_out) == len(names)
+        assert max(left_out) <= missed
+        assert float(said.split("load.compartment_spacing: ")[1].split()[0]) == pytest.approx(apart, abs=1e-3)
+        share = read_share_table(output.name, output.read_text(encoding="utf-8")).share
+        assert np.abs(np.diff(share, axis=0)).max() < 0.4
+        assert np.abs(np.diff(share, axis=1)).max() < 0.4
