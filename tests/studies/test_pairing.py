@@ -49,8 +49,8 @@ def give_up_all(self: Synchroniser, _arrived_by: float = 0.0) -> list[PairedSamp
 
 def keep_old_angles(self: Synchroniser, samples: list[Any]) -> list[PairedSample]:
     """Where angles have jumped back, those of before stay in the way."""
-    self._angles.extend(samples)
-    self._fresh.extend(samples)
+    self.angles.extend(samples)
+    self.fresh.extend(samples)
     return self._pairs()
 
 
