@@ -67,3 +67,9 @@ def test_a_number_is_judged(study: str, runs: int) -> None:
     assert len(rows) == runs
     assert sum(one.known for one in rows) > 0
     assert not any(one.wrong or one.not_finite for one in rows)
+
+
+def test_a_reference_that_is_no_better_than_the_model_judges_nothing() -> None:
+    judged = judge(series([1e-3 + 2e-6], [1e-9], [False]), truth([1e-3], [1e-7]), TOLERANCE)
+    assert not judged.depth.known.any()
+    assert not judged.depth.wrong.any()

@@ -69,6 +69,50 @@ def test_linear_oscillator_under_a_ramp(damping: float) -> None:
     assert solution.depth == pytest.approx(exact, abs=1e-13 * lag + ROUNDING)
 
 
+def test_a_clamped_contact_that_is_let_go_flies_from_where_its_force_ends() -> None:
+    """A linear contact that creeps after its load, much quicker than a tick: at K δ + C δ̇ = 0, δ̇ = r/K, it lets go."""
+    stiffness, damping, mass, load, ramp = 2.4e8, 4884.0, 0.0527, 16.0, -8276.0
+    law = LAWS["kelvin_voigt"](stiffness=stiffness, exponent=1.0, damping=damping)
+    time = np.array([0.0, 0.01, 0.0132])
+    found = solve(Knee(law, mass), time, np.zeros(3), [load - 0.01 * ramp, load, load + 0.0032 * ramp])
+    # in contact L = K δ + C δ̇ + M δ̈ with δ̈ = 0: the force is the load's and ends with it; what began is long forgotten
+    rate = ramp / stiffness
+    flying = 0.0032 + load / ramp
+    depth = -damping * rate / stiffness + rate * flying + ramp * flying**3 / (6.0 * mass)
+    assert found.depth[-1] == pytest.approx(depth, rel=1e-12, abs=1e-14)
+
+
+def test_free_flight_is_a_cubic() -> None:
+    """Let go from rest and pulled off ever harder, turning: height and depth in closed form."""
+    time, load = np.arange(6) * 0.01, -100.0 * np.arange(6) * 0.01
+    angle, slope, a, b = 3.0 * time, 0.2, 0.03, 0.04
+    solution = solve(Knee(LAWS["hertz"](**SPRING), 2.0, (a, b), slope), time, angle, load)
+
+    def support(phi: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.sqrt(a**2 * np.sin(phi) ** 2 + b**2 * np.cos(phi) ** 2)
+
+    before = support(angle - slope)
+    first = (a**2 - b**2) * math.sin(-slope) * math.cos(slope) / before[0] * 3.0  # it follows its turning surface
+    height = (before[0] + first * time) / math.cos(slope) + 100.0 * time**3 / 6.0 / 2.0
+    assert solution.height == pytest.approx(height, abs=ROUNDING)
+    assert solution.depth == pytest.approx(before - height * math.cos(slope), abs=ROUNDING)
+
+
+@pytest.mark.parametrize("exponent", [1.0, 1.3, 1.5, 2.0, 2.7, 3.0])
+def test_elastic_bounces_keep_their_energy(exponent: float) -> None:
+    mass, load, stiffness = 1.0, 20.0, 3e3 ** (exponent + 0.5)
+    time = np.arange(3000) * 1e-3
+    loads = np.where(time < 0.02, 100.0, load)
+    solution = solve(Knee(LAWS["hertz"](stiffness=stiffness, exponent=exponent), mass), time, np.zeros(3000), loads)
+    pressed = np.maximum(solution.depth, 0.0)
+    energy = (
+        mass / 2 * solution.rate**2 + stiffness * pressed ** (exponent + 1) / (exponent + 1) - load * solution.depth
+    )
+    later = energy[25:]
+    assert (solution.depth[25:] < 0.0).any()
+    assert later == pytest.approx(later[0], rel=1e-13)
+
+
 def test_what_an_impact_delivers() -> None:
     """The restitution e of K δⁿ (1 + D δ̇/v₀) solves (1 + e) D = ln((1 + D)/(1 - e D)), see Hunt & Crossley 1975."""
     rates = thrown(LAWS["hertz"](**SPRING))
@@ -107,6 +151,17 @@ def test_scipy_agrees(name: str, series: str) -> None:
     # SciPy's relative tolerance is 1e-12, of heights of 34 mm, over some hundred steps; flights carry errors on
     assert solution.depth == pytest.approx(exact, abs=1e-11)
     assert np.max(solution.depth_bound) < 1e-14
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_series_and_implicit_steps_agree(name: str) -> None:
+    law, _ = SCENES[name]
+    knee = Knee(law, MASS, (0.034, 0.028), 0.12)
+    other = Reference(knee, fine=Accuracy(1e-17, 1e-10, 26, 1e7, implicit=1))
+    time, angle, load = lift_off()
+    one, two = solve(knee, time, angle, load), other.take(time, angle, load)
+    assert two.depth == pytest.approx(one.depth, abs=1e-14)
+    assert two.force == pytest.approx(one.force, abs=1e-6)
 
 
 def test_chunks_are_the_whole() -> None:
