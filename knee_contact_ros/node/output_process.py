@@ -5,13 +5,16 @@ It imports no ROS, and what its output needs only once it runs. The node's side 
 
 from __future__ import annotations
 
+import ctypes
 import os
+import platform
 import signal
 import sys
 import time
 from contextlib import suppress
 from importlib import import_module
 from multiprocessing.connection import Connection
+from struct import pack
 from typing import Any
 
 from knee_contact_ros.streams.output import ENDED, FAILED, OPEN, REFUSED, Note, Report
@@ -22,6 +25,10 @@ SWITCH_PERIOD = 1e-4
 """Longest time [s] that a computing thread keeps the interpreter from the one that receives: it asks for it often"""
 LOOK_PERIOD = 1.0
 """Time [s] between two checks whether the output has to end, and between two reports"""
+SET_ATTRIBUTES = {"x86_64": 314, "aarch64": 274}
+"""Number of Linux's system call `sched_setattr`, by machine"""
+SLICE = 100_000_000
+"""Slice of a processor [ns] that is asked for, the longest one"""
 
 
 def work(connection: Connection, module: str, arguments: tuple[Any, ...]) -> bool:
@@ -74,6 +81,8 @@ def step_back(niceness: int) -> None:
     """Give way to the node's process, and end only when the node says so: ignore signals that end a process.
 
     `niceness` is added to the node's. At 0 a process gets its share of a busy machine, and still interrupts nobody.
+    Linux (from 6.12) lets a process finish its slice before one that wakes, unless that one's is shorter: with the
+    usual slices a sample would wait up to 3 ms for us. Earlier versions refuse or ignore what is asked for.
     """
     # A service manager sends the first two to all processes of a node, the system the last one if the node is gone.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
@@ -81,6 +90,9 @@ def step_back(niceness: int) -> None:
     os.sched_setscheduler(0, os.SCHED_BATCH, os.sched_param(0))
     if niceness:
         os.nice(niceness)
+    if call := SET_ATTRIBUTES.get(platform.machine()):
+        own = os.getpriority(os.PRIO_PROCESS, 0)
+        ctypes.CDLL(None).syscall(call, 0, pack("IIQiIQQQ", 48, os.SCHED_BATCH, 0, own, 0, SLICE, 0, 0), 0)
 
 
 def main() -> None:

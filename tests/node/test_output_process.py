@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import platform
 import re
 import signal
 import time
@@ -14,6 +15,7 @@ from typing import Any
 import psutil
 import pytest
 
+from knee_contact_ros.node.output_process import SLICE
 from knee_contact_ros.node.outputs import BATCH, SinkProcess, size_of
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
@@ -226,6 +228,10 @@ def test_a_sinks_process_is_lean_steps_back_and_ends_when_it_is_told_only(
     assert not [name for name in loaded if "rcl" in name or "numpy" in name or "scipy" in name]
     assert process.nice() == psutil.Process().nice()  # its share of a busy machine
     assert os.sched_getscheduler(process.pid) == os.SCHED_BATCH  # that it takes from nobody who runs
+    state = Path(f"/proc/{process.pid}/sched")
+    slices = re.findall(r"se\.slice +: +(\d+)", state.read_text(encoding="ascii") if state.exists() else "")
+    linux = [int(part) for part in platform.release().split(".")[:2]]
+    assert linux < [6, 12] or slices in ([], [str(SLICE)])  # nor from anybody who wakes
     assert all(Path(file.path).name == "out.mcap.partial" for file in process.open_files())
     for number in (signal.SIGINT, signal.SIGTERM):
         process.send_signal(number)
