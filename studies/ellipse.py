@@ -85,4 +85,4 @@ class SmoothFemur(Circle):
         wrong = np.abs(cells @ np.vander(TRIED, DEGREE + 1, increasing=True).T - tried[..., 0]).max()
         if not max(error.max(), wrong) <= CLOSE_ENOUGH:
             raise ValueError("the support function is not smooth, or its slope is not its derivative")
-        return Table(cells, NOWHERE, NOTHING, NOTHING)
+        return Table(cells, NOWHERE, NOTHING, NOTHING, NOTHING[0])

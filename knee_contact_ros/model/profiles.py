@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,8 +29,8 @@ ARC_POINTS, SHRUNK = 501, 0.5
 """Number of points of a circle's spline, and part of its radius there"""
 PER_RADIAN = CELLS / math.tau
 """Cells of the full turn in a radian"""
-DENTED = 1e-6
-"""Curvature [1/m] from which on a curve bends"""
+LEAP, RESOLUTION = 1e-6, 1e-13
+"""Least length [m] of a leap of the lowest point; error of its angle [rad]"""
 NODES: Floats = 0.5 * np.cos((np.arange(DEGREE) + 0.5) * math.pi / DEGREE)
 TRIED: Floats = np.linspace(-0.5, 0.5, 2 * DEGREE + 1)
 """Places in a cell, of width 1, at which h' is interpolated and at which the result is checked"""
@@ -50,17 +50,19 @@ class Table(NamedTuple):
     """Shape (n, 1): segments that may have the lowest point, cell by cell"""
     cubics: Floats
     """As in `Profile`"""
+    kinks: Floats
+    """Angles in [0, 2π) [rad], increasing, at which h' jumps"""
 
 
 @in_kernel
-def lowest_point(begins: Integers, starts: Floats, cubics: Floats, angle: float) -> tuple[float, float]:
-    """Return support h [m] and dh/dangle [m/rad], in closed form.
+def lowest_point(begins: Integers, starts: Floats, cubics: Floats, angle: float) -> tuple[float, float, float]:
+    """Return support h [m], dh/dangle [m/rad], and the lowest point's place on the curve [m], in closed form.
 
     On a segment, h is stationary where the tangent is parallel to the plane: a quadratic.
     """
     sine, cosine, cells = math.sin(angle), math.cos(angle), len(begins) - 1
     cell = int(angle % math.tau * (cells / math.tau)) % cells
-    best, slope = -math.inf, 0.0
+    best, slope, place = -math.inf, 0.0, 0.0
     for k in range(int(begins[cell]), int(begins[cell + 1])):
         i = int(starts[k, 0])
         length, x1, x2, x3 = float(cubics[i, 0]), float(cubics[i, 3]), float(cubics[i, 4]), float(cubics[i, 5])
@@ -77,8 +79,8 @@ def lowest_point(begins: Integers, starts: Floats, cubics: Floats, angle: float)
             h = c0 + u * (c1 + u * (c2 + u * c3))
             if 0.0 <= u <= length and h > best:
                 x, y = x0 + u * (x1 + u * (x2 + u * x3)), y0 + u * (y1 + u * (y2 + u * y3))
-                best, slope = h, sine * y - cosine * x
-    return best, slope
+                best, slope, place = h, sine * y - cosine * x, float(cubics[i, 1]) + u
+    return best, slope, place
 
 
 @in_kernel
@@ -90,7 +92,8 @@ def support_at(cells: Floats, begins: Integers, starts: Floats, cubics: Floats, 
     t = part - i - 0.5
     c0, c1, c2, c3 = float(cells[i, 0]), float(cells[i, 1]), float(cells[i, 2]), float(cells[i, 3])
     if math.isnan(c0):
-        return lowest_point(begins, starts, cubics, angle)
+        h, slope, _ = lowest_point(begins, starts, cubics, angle)
+        return h, slope
     c4, c5, c6 = float(cells[i, 4]), float(cells[i, 5]), float(cells[i, 6])
     h = c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * (c5 + t * c6)))))
     slope = c1 + t * (2.0 * c2 + t * (3.0 * c3 + t * (4.0 * c4 + t * (5.0 * c5 + t * (6.0 * c6)))))
@@ -136,7 +139,7 @@ class Circle:
     def on_plane(self) -> Table:
         """The support function for the kernel."""
         cells = np.array([[float(self.radius)] + DEGREE * [0.0]])
-        return Table(cells, NOWHERE, NOTHING, NOTHING)
+        return Table(cells, NOWHERE, NOTHING, NOTHING, NOTHING[0, :0])
 
 
 @dataclass(frozen=True, eq=False)
@@ -186,16 +189,6 @@ class Profile:
         return abs(float(np.diff(np.unwrap(np.arctan2(chords[1], chords[0]))).mean()))
 
     @property
-    def dented(self) -> bool:
-        """Whether the curve bends both ways, so that its lowest point leaps over dents as the femur turns."""
-        part = np.linspace(0.0, 1.0, 9)
-        length, _, _, x1, x2, x3, _, y1, y2, y3 = self.cubics.T[:, :, None]
-        u = part * length
-        dx, dy = x1 + u * (2.0 * x2 + 3.0 * u * x3), y1 + u * (2.0 * y2 + 3.0 * u * y3)
-        bend = (dx * (2.0 * y2 + 6.0 * u * y3) - dy * (2.0 * x2 + 6.0 * u * x3)) / np.hypot(dx, dy) ** 3
-        return bool(bend.min() < -DENTED and bend.max() > DENTED)
-
-    @property
     def largest_radius(self) -> float:
         """Upper bound of the distance [m] of the curve from the reference point."""
         return float(np.hypot(*self._hull).max())
@@ -217,7 +210,8 @@ class Profile:
 
     def support(self, angle: float) -> tuple[float, float]:
         """Return h [m] and dh/dangle [m/rad] at an angle [rad], positive in flexion, in closed form."""
-        return lowest_point(*self.on_plane[1:], angle)
+        h, slope, _ = lowest_point(*self.on_plane[1:4], angle)
+        return h, slope
 
     @cached_property
     def on_plane(self) -> Table:
@@ -233,7 +227,12 @@ class Profile:
         middle = self._lowest(only, where, np.zeros(1))[0][:, 0]
         found, error = cell_polynomials(middle, *(self._lowest(only, where, t)[2] for t in (NODES, TRIED)))
         polynomials[where[error <= CLOSE]] = found[error <= CLOSE]
-        return Table(polynomials, first, segments[:, None].astype(np.float64), self.cubics)
+        # The place of the lowest point at both edges of each cell
+        order = np.lexsort((-h[:, 0], cells)), np.lexsort((-h[:, -1], cells))
+        places = [(self.cubics[segments, 1] + u[:, k])[order[k][first[:-1]]] for k in (0, -1)]
+        starts = segments[:, None].astype(np.float64)
+        kinks = self._kinks(first, starts, np.isnan(polynomials[:, 0]), np.stack(places))
+        return Table(polynomials, first, starts, self.cubics, np.array(kinks))
 
     def _candidates(self) -> tuple[Integers, Integers]:
         """Return cells and the segments that may have the lowest point in them, in the order of cells.
@@ -271,6 +270,47 @@ class Profile:
         h, u = np.take_along_axis(depths, best, 0)[0], np.take_along_axis(places, best, 0)[0]
         x, y = x0 + u * (x1 + u * (x2 + u * x3)), y0 + u * (y1 + u * (y2 + u * y3))
         return h, u, sine * y - cosine * x
+
+    def _kinks(self, begins: Integers, starts: Floats, open_cells: NDArray[Any], edges: Floats) -> list[float]:
+        """Return the angles [rad] of `Table.kinks`; `edges` has the places [m] at both edges of each cell.
+
+        While the lowest point glides as the angle grows, the curve bends to the same side all along. If it does not
+        between the lowest points of two angles, bisection finds out whether the lowest point leaps.
+        """
+        found: list[float] = []
+
+        def search(a: float, b: float, from_place: float, to_place: float) -> None:
+            middle = 0.5 * (a + b)
+            if abs(to_place - from_place) <= LEAP or self._bends_on(from_place, to_place):
+                return
+            if b - a <= RESOLUTION or not a < middle < b:
+                if not found or middle - found[-1] > 10.0 * RESOLUTION:  # else level pieces rock to and fro by rounding
+                    found.append(middle)
+                return
+            between = lowest_point(begins, starts, self.cubics, middle)[2]
+            search(a, middle, from_place, between)
+            search(middle, b, between, to_place)
+
+        width = math.tau / CELLS
+        for cell in range(CELLS):
+            a, b, left, right = cell * width, (cell + 1) * width, float(edges[0, cell]), float(edges[1, cell])
+            search(a, a, float(edges[1, cell - 1]), left)
+            if open_cells[cell]:
+                search(a, b, left, right)
+        return [kink for kink in found if kink < math.tau]
+
+    def _bends_on(self, a: float, b: float) -> bool:
+        """Whether the lowest point can glide from place a to place b [m] as the angle grows."""
+        sign, (low, high) = (-1.0 if b > a else 1.0), sorted((a, b))  # the direction that is down turns clockwise
+        starts = self.cubics[:, 1]
+        i, end = np.searchsorted(starts, (low, high), side="right")
+        length, start, _, x1, x2, x3, _, y1, y2, y3 = self.cubics[max(int(i) - 2, 0) : int(end)].T
+        bend = 2.0 * (x1 * y2 - y1 * x2), 6.0 * (x1 * y3 - y1 * x3), 6.0 * (x2 * y3 - y2 * x3)  # p' x p'' along u
+        begin, until = np.maximum(low - start, 0.0), np.minimum(high - start, length)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            extreme = np.clip(np.nan_to_num(-0.5 * bend[1] / bend[2], nan=0.0), begin, until)
+        least = np.min([sign * (bend[0] + u * (bend[1] + u * bend[2])) for u in (begin, until, extreme)], axis=0)
+        return bool((least[begin < until] > 0.0).all())
 
 
 def cell_polynomials(middle: Floats, at_nodes: Floats, tried: Floats) -> tuple[Floats, Floats]:

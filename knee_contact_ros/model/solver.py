@@ -41,7 +41,7 @@ from knee_contact_ros.model.error_estimate import (
     with_uncorrelated_bound,
 )
 from knee_contact_ros.model.laws import APART, BEGIN, DAMPING, force_at, layer_at
-from knee_contact_ros.model.surfaces import Surfaces, touch
+from knee_contact_ros.model.surfaces import Surfaces, next_kink, touch
 from knee_contact_ros.model.types import Floats
 
 NOWHERE, ABOVE, FORCE, BELOW = -1, 0, 1, 2
@@ -50,6 +50,8 @@ DEPTH_ROUNDING, FORCE_ROUNDING = 1e-13, 1e-10
 """How far a boundary must be crossed, else it is rounding: depth [m]; force as a part of the load (or of 1 N)"""
 ON_BOUNDARY = 0.01
 """Distance from a boundary at which a step ends on it, as a part of that rounding"""
+KINK_WIDTH = 2e-12
+"""Margin of the flexion angle [rad] on both sides of a kink: more than the rounding of its place"""
 LOCAL_SHARE = 0.1
 """Share of the tolerance that the errors of all steps together may use while the contact remembers them."""
 FORGETTING, RADIANS = 30.0, 2e4
@@ -81,8 +83,6 @@ STIFF = 100.0
 """h² k/m + h c/m above which only the stage order is left of the implicit method's order"""
 LARGEST_RADIUS = 0.2
 """Largest radius of curvature [m] of femur and tibia together over which a contact glides; else it has leapt."""
-BETWEEN_STAGES = 0.25
-"""Part of a step in which it is not known when the contact has leapt"""
 FAST_SWING = 5.0
 """Angle [rad] of the contact's oscillation in a step above which the implicit method damps it away."""
 KICKED = 0.3
@@ -724,17 +724,36 @@ def impact_doubt(knee: Knee, layer: int, stage: Stage, impact: float, impact_err
 
 
 @in_kernel
+def stretch_from(knee: Knee, tick: Interval, begin: float) -> tuple[float, float]:
+    """Return the end [s] of the smooth stretch that begins at `begin` [s], and the beginning [s] of the next one.
+
+    Between the two, the rate of the femoral surface jumps. At a kink of the femoral profile one stretch ends shortly
+    before it and the next begins shortly behind, so that rounding cannot put either on the wrong side. The last stretch
+    ends with the interval, and so does its next.
+    """
+    end_angle = tick.angle + tick.angle_rate * tick.duration
+    kink = next_kink(knee.surfaces, tick.angle + tick.angle_rate * begin, end_angle)
+    while not math.isnan(kink):
+        margin = KINK_WIDTH / abs(tick.angle_rate)
+        s = (kink - tick.angle) / tick.angle_rate
+        if begin < s - margin and s + margin < tick.duration:
+            return s - margin, s + margin
+        kink = next_kink(knee.surfaces, kink, end_angle)
+    return tick.duration, tick.duration
+
+
+@in_kernel
 def pressed_step(
-    knee: Knee, tick: Interval, layer: int, impact: float, s: float, y: float, v: float, begin: Stage,
+    knee: Knee, tick: Interval, layer: int, impact: float, s: float, y: float, v: float, begin: Stage, until: float,
     try_step: float, landed: bool, room: int,
 ) -> tuple[Step, float, int, float, int, bool, float]:  # fmt: skip
-    """Find a step towards the end of the interval whose error fits, and end it on the boundary that it crosses, if any.
+    """Find a step towards `until` [s] whose error fits, and end it on the boundary that it crosses, if any.
 
     Of many explicit tries across a knot of a spline the first one fits whose estimate is small by chance: after a
     failure estimates count `SINGULAR` times. Returns the step, its duration [s], the boundary, the duration that the
     next step should try, the evaluations, whether the tick must be given up, and the factor on the step's estimate.
     """
-    remaining, (_, radius) = tick.duration - s, eigenvalues(begin.stiffness, begin.damping, knee.mass)
+    remaining, (_, radius) = until - s, eigenvalues(begin.stiffness, begin.damping, knee.mass)
     h, used, boundary, rough = min(try_step, remaining), 0, NOWHERE, 1.0
     if radius * h > EXPLICIT and radius * remaining <= MOST_EXPLICIT * EXPLICIT:
         h = remaining / math.ceil(radius * remaining / EXPLICIT)
@@ -751,7 +770,7 @@ def pressed_step(
         h *= max(0.1, factor)
         if not step.implicit and (knee.surfaces.non_convex > 0.0 or knee.surfaces.knot_spacing < math.inf):
             rough = SINGULAR
-        if used + STEP_COST >= room or not tick.duration + h > tick.duration:
+        if used + STEP_COST >= room or not until + h > until:
             return step, h, NOWHERE, try_step, used, True, rough
     try_step = h * factor if h < remaining else max(try_step, h * factor)
     given_up = False
@@ -775,25 +794,39 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
     y, v, error, try_step = start.height, start.velocity, start.error, start.try_step
     impact, impact_error = start.impact_speed, start.impact_error
     latest, landing_rate = 0.0, 0.0  # the last touch: when the exact femur has touched too, and its rate [m/s]
-    s, used, looked, events, given_up, pressing, rough = 0.0, 0, 0, 0, False, False, 1.0
+    s, until, following, used, looked, events, given_up = 0.0, 0.0, 0.0, 0, 0, 0, False
+    layer, pressing, rough = APART, False, 1.0
     stage = stage_at(knee, tick, APART, 0.0, 0.0, y, v)
-    # Rounding in the direction of the rate decides the side of a layer's end.
-    ahead = stage.depth + math.copysign(DEPTH_ROUNDING, stage.rate)
-    if math.isnan(impact) and ahead >= 0.0:
-        impact, impact_error = stage.rate, velocity_reach(error)
-    layer = layer_at(knee.law, ahead)
-    if layer > APART:
-        stage = stage_in(knee, tick, layer, impact, s, stage.depth, stage.rate, stage.surface_rate, stage.cosine)
-        used += 1
-        pressing = knee.allow_tension or stage.force >= -tick.rounding
     while s < duration and not given_up:
+        if s >= until:
+            # Begin a smooth stretch: the rate of the surface has jumped, by a sample or at a kink.
+            if following > s:
+                gap, pull = following - s, -(tick.load + tick.load_rate * s) * knee.per_mass
+                if pressing:
+                    pull = stage.acceleration
+                y, v, s = y + gap * (v + 0.5 * gap * pull), v + gap * pull, following
+                stage = stage_at(knee, tick, APART, 0.0, s, y, v)
+            until, following = duration, duration
+            if len(knee.surfaces.kinks) > 0:
+                until, following = stretch_from(knee, tick, s)
+            # Rounding in the direction of the rate decides the side of a layer's end.
+            ahead = stage.depth + math.copysign(DEPTH_ROUNDING, stage.rate)
+            if math.isnan(impact) and ahead >= 0.0:
+                impact, impact_error = stage.rate, velocity_reach(error)
+            layer, pressing = layer_at(knee.law, ahead), False
+            if layer > APART:
+                stage = stage_in(
+                    knee, tick, layer, impact, s, stage.depth, stage.rate, stage.surface_rate, stage.cosine
+                )
+                used += 1
+                pressing = knee.allow_tension or stage.force >= -tick.rounding
         touched = impact if impact > -math.inf else 0.0
-        h, boundary, begin = duration - s, NOWHERE, stage
+        h, boundary, begin = until - s, NOWHERE, stage
         if used + STEP_COST >= most:
             break
         if pressing:
             step, h, boundary, try_step, extra, given_up, rough = pressed_step(
-                knee, tick, layer, touched, s, y, v, begin, try_step, impact > 0.0, most - used
+                knee, tick, layer, touched, s, y, v, begin, until, try_step, impact > 0.0, most - used
             )
             used += extra
             if given_up:
@@ -821,8 +854,6 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
                 held, unknown = holding(k, c, mass), UNKNOWN_IMPLICIT if step.implicit else UNKNOWN
                 error = over_step(error, begin.stiffness, k, stage.stiffness, c, mass, h)
                 error = with_step(error, rough * step.height_error, rough * step.velocity_error, unknown, held)
-                if step.leapt > 0.0:
-                    error = with_bound(error, BETWEEN_STAGES * h * step.leapt, 0.0)
                 in_layer = max(begin.depth, stage.depth) - float(knee.law[layer, BEGIN])
                 error = curved(error, in_layer, k, c, mass, h)
                 if step.implicit:
@@ -847,7 +878,7 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
                     )
                     used += 4
                     error = with_bound(error, 0.0, doubt / (mass * max(held, 1.0 / h)))
-        s = duration if h == duration - s else s + h
+        s = until if h == until - s else s + h
         if boundary == NOWHERE:
             continue
         # Go on beyond the boundary, in the next mode.

@@ -60,7 +60,7 @@ TAILS: Floats = np.geomspace(1e-4, 0.1, 20)
 """Places [m] beyond the measured tibia that balls are held against"""
 LAST_STEP, LONGEST, FINEST = 1e-7, 1e-3, 1e-14
 """Newton's step [m] after which the error is a rounding error; largest step [m]; where halving ends [m]"""
-NO_TABLE = Table(NOTHING, NOWHERE, NOTHING, NOTHING)
+NO_TABLE = Table(NOTHING, NOWHERE, NOTHING, NOTHING, NOTHING[0, :0])
 OUTLINE_POINTS = 201
 """Number of points of an outline, besides the measured ones"""
 
@@ -106,13 +106,15 @@ class Surfaces(NamedTuple):
     starts: Floats
     cubics: Floats
     """On a plane, as in `profiles.Table`; on a curved tibia, the table of `_starts`"""
+    kinks: Floats
+    """Flexion angles in [0, 2π) [rad], increasing, at which the depth's rate on a plane jumps"""
     pieces: Floats
     """The mechanism; see `Mechanism`"""
     tibia: Floats
     """Shape (n, 6): a curved tibia: start [m] and c0 to c3 of y = c0 + u (c1 + u (c2 + u c3)) with u = x - start, as in
     `Mechanism`, and the radius [m] of a ball that touches the piece from below and lies below all of the surface"""
     non_convex: float
-    """1 if the contact may leap from bump to bump, else 0"""
+    """1 if the contact may leap from bump to bump at angles that `next_kink` does not know, else 0"""
     knot_spacing: float
     """Mean turn [rad] between two points where the femur is not smooth; infinite if it is"""
     largest_radius: float
@@ -327,6 +329,22 @@ def nearest(tibia: Floats, x: float, y: float) -> tuple[int, float]:
     return best_j, best_place
 
 
+@in_kernel
+def next_kink(surfaces: Surfaces, start: float, end: float) -> float:
+    """Return the first flexion angle [rad] strictly between two at which the depth's rate jumps at any height, or NaN.
+
+    There the lowest point of a profile on a plane leaps over a dent. `start` may be the larger of the two angles, and
+    the first kink is the one next to it.
+    """
+    count, way = len(surfaces.kinks), 1 if start < end else -1
+    for turn in range(math.floor(start / math.tau), math.floor(end / math.tau) + way, way):
+        for i in range(count):
+            kink = float(surfaces.kinks[i if way > 0 else count - 1 - i]) + turn * math.tau
+            if (kink - start) * way > 0.0 and (end - kink) * way > 0.0:
+                return kink
+    return math.nan
+
+
 @dataclass(frozen=True)
 class Plane:
     """A plane through the origin of the tibia frame."""
@@ -503,23 +521,24 @@ class ContactPair:
         """The pair in the form that the kernel takes."""
         femur, tibia, mechanism = self.femur, self.tibia, self.mechanism
         slope = float(tibia.slope) if isinstance(tibia, Plane) else 0.0
-        kind, table, pieces = IN_CUP, NO_TABLE, NOTHING
-        # A hollow narrower than the femur holds it on two edges.
-        non_convex = isinstance(femur, Profile) and femur.dented
+        kind, table, pieces, non_convex = IN_CUP, NO_TABLE, NOTHING, False
         if isinstance(tibia, Plane):
             kind, table = ON_PLANE, femur.on_plane
         elif isinstance(femur, Profile) or isinstance(tibia, Plateau):
             kind, pieces = ON_CURVE, tibia.pieces
             table = _starts(femur, pieces, mechanism)
-            non_convex = non_convex or tibia.curvature > 1.0 / femur.support(0.0)[0]
+            # One kink is that of an open curve's two ends; a hollow narrower than the femur holds it on two edges.
+            leaps = isinstance(femur, Profile) and len(femur.on_plane.kinks) > 1
+            non_convex = leaps or tibia.curvature > 1.0 / femur.support(0.0)[0]
         return Surfaces(
             kind=kind, slope=slope, sine=math.sin(slope), cosine=math.cos(slope),
             femoral_radius=float(femur.radius) if isinstance(femur, Circle) else 0.0,
             tibial_radius=float(tibia.radius) if isinstance(tibia, Cup) else 0.0,
             cells=table.cells, begins=table.begins, starts=table.starts, cubics=table.cubics,
-            pieces=mechanism.pieces, tibia=np.ascontiguousarray(pieces), non_convex=float(non_convex),
-            knot_spacing=femur.knot_spacing, largest_radius=femur.largest_radius,
-            largest_slope=mechanism.largest_slope, largest_bend=mechanism.largest_bend, concave=tibia.curvature,
+            kinks=np.sort((table.kinks + slope) % math.tau), pieces=mechanism.pieces,
+            tibia=np.ascontiguousarray(pieces), non_convex=float(non_convex), knot_spacing=femur.knot_spacing,
+            largest_radius=femur.largest_radius, largest_slope=mechanism.largest_slope,
+            largest_bend=mechanism.largest_bend, concave=tibia.curvature,
         )  # fmt: skip
 
     def table(self) -> dict[str, Floats]:
@@ -594,7 +613,7 @@ def _cells(corners: Floats, heights: Floats, cubics: Floats, tibia: Floats, part
     u = (points / parts - segments) * cubics[segments.astype(np.int64), 0]
     pieces = np.searchsorted(tibia[1:, 0], places, side="right")
     begins = np.searchsorted(cells[new], np.arange(len(middle) * rows + 1)).astype(np.int64)
-    return Table(middle, begins, np.column_stack([segments, u, pieces, places]), cubics)
+    return Table(middle, begins, np.column_stack([segments, u, pieces, places]), cubics, NOTHING[0, :0])
 
 
 GEOMETRIES: dict[str, type[Circle] | type[Profile]] = {"circle": Circle, "profile": Profile}

@@ -43,7 +43,7 @@ from knee_contact_ros.model.solver import (
     advance,
 )
 from knee_contact_ros.model.statics import ANSWER, START_HEIGHT, static_contact
-from knee_contact_ros.model.surfaces import closest, touch
+from knee_contact_ros.model.surfaces import closest, next_kink, touch
 from knee_contact_ros.model.types import (
     EXTENDS,
     FARTHEST_GAP,
@@ -264,7 +264,7 @@ def quasi_static(knee: Knee, tick: Interval, start: Femur, stiffness: float, dam
                 late = math.sqrt(2.0 * damping * (behind + reach(before, math.inf)) / max(abs(tick.load_rate), TINY))
                 unknown += min(abs(depth - end_depth), abs(tick.load_rate) * min(late, h) / k)
         way, speed = pushed_by(UNKNOWN_INERTIA * abs(inertia), k, c, mass, h)
-        if knee.surfaces.non_convex > 0.0:
+        if knee.surfaces.non_convex > 0.0 or not math.isnan(next_kink(knee.surfaces, tick.angle, end_angle)):
             # The contact leaps from bump to bump: the surface kicks the femur, maybe twice, maybe at the end.
             kick = 3.0 * abs(velocity - begin_velocity)
             way, speed = way + kick / holding(k, c, mass), speed + kick

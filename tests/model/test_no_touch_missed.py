@@ -7,7 +7,6 @@ import pytest
 
 pytest.importorskip("tabulate", reason="the studies' tables")
 
-from studies.honesty import measured
 from studies.honesty.cut import rows
 from tests.helpers.scenes import law, model
 from tests.model.scenes import ellipse, signed, thrown
@@ -25,11 +24,6 @@ def test_a_motion_that_is_cut_otherwise_has_the_same_answers() -> None:
 def test_a_released_contact_that_leaps_from_dent_to_dent_presses_after_a_leap(seed: int) -> None:
     """A dashpot pulls, and lets go; the next dent comes down fast, and presses for a moment between two looks."""
     assert [one for one in rows(seed) if one.wrong or one.known != 20 or one.covered < 19] == []
-
-
-def test_a_leap_between_two_stages_of_a_step_is_a_part_of_the_estimate() -> None:
-    """A condyle with dents of 0.2 mm rolls over a plane, at a tolerance that lets a step go over a leap."""
-    assert [one for one in measured.rows(4021000003) if one.covered < one.known] == []
 
 
 @pytest.mark.parametrize("parts", [1, 3])
