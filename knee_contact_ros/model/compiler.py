@@ -39,6 +39,8 @@ OPTIONS = {"error_model": "numpy", "nogil": True, "_nrt": False, "forceinline": 
 
 FUNCTIONS: list[Callable[..., Any]] = []
 """All marked functions, of which a tick consists"""
+INLINED: list[Callable[..., Any]] = []
+"""Those of them that become a part of their callers: what nearly every tick calls, from few places"""
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 _log = logging.getLogger(__name__)
@@ -48,6 +50,12 @@ def in_kernel(function: _Function) -> _Function:
     """Mark a function that a tick calls."""
     FUNCTIONS.append(function)
     return function
+
+
+def inlined(function: _Function) -> _Function:
+    """Mark a function that nearly every tick calls, from few places: passing arguments would take longer."""
+    INLINED.append(function)
+    return in_kernel(function)
 
 
 def worth_compiling(ticks: int | None) -> bool:
@@ -114,7 +122,7 @@ def twin(entry: Callable[..., Any]) -> Any:
     made, spaces = dict[Any, Any](), dict[int, dict[str, Any]]()
     for function in _reached(entry):
         space = spaces.setdefault(id(function.__globals__), dict(function.__globals__))
-        options = {**OPTIONS, "pipeline_class": _pipeline(function is not entry)}
+        options = {**OPTIONS, "pipeline_class": _pipeline(function is not entry), "forceinline": function in INLINED}
         options["no_cpython_wrapper"] = function is not entry
         made[function] = njit(**options)(FunctionType(function.__code__, space, function.__name__))
         made[function].get_call_template = partial(_of_any_value, unliteral, made[function].get_call_template)

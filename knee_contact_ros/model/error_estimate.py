@@ -12,7 +12,7 @@ import math
 import sys
 from typing import NamedTuple
 
-from knee_contact_ros.model.compiler import in_kernel
+from knee_contact_ros.model.compiler import in_kernel, inlined
 
 HORIZON = 0.1
 """How long [s] a velocity error counts where neither spring nor dashpot holds it back."""
@@ -70,7 +70,7 @@ def mapped(error: Error, a: float, b: float, c: float, d: float) -> Error:
     )  # fmt: skip
 
 
-@in_kernel
+@inlined
 def over_step(error: Error, begin: float, middle: float, end: float, damping: float, mass: float, h: float) -> Error:
     """Return the error after a step over which the stiffness changes, given at its begin, middle and end [N/m].
 

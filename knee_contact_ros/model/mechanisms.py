@@ -20,7 +20,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from knee_contact_ros.model.compiler import in_kernel
+from knee_contact_ros.model.compiler import inlined
 
 Floats = NDArray[np.float64]
 LARGEST = 0.1
@@ -31,7 +31,7 @@ CLOSED, ITERATIONS = 1e-14, 25
 """Largest error [m] of a closed mechanism, some hundred rounding errors of 0.1 m; largest number of Newton's steps"""
 
 
-@in_kernel
+@inlined
 def translation(pieces: Floats, angle: float) -> tuple[float, float]:
     """Return x [m] and dx/dangle [m/rad] at a flexion angle [rad]; `pieces` as in `Mechanism`."""
     i, end = 0, len(pieces) - 1

@@ -17,7 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from knee_contact_ros.model.compiler import in_kernel
+from knee_contact_ros.model.compiler import in_kernel, inlined
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
@@ -83,7 +83,7 @@ def lowest_point(begins: Integers, starts: Floats, cubics: Floats, angle: float)
     return best, slope, place
 
 
-@in_kernel
+@inlined
 def support_at(cells: Floats, begins: Integers, starts: Floats, cubics: Floats, angle: float) -> tuple[float, float]:
     """Return support h [m] and dh/dangle [m/rad] at an angle [rad], positive in flexion."""
     part = angle * PER_RADIAN

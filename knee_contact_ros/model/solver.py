@@ -17,7 +17,7 @@ import math
 import sys
 from typing import NamedTuple
 
-from knee_contact_ros.model.compiler import in_kernel
+from knee_contact_ros.model.compiler import in_kernel, inlined
 from knee_contact_ros.model.error_estimate import (
     HORIZON,
     SPREAD,
@@ -248,14 +248,14 @@ class Result(NamedTuple):
     """False if the tick was given up: it needs more evaluations or events than it may take"""
 
 
-@in_kernel
+@inlined
 def stage_at(knee: Knee, tick: Interval, layer: int, impact: float, s: float, y: float, v: float) -> Stage:
     """Return the contact in a layer at s [s] for a height [m] and a velocity [m/s]; `impact` [m/s] is that of touch."""
     depth, surface_rate, cosine = touch(knee.surfaces, tick.angle + tick.angle_rate * s, tick.angle_rate, y)
     return stage_in(knee, tick, layer, impact, s, depth, surface_rate - cosine * v, surface_rate, cosine)
 
 
-@in_kernel
+@inlined
 def stage_in(
     knee: Knee, tick: Interval, layer: int, impact: float, s: float, depth: float, rate: float, surface_rate: float,
     cosine: float,
@@ -316,7 +316,7 @@ def scan(
     return boundary, fraction, leapt
 
 
-@in_kernel
+@inlined
 def explicit_step(
     knee: Knee, tick: Interval, layer: int, impact: float, known: int, s: float, y: float, v: float, h: float,
     one: Stage,
@@ -474,7 +474,7 @@ def doubled_step(
     )  # fmt: skip
 
 
-@in_kernel
+@inlined
 def attempt(
     knee: Knee, tick: Interval, layer: int, pressing: bool, impact: float, known: int, s: float, y: float, v: float,
     h: float, one: Stage, radius: float, room: int,
@@ -496,7 +496,7 @@ def attempt(
     return doubled_step(knee, tick, layer, impact, known, s, y, v, h, one, room - STEP_COST)
 
 
-@in_kernel
+@inlined
 def error_ratio(
     knee: Knee, tick: Interval, layer: int, s: float, begin: Stage, step: Step, h: float, landed: bool
 ) -> float:
@@ -742,7 +742,7 @@ def stretch_from(knee: Knee, tick: Interval, begin: float) -> tuple[float, float
     return tick.duration, tick.duration
 
 
-@in_kernel
+@inlined
 def pressed_step(
     knee: Knee, tick: Interval, layer: int, impact: float, s: float, y: float, v: float, begin: Stage, until: float,
     try_step: float, landed: bool, room: int,
@@ -787,7 +787,7 @@ def pressed_step(
     return step, h, boundary, try_step, used, given_up, rough
 
 
-@in_kernel
+@inlined
 def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
     """Carry the femur over the interval with at most `most` evaluations of the contact law."""
     mass, duration = knee.mass, tick.duration

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from knee_contact_ros.model.compiler import in_kernel
+from knee_contact_ros.model.compiler import in_kernel, inlined
 from knee_contact_ros.model.mechanisms import Mechanism, translation
 from knee_contact_ros.model.profiles import (
     NOTHING,
@@ -127,7 +127,7 @@ class Surfaces(NamedTuple):
     """Upper bound of the tibia's curvature [1/m], >= 0"""
 
 
-@in_kernel
+@inlined
 def touch(surfaces: Surfaces, angle: float, angle_rate: float, height: float) -> tuple[float, float, float]:
     """Return signed depth [m], its rate at a held height [m/s], and n_y, at an angle [rad], its rate and a height [m].
 
@@ -139,7 +139,7 @@ def touch(surfaces: Surfaces, angle: float, angle_rate: float, height: float) ->
     return depth, turning * angle_rate - normal_x * (x_slope * angle_rate), normal_y
 
 
-@in_kernel
+@inlined
 def closest(surfaces: Surfaces, angle: float, x: float, height: float) -> tuple[float, float, float, float, float]:
     """Return the fields of `Closest` for the reference point at (x, height) [m].
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 
-from knee_contact_ros.model.compiler import in_kernel
+from knee_contact_ros.model.compiler import in_kernel, inlined
 from knee_contact_ros.model.error_estimate import (
     EXACT,
     LARGEST_ERROR,
@@ -393,7 +393,7 @@ def remember(knee: Knee, tick: Interval, state: Floats, start: Femur, result: Re
     )  # fmt: skip
 
 
-@in_kernel
+@inlined
 def write_answer(
     knee: Knee, angle: float, angle_rate: float, load: float, fidelity: int, result: Result, far: bool,
     words: Floats, codes: Bytes, counts: Counts, i: int,
