@@ -94,13 +94,13 @@ def test_an_output_that_exists_is_left_alone_and_names_go_on(started: Started, t
     assert (tmp_path / "knee.mcap").read_text() == (tmp_path / "knee.rrd").read_text() == "earlier"
     assert (tmp_path / "knee_2.mcap").read_text() == "quicker"
     partial, drawn = tmp_path / "knee_1.mcap.partial", tmp_path / "other.rrd.partial"
-    assert started.remarks == [
+    assert sorted(started.remarks) == sorted([  # of two processes
         f"{tmp_path / 'knee.mcap'} is there already: this recording is {tmp_path / 'knee_2.mcap'}",
         f"{partial} is a recording that was cut off: `knee-contact recover {partial} OUT.mcap` makes it whole",
         f"{tmp_path / 'knee.rrd'} is there already: this Rerun recording is {tmp_path / 'knee_1.rrd'}",
         f"{drawn} is a recording that was cut off: `rerun rrd merge {drawn} -o OUT.rrd` makes it whole",
         f"something took the name {tmp_path / 'knee_2.mcap'} meanwhile: the recording is {tmp_path / 'knee_2_1.mcap'}",
-    ]
+    ])  # fmt: skip
 
 
 def test_a_process_that_does_not_start_is_told(started: Started, tmp_path: Path, monkeypatch: Any) -> None:
