@@ -1,7 +1,7 @@
 """Numba's type of named tuples that compiled code takes by their address.
 
 Numba would pass each field as an argument of its own, of arrays even each size: nearly every function of a tick takes
-the knee, which has 90 of them. By its address, the model compiles in three quarters of the time and is as quick.
+the knee, which has 90 of them. By its address, the model compiles in nine tenths of the time and is as quick.
 """
 
 from __future__ import annotations
