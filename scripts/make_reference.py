@@ -82,7 +82,7 @@ def shown(value: Any) -> str:
 
 def allowed(declaration: Declaration) -> str:
     """What a parameter may be."""
-    least, most, words = declaration.limits
+    _, _, least, most, words = declaration
     if not isfinite(least) or words.startswith("0 (") or "," in words:
         return words.removeprefix(declaration.description)
     end = f"{'below ' if words.startswith('<') else ''}{most:g}"

@@ -95,7 +95,11 @@ class Live:
     def __call__(self, dice: random.Random) -> str:
         """Set one: the node answers, says why if it refuses, has what it says, and goes on answering samples."""
         name = dice.choice(list(self.known))
-        ends = [end for end in self.known[name].limits[:2] if isinstance(end, float) and math.isfinite(end)]
+        ends = [
+            end
+            for end in (self.known[name].least, self.known[name].most)
+            if isinstance(end, float) and math.isfinite(end)
+        ]
         value = dice.choice([*ends, dice.choice([*ends, 1.0]) * 10.0 ** dice.uniform(-3.0, 3.0), -1.0, 0.0, 1e-250,
                              1e300, math.nan, math.inf, *[self.known[name].default] * 2])  # fmt: skip
         before = self.value(name)

@@ -36,14 +36,13 @@ PREFIX = "qos_overrides."
 
 def described(name: str, declaration: Declaration) -> ParameterDescriptor:
     """Descriptor of a parameter for ROS 2 tools: its meaning, and its range or what is allowed."""
-    limits = declaration.limits
     descriptor = ParameterDescriptor(name=name, description=declaration.description, dynamic_typing=True)
-    descriptor.additional_constraints = f"allowed: {limits.words}" if limits.words else ""
+    descriptor.additional_constraints = f"allowed: {declaration.words}" if declaration.words else ""
     if isinstance(declaration.default, float):
-        descriptor.floating_point_range = [FloatingPointRange(from_value=limits.least, to_value=limits.most)]
+        descriptor.floating_point_range = [FloatingPointRange(from_value=declaration.least, to_value=declaration.most)]
     elif type(declaration.default) is int:
-        most = int(min(limits.most, LARGEST_INTEGER))
-        descriptor.integer_range = [IntegerRange(from_value=int(limits.least), to_value=most)]
+        most = int(min(declaration.most, LARGEST_INTEGER))
+        descriptor.integer_range = [IntegerRange(from_value=int(declaration.least), to_value=most)]
     return descriptor
 
 

@@ -26,9 +26,9 @@ from knee_contact_ros.parameters.schema import (
     NodeSection,
     Parameters,
     Section,
+    declaration_of,
     has_both,
     lateral_knee,
-    limits_of,
 )
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import find_file, parameter_file, read_regular, shipped_parameter_files
@@ -66,10 +66,7 @@ def known_parameters(schema: type[NodeSection] = Parameters) -> Mapping[str, Dec
             if isinstance(field.default, Section):
                 yield from declared(type(field.default), f"{before}{name}.")
             else:
-                yield (
-                    before + name,
-                    Declaration(field.default, " ".join((field.description or "").split()), limits_of(field)),
-                )
+                yield before + name, declaration_of(field)
 
     return MappingProxyType(dict(declared(schema, "")))
 

@@ -3,7 +3,7 @@
 A file maps names of nodes, with wildcards, to `ros__parameters`. Names may be nested: `left: {knee_contact: ...}` is
 `/left/knee_contact`. All sections that fit a node are used, in the order in which their names first appear, and a later
 one wins: a `/**` behind a section of the node's own name wins over that. Scalars are those of YAML 1.1, but numbers are
-C's: `010` is 8. ROS 2 knows no null.
+C's: `010` is 8. ROS 2 knows no null. A name that one section of a file gives twice is refused.
 """
 
 from __future__ import annotations
@@ -21,10 +21,8 @@ from ruamel.yaml import YAML, events
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEEPEST, HALF, LARGEST, TOO_DEEP, opened, read_regular, split
 
-Entries = list[tuple[str, Any]]
-"""Values of a section with their dotted names; of several with one name the last one holds"""
-Sections = dict[str, Entries]
-"""Sections by the name of a node as it is written, which may have wildcards; in the order of appearance"""
+Sections = dict[str, dict[str, Any]]
+"""Values by dotted name, by the name of a node as it is written, which may have wildcards; in order of appearance"""
 PARAMETERS = "ros__parameters"
 TRUE = ("Y", "y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON")
 FALSE = ("N", "n", "no", "No", "NO", "false", "False", "FALSE", "off", "Off", "OFF")
@@ -38,7 +36,7 @@ SPECIAL = re.compile(r"[+-]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
 LEAST, MOST, LONGEST_INTEGER = -(2**63), 2**63 - 1, 1000
 """Range of an integer, and the largest number of its characters"""
 KEPT = (bool, int, float, str, list, type(None))
-"""Kinds of values: of two of one name in one section, rcl keeps the kind that comes first here"""
+"""Kinds of values: of two files that give a section's name different ones, rcl keeps that which comes first here"""
 TOKEN = re.compile(r"\*{1,2}|[A-Za-z_][A-Za-z0-9_]*")
 TOKENS = {"**": r"(?:/\w+)*", "*": r"/\w+"}
 """Regular expressions of wildcards in names of nodes: any number of names, and one"""
@@ -101,12 +99,16 @@ def read_sections(path: Path, known: Sections | None = None) -> Sections:
         raise UsageError(f"{path}: cannot read the parameter file: {error.strerror}") from None
     except UnicodeDecodeError as error:
         raise UsageError(f"{path}: not a YAML file: {error}") from None
-    sections: Sections = {} if known is None else known
+    own: Sections = {}
     try:
         for content in contents(text):
-            _add(sections, content)
+            _add(own, content)
     except UsageError as error:
         raise UsageError(f"{path}: {error}") from None
+    sections = {} if known is None else known
+    for node, values in own.items():
+        before = sections.setdefault(node, {})
+        before |= {name: value for name, value in values.items() if _rank(value) <= _rank(before.get(name))}
     return sections
 
 
@@ -151,7 +153,7 @@ def _add(sections: Sections, content: Any) -> None:
     if _has_nodes(content):
         _add_nodes(sections, content, "")
     else:
-        _add_values(sections.setdefault("/**", []), content)
+        _add_values(sections.setdefault("/**", {}), content)
 
 
 def _has_nodes(content: Any) -> bool:
@@ -166,25 +168,22 @@ def _add_nodes(sections: Sections, content: Pairs, before: str) -> None:
         if name == PARAMETERS:
             if not all(map(TOKEN.fullmatch, before.removeprefix("/").split("/"))):
                 raise UsageError(f"{before!r} is not the name of a node")
-            _add_values(sections.setdefault(before, []), value)
+            _add_values(sections.setdefault(before, {}), value)
         else:
             _add_nodes(sections, value, before + name if not before or before.endswith("/") else f"{before}/{name}")
 
 
-def _add_values(entries: Entries, content: Pairs, before: str = "", place: int | None = None) -> None:
-    """Add parameters as rcl does: the first of a nested mapping takes the `place` that the mapping's own name got."""
+def _add_values(values: dict[str, Any], content: Pairs, before: str = "") -> None:
     for name, value in content:
-        full, names = before + name, [name for name, _ in entries]
-        if place is None:
-            place = names.index(full) if full in names else len(entries)
-        earlier = entries[place][1] if place < len(entries) else None
-        kept = earlier if isinstance(value, Pairs) or _rank(value) > _rank(earlier) else value
-        entries[place : place + 1] = [(full, kept)]
+        full = before + name
         if isinstance(value, Pairs):
-            _add_values(entries, value, f"{full}.", place)
+            _add_values(values, value, f"{full}.")
+        elif full in values:
+            raise UsageError(f"{full} is given twice")
         elif isinstance(value, list) and len({type(each) for each in value}) > 1:
             raise UsageError(f"{full}: a list must hold values of one kind")
-        place = None
+        else:
+            values[full] = value
 
 
 def _rank(value: Any) -> int:
@@ -195,9 +194,9 @@ def _rank(value: Any) -> int:
 def values_for(sections: Sections, node: str) -> dict[str, Any]:
     """Values that a node with this absolute name gets, by dotted name."""
     merged: dict[str, Any] = {}
-    for name, entries in sections.items():
-        if fits(name, node):
-            merged |= {name: value for name, value in entries if value is not None}
+    for section, values in sections.items():
+        if fits(section, node):
+            merged |= {name: value for name, value in values.items() if value is not None}
     return merged
 
 

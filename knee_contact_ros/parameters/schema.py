@@ -64,9 +64,11 @@ def off_or_at_least(least: float, zero: str = "off", numbers: str = "a number") 
     return rule(lambda value: value == 0 or value >= least, f"0 ({zero}) or {numbers} >= {least:g}")
 
 
-class Limits(NamedTuple):
-    """Limits of a parameter."""
+class Declaration(NamedTuple):
+    """Declaration of a parameter."""
 
+    default: Any
+    description: str
     least: float
     """Smallest number, itself allowed unless `words` say otherwise; -inf if there is none, or for a text"""
     most: float
@@ -74,9 +76,14 @@ class Limits(NamedTuple):
     words: str
     """Limits that the numbers do not show: a list, an open end, a gap; empty if there are none"""
 
+    @property
+    def unit(self) -> str:
+        """Unit with which the description begins, as `[m]`; empty if there is none."""
+        return self.description[1:].partition("]")[0] if self.description.startswith("[") else ""
 
-def limits_of(field: FieldInfo) -> Limits:
-    """Limits of a declared parameter, from the rules in its annotation."""
+
+def declaration_of(field: FieldInfo) -> Declaration:
+    """Declaration of a parameter: its limits are the rules in its annotation."""
     least, most, words = -math.inf, math.inf, []
     for rule in field.metadata:
         if isinstance(rule, Rule):
@@ -88,20 +95,7 @@ def limits_of(field: FieldInfo) -> Limits:
         if hasattr(rule, "lt"):
             most = rule.lt
             words.append(f"< {most:g}")
-    return Limits(least, most, "; ".join(words))
-
-
-class Declaration(NamedTuple):
-    """Declaration of a parameter."""
-
-    default: Any
-    description: str
-    limits: Limits
-
-    @property
-    def unit(self) -> str:
-        """Unit with which the description begins, as `[m]`; empty if there is none."""
-        return self.description[1:].partition("]")[0] if self.description.startswith("[") else ""
+    return Declaration(field.default, " ".join((field.description or "").split()), least, most, "; ".join(words))
 
 
 class Section(BaseModel):

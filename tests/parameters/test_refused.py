@@ -78,6 +78,7 @@ def test_what_is_not_allowed_is_refused_in_one_line(schema: type[NodeSection], s
         ("other_node:\n  ros__parameters: {x: 1}", "no parameters for node knee_contact; found other_node"),
         ("/**:\n  ros__parameters: {contact: {damping: -1.0}}", "contact.damping"),
         ("\xff", "unknown|map node names|YAML"),
+        ("/**:\n  ros__parameters:\n    femur.mass: 8\n    femur: {mass: 9.5}", r"femur\.mass is given twice$"),
         ("/**/knee_contact:\n  ros__parameters: [1]", r"ros__parameters must map names to values, got \[1\]"),
         ("/**/knee_contact:\n  ros__parameters: 5", "ros__parameters must map names to values, got 5"),
     ],

@@ -54,8 +54,9 @@ def test_numbers_change_between_two_ticks_and_those_that_are_documented_do(peer:
     live = re.findall(r"^\| `([\w.]+)` \|.*\| yes \|$", page, re.MULTILINE)
     named = {*live, *(f"lateral.{name}" for name in live if name.startswith(("femur.", "contact.")))}
     reasons = {}
-    for name, (default, _, limits) in known_parameters().items():
-        end = limits.most if limits.most not in (default, np.inf) else limits.least  # rclpy checks a range first
+    for name, declared in known_parameters().items():
+        default = declared.default
+        end = declared.most if declared.most not in (default, np.inf) else declared.least  # rclpy checks a range first
         other = not default if isinstance(default, bool) else f"{default}_" if isinstance(default, str) else end
         reasons[name] = set_parameters(peer, {name: type(default)(other)})[1]
     assert {name for name, reason in reasons.items() if "cannot change" not in reason} == named

@@ -164,7 +164,7 @@ def unknowns_of(free: Free, names: Sequence[str], parameters: NodeSection, sourc
 
 
 def _unknown(name: str, ends: Any, declared: Declaration, start: float) -> Unknown:
-    least, most, words = declared.limits
+    _, _, least, most, words = declared
     try:
         low, high = (least, most) if ends is None else map(float, ends)
     except (TypeError, ValueError):
