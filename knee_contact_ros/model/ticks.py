@@ -87,6 +87,8 @@ ANOTHER = 1.0 / 3.0
 """Part of stiffness or damping by which they must change in a tick to be taken as others at its end"""
 IN_STEP, ANY_PHASE = 0.5, 2.5
 """Phase error of an oscillation [rad] up to which its phase counts as known; how far others may have grown beyond it"""
+SOFT_SWINGS = 2.0 * math.pi
+"""Phase [rad] of a swing in the layer above, in which the static contact's deviation becomes smaller by a factor e"""
 UNKNOWN_INERTIA = 0.8
 """Unknown part of the inertia that the quasi-static level leaves out, of which only the mean over a tick is known"""
 SETTLING = 0.1
@@ -247,7 +249,7 @@ def quasi_static(knee: Knee, tick: Interval, start: Femur, stiffness: float, dam
     velocity = end_surface_rate / end_cosine - end_sinking
     inertia = mass * (velocity - begin_velocity) / h
     pressed = min(tick.load, load) > 0.0 and min(tick.load, load) + inertia > 0.0 and min(stiffness, k) > 0.0
-    error = bounded(start.error)
+    error, held = bounded(start.error), holding(k, c, mass)
     if pressed:
         before = Error(error.height, error.velocity + begin_velocity - start.velocity, error.hh, error.hv, error.vv)
         begin_rest = (inertia - damping * sinking) / stiffness
@@ -255,6 +257,11 @@ def quasi_static(knee: Knee, tick: Interval, start: Femur, stiffness: float, dam
         begin_layer, layer = layer_at(knee.law, depth), layer_at(knee.law, end_depth)
         in_layer = end_depth - float(knee.law[max(layer, 1), BEGIN])
         error = left_behind(before, begin_rest, end_rest, stiffness, damping, k, c, in_layer, mass, h)
+        if layer > 1 and reach(before, held) > in_layer:  # half of its swing may lie in the layer above
+            _, soft, _ = force_at(knee.law, layer - 1, end_depth, 0.0, 0.0)
+            kept = reach(before, held) * math.exp(-h / SOFT_SWINGS * math.sqrt(square * soft / mass))
+            least = max(0.0, kept - reach(error, held))
+            error = with_bound(error, least, least * held)
         left = min(NEWTON_SHARE * knee.tolerance, 1e-3 * end_depth)
         unknown = left * left / max(end_depth, TINY)
         if begin_layer != layer:  # a layer begins softly, or with another dashpot: the dynamic femur may stay behind
@@ -277,7 +284,6 @@ def quasi_static(knee: Knee, tick: Interval, start: Femur, stiffness: float, dam
         pressed = abs(pull) < min(tick.load, load)
         # A contact that has let go and begun anew damps otherwise, if the law remembers how it began.
         pressed = pressed and not (knee.remembers and reach(error, holding(k, c, mass)) >= in_layer)
-    held = holding(k, c, mass)
     stage = Stage(end_depth, end_cosine * end_sinking, force, k, c, end_surface_rate, end_cosine, 0.0)
     femur = Femur(height, velocity, error, math.inf, start.impact_speed, start.impact_error)
     force_estimate = force_reach(error, k, c, c * end_sinking, held) / end_cosine

@@ -76,8 +76,9 @@ def test_what_was_said_right_and_wrong_is_not_any_more(seed: int, level: str, to
 @pytest.mark.parametrize("seed", [
     4037000958,  # a law of restitution at the quasi-static level damps by the impact speed, which is known
     4037000972,  # how a contact began was lost with a law that does not ask, and is asked for by a later one
+    6001001382,  # the static contact lies in a damped layer, and the femur swings in the undamped one above
 ])  # fmt: skip
-def test_a_law_that_is_changed_to_knows_whether_it_knows_how_the_contact_began(seed: int) -> None:
+def test_after_a_change_no_answer_is_said_right_and_wrong(seed: int) -> None:
     found = list(changes.rows(seed))
     assert sum(one.known for one in found) == 400
     assert sum(one.wrong for one in found) == 0
