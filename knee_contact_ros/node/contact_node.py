@@ -166,7 +166,8 @@ class ContactSession(Session):
         """
         self._curves = curve_texts(parameters, {})
         pipeline = ContactStream(parameters, compiled=False, curves=self._curves)
-        super().__init__(node, parameters, pipeline, ContactHealth(node, parameters, pipeline))
+        super().__init__(node, parameters, pipeline)
+        self.health = ContactHealth(self)
         self.inputs = self._input_streams(qos_given, handed)
         for doubt in pipeline.doubts_about_parameters:
             node.get_logger().warning(doubt)
@@ -258,7 +259,7 @@ class ContactSession(Session):
             self._strides.rows.append(answer.row)
             self._strides.frame_id = pair.load.frame_id
         levels, flags = zip(*COUNTED.iter_unpack(answer.row), strict=True)
-        self.health.count(levels[-1], flags[0] | flags[-1], end - begin, latency)
+        self.count(levels[-1], flags[0] | flags[-1], end - begin, latency)
 
 
 CONTACT_NODE = NodeKind(Parameters, LIVE, ContactSession)

@@ -1,4 +1,4 @@
-"""What the node reports: the content of `/diagnostics` once a second, the counts behind it, and warnings in the log."""
+"""What the node reports: the content of `/diagnostics` once a second, and warnings in the log."""
 
 from __future__ import annotations
 
@@ -11,19 +11,17 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.clock import Clock, ClockType
-from rclpy.lifecycle import LifecycleNode
 from std_msgs.msg import Header
 
 from knee_contact_ros.model.types import FLAT, ROW, UNUSABLE, Fidelity, Status
-from knee_contact_ros.node.outputs import WORTH_A_WARNING, Outputs
-from knee_contact_ros.streams.pairing import PairedStreams
+from knee_contact_ros.node.outputs import WORTH_A_WARNING
 from knee_contact_ros.streams.topics import JOINT_STATES, NANOSECONDS
 from knee_contact_ros.system.ros import resolved
 
 if TYPE_CHECKING:
-    from knee_contact_ros.node.inputs import Input, Inputs
-    from knee_contact_ros.parameters.schema import LoadParameters, Parameters
-    from knee_contact_ros.streams.contact_stream import ContactStream
+    from knee_contact_ros.node.contact_node import ContactSession
+    from knee_contact_ros.node.inputs import Input
+    from knee_contact_ros.node.session import Session
 
 OFF_TIME = tuple(f"{stream}_{why}" for stream in ("angle", "load") for why in ("off_time", "not_in_order"))
 """Names of the counters of samples that are refused because of their stamps"""
@@ -60,95 +58,19 @@ def warned(*texts: str) -> Problem:
     return (WARN if text else OK), text
 
 
-class InputMeter:
-    """Counts the messages of one input stream, and judges its rate and its pauses."""
-
-    def __init__(
-        self, warn_rate: float = 0.0, error_rate: float = 0.0, max_gap: float = math.inf, timeout: float = math.inf
-    ) -> None:
-        """Begin to measure.
-
-        Args:
-            warn_rate: Rate [Hz] below which a warning is reported; 0: never.
-            error_rate: Rate [Hz] below which an error is reported; 0: never.
-            max_gap: Silence [s] from which a warning is reported.
-            timeout: Silence [s] from which the stream is reported as stale.
-        """
-        self.warn_rate, self.error_rate, self.max_gap, self.timeout = warn_rate, error_rate, max_gap, timeout
-        self.received = 0
-        """Number of messages that have come"""
-        self.begin()
-
-    def begin(self) -> None:
-        """Start to measure; the time before counts neither for the rate nor as silence."""
-        self.last = self._reported = time.monotonic()
-        self._pauses: list[float] = []  # [s] before each message since the last report
-        self._ages: list[float] = []  # [s] from their stamps to their arrivals, by the system's clock
-
-    def count(self, stamp: int | None) -> None:
-        """Count a message that has come now, with its stamp [ns] if it has one."""
-        now = time.monotonic()
-        self._pauses.append(now - self.last)
-        self.received, self.last = self.received + 1, now
-        if stamp is not None:
-            self._ages.append(time.time() - 1e-9 * stamp)
-
-    def report(self) -> tuple[dict[str, str], Problem]:
-        """Values for the time since the last report, and what is wrong."""
-        now, number = time.monotonic(), len(self._pauses)
-        age, rate = now - self.last, number / max(now - self._reported, 1e-9)
-        values = {"received": str(self.received), "rate [Hz]": f"{rate:.1f}"}
-        if self._pauses:
-            values["longest pause [ms]"] = f"{1e3 * max(self._pauses):.1f}"
-        if self._ages:
-            values["message age mean [ms]"] = f"{1e3 * sum(self._ages) / len(self._ages):.3f}"
-            values["message age max [ms]"] = f"{1e3 * max(self._ages):.3f}"
-        known = self.received > number  # the first messages came at some time of a second
-        self._reported, self._pauses, self._ages = now, [], []
-        return values, first_of(
-            (not self.received, STALE, "nothing received yet"),
-            (age > self.timeout, STALE, f"timeout: silent for {age:.1f} s"),
-            (age > self.max_gap, WARN, f"silent for {age:.1f} s"),
-            (known and rate < self.error_rate, ERROR, f"rate low: {rate:.1f} Hz, below {self.error_rate:g} Hz"),
-            (known and rate < self.warn_rate, WARN, f"rate low: {rate:.1f} Hz, below {self.warn_rate:g} Hz"),
-        )
-
-
 class Health:
-    """Counts ticks, faults and delays of a session, and reports them.
+    """Reports what a session has counted, and warns in the log.
 
-    It counts each answer right after it was published, because work that piles up for a second would delay the messages
-    that come meanwhile.
+    The session counts each answer right after it was published, because work that piles up for a second would delay the
+    messages that come meanwhile.
     """
 
-    def __init__(
-        self, node: LifecycleNode, parameters: Parameters | LoadParameters, pipeline: PairedStreams,
-        levels: type[IntEnum] = Fidelity, what: str = "fidelity",
-    ) -> None:  # fmt: skip
-        """Begin to count; `levels` are those of the answers, and `what` is the word for one."""
-        self.node, self.parameters, self._pipeline, self._levels, self._what = node, parameters, pipeline, levels, what
-        self.name = node.get_fully_qualified_name().removeprefix("/")  # in /diagnostics, which all knees share
-        self._timer_came, self._lag, self._largest_lag = math.inf, 0.0, 0.0
-        self._counts: Counter[tuple[int, int]] = Counter()  # of answers, by level and status
-        self._missed = self._status = 0
-        self._last = -math.inf  # monotonic time [s] of the last answer
-        self._durations: list[float] = []  # [s] since the last report
+    def __init__(self, session: Session, levels: type[IntEnum] = Fidelity, what: str = "fidelity") -> None:
+        """Begin to report; `levels` are those of the answers, and `what` is the word for one."""
+        self.session, self._pipeline, self._levels, self._what = session, session.pipeline, levels, what
+        self._name = session.node.get_fully_qualified_name().removeprefix("/")  # in /diagnostics, which all knees share
         self._reported: dict[str, int] = {}  # totals at the last report
         self._warned: dict[str, float] = {}  # monotonic times [s] of the last warnings
-
-    def count(self, level: int, status: int, duration: float, latency: float) -> None:
-        """Count an answer by its level and status.
-
-        Args:
-            level: Value of one of the levels.
-            status: Bits of `Status`.
-            duration: Computing time [s].
-            latency: Time [s] from the arrival of its force to its publication.
-        """
-        self._counts[level, status] += 1
-        self._durations.append(duration)
-        self._missed += latency + self._lag > self.parameters.deadline
-        self._status, self._last = status, time.monotonic()
 
     def more(self, name: str, total: int) -> int:
         """Part of a total that came since the last report."""
@@ -160,40 +82,30 @@ class Health:
         now = time.monotonic()
         if text and now >= self._warned.get(kind, -math.inf) + period:
             self._warned[kind] = now
-            self.node.get_logger().warning(text)
+            self.session.node.get_logger().warning(text)
 
-    def start_timer(self) -> None:
-        """Begin to measure the delay of the session's timer."""
-        self._lag, self._timer_came = 0.0, time.monotonic()
-
-    def note_timer(self, period: float) -> None:
-        """Take note that the timer has come, whose period [s] is given: it waits in the same queue as samples do."""
-        last, self._timer_came = self._timer_came, time.monotonic()
-        self._lag = max(0.0, self._timer_came - last - period)
-        self._largest_lag = max(self._largest_lag, self._lag)
-
-    def report(self, inputs: Inputs, outputs: Outputs) -> DiagnosticArray:
+    def report(self) -> DiagnosticArray:
         """Report what has happened since the last report, inputs first; silent inputs are logged."""
-        self._log_silence(inputs)
+        self._log_silence()
         entries = [
             self.usability(),
-            *map(self._input, inputs, (self._pipeline.angles_seen, self._pipeline.forces_seen)),
+            *map(self._input, self.session.inputs, (self._pipeline.angles_seen, self._pipeline.forces_seen)),
             self._refused(),
             self.pairing(),
             self.ticks(),
             *self.special_entries(),
         ]
-        for name, sink in outputs.sinks.items():
+        for name, sink in self.session.outputs.sinks.items():
             values, text, lost = sink.report()
             entries.append((name, values, (ERROR if lost else warned(text)[0], text)))
         status = [
             DiagnosticStatus(
-                level=level, name=f"{self.name}: {name}", message=text or "ok",
+                level=level, name=f"{self._name}: {name}", message=text or "ok",
                 values=[KeyValue(key=key, value=value) for key, value in values.items()],
             )
             for name, values, (level, text) in entries
         ]  # fmt: skip
-        return DiagnosticArray(header=Header(stamp=self.node.get_clock().now().to_msg()), status=status)
+        return DiagnosticArray(header=Header(stamp=self.session.node.get_clock().now().to_msg()), status=status)
 
     def special_entries(self) -> list[Entry]:
         """Entries that only one kind of node has."""
@@ -205,15 +117,15 @@ class Health:
 
     def usability(self) -> Entry:
         """Entry that says whether the newest answer may be used for control; an old one may not."""
-        age = time.monotonic() - self._last
-        unusable = sum(number for (_, status), number in self._counts.items() if status & UNUSABLE)
+        age = time.monotonic() - self.session.answered
+        unusable = sum(number for (_, status), number in self.session.counts.items() if status & UNUSABLE)
         more = self.more("unusable", unusable)
         problem = first_of(
             (math.isinf(age), STALE, "no answer yet"),
-            (age > self.parameters.diagnostics.timeout, STALE, f"no answer for {age:.1f} s"),
+            (age > self.session.parameters.diagnostics.timeout, STALE, f"no answer for {age:.1f} s"),
             (more, WARN, f"not usable answers: {more}"),
         )
-        bits = ", ".join(bit.name or "" for bit in Status if self._status & bit & UNUSABLE)
+        bits = ", ".join(bit.name or "" for bit in Status if self.session.status & bit & UNUSABLE)
         why = problem[1] if problem[0] == STALE else bits
         values = {"usable": "false" if why else "true", "because": why, "not usable": str(unusable)}
         return "answers", values, problem
@@ -221,17 +133,17 @@ class Health:
     def _input(self, stream: Input, seen: Any) -> Entry:
         """Entry for an input; publishers that disagree are logged."""
         (values, problem), publishers = stream.meter.report(), stream.publishers
-        joint = self.parameters.knee.joint_name if seen is self._pipeline.angles_seen else ""
+        joint = self.session.parameters.knee.joint_name if seen is self._pipeline.angles_seen else ""
         words = seen.sentence(f"{publishers} publishers" if publishers > 1 else "", joint)
         self.warn(stream.topic, words)
         seen.forget()
         values |= {"reliability": stream.reliability.replace("_", " "), "publishers": str(publishers)}
         return stream.topic, values, problem if problem[1] else warned(words)
 
-    def _log_silence(self, inputs: Inputs) -> None:
-        silent = [stream for stream in inputs if time.monotonic() - stream.meter.last > SILENCE]
+    def _log_silence(self) -> None:
+        silent = [stream for stream in self.session.inputs if time.monotonic() - stream.meter.last > SILENCE]
         if silent:
-            names = " and ".join(resolved(self.node, stream.topic) for stream in silent)
+            names = " and ".join(resolved(self.session.node, stream.topic) for stream in silent)
             text = f"nothing received on {names} for {SILENCE:g} s or more"
             if any(stream.publishers and not (stream.meter.received or stream.handed) for stream in silent):
                 text += (
@@ -269,7 +181,7 @@ class Health:
             f"{lost} angles are not recorded: more of them than pairing.queue came without a force" if lost else "",
             *(f"stamps of {topic} have jumped" for topic, number in jumps.items() if self.more(topic, number)),
             f"{off} stamps fit neither the sample before nor the other topic" if off else "",
-            apart if abs(lead) > self.parameters.pairing.max_gap else "",
+            apart if abs(lead) > self.session.parameters.pairing.max_gap else "",
             f"{full:.0f} % of pairing.queue wait for the other topic" if full >= 100.0 * WORTH_A_WARNING else "",
         )
         self.warn("pairing", text, LOG_PERIOD)
@@ -277,19 +189,19 @@ class Health:
 
     def ticks(self) -> Entry:
         """Entry for the ticks; a node that falls behind is logged too."""
-        durations, self._durations = sorted(self._durations), []
-        lag, self._largest_lag = 1e3 * self._largest_lag, 0.0
-        values = {"ticks": str(self._counts.total()), "missed deadlines": str(self._missed)}
+        session, durations = self.session, sorted(self.session.durations)
+        lag, session.durations, session.largest_lag = 1e3 * session.largest_lag, [], 0.0
+        values = {"ticks": str(session.counts.total()), "missed deadlines": str(session.missed)}
         if durations:
             values["tick time median [us]"] = f"{durations[len(durations) // 2] * 1e6:.0f}"
             values["tick time max [us]"] = f"{durations[-1] * 1e6:.0f}"
         named: Counter[str] = Counter()
-        for (level, status), number in self._counts.items():
+        for (level, status), number in session.counts.items():
             named[f"{self._what} {self._levels(level).name}"] += number
             named.update({f"status {bit.name}": number for bit in Status if status & bit})
         values |= {name: str(number) for name, number in named.items()} | {"lag max [ms]": f"{lag:.1f}"}
-        missed, doubts = self.more("missed", self._missed), self.doubts()
-        behind = f"the node is behind by up to {lag:.0f} ms" if lag > 1e3 * self.parameters.deadline else ""
+        missed, doubts = self.more("missed", session.missed), self.doubts()
+        behind = f"the node is behind by up to {lag:.0f} ms" if lag > 1e3 * session.parameters.deadline else ""
         self.warn("behind", behind, LOG_PERIOD)
         self.warn("doubts", "; ".join(doubts))
         late = f"{missed} answers came later than the deadline" if missed else ""
@@ -299,12 +211,12 @@ class Health:
 class ContactHealth(Health):
     """Health of a contact node: also watches the load, its split and the depth."""
 
-    def __init__(self, node: LifecycleNode, parameters: Parameters, pipeline: ContactStream) -> None:
-        """Begin to count."""
-        super().__init__(node, parameters, pipeline)
+    def __init__(self, session: ContactSession) -> None:
+        """Begin to report."""
+        super().__init__(session)
         self.rows: list[bytes] = []
         """Rows of the answers that are not looked at yet"""
-        self._contacts = pipeline
+        self._contacts = session.pipeline
 
     def take(self) -> None:
         """Look for implausible answers among those since the last call."""

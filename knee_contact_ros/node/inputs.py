@@ -18,7 +18,7 @@ from rosbags.interfaces import Nodetype
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
-from knee_contact_ros.node.diagnostics import LOG_PERIOD, InputMeter, at_most_every
+from knee_contact_ros.node.diagnostics import ERROR, LOG_PERIOD, STALE, WARN, Problem, at_most_every, first_of
 from knee_contact_ros.parameters.sources import Source
 from knee_contact_ros.streams.conversion import ANY, Convert
 from knee_contact_ros.streams.frames import TF_STATIC, ForceFrame, decode_transforms, encode_transform, isb_transform
@@ -52,6 +52,60 @@ class HandedInputs(NamedTuple):
 
     angles: HandOver
     forces: HandOver
+
+
+class InputMeter:
+    """Counts the messages of one input stream, and judges its rate and its pauses."""
+
+    def __init__(
+        self, warn_rate: float = 0.0, error_rate: float = 0.0, max_gap: float = math.inf, timeout: float = math.inf
+    ) -> None:
+        """Begin to measure.
+
+        Args:
+            warn_rate: Rate [Hz] below which a warning is reported; 0: never.
+            error_rate: Rate [Hz] below which an error is reported; 0: never.
+            max_gap: Silence [s] from which a warning is reported.
+            timeout: Silence [s] from which the stream is reported as stale.
+        """
+        self.warn_rate, self.error_rate, self.max_gap, self.timeout = warn_rate, error_rate, max_gap, timeout
+        self.received = 0
+        """Number of messages that have come"""
+        self.begin()
+
+    def begin(self) -> None:
+        """Start to measure; the time before counts neither for the rate nor as silence."""
+        self.last = self._reported = time.monotonic()
+        self._pauses: list[float] = []  # [s] before each message since the last report
+        self._ages: list[float] = []  # [s] from their stamps to their arrivals, by the system's clock
+
+    def count(self, stamp: int | None) -> None:
+        """Count a message that has come now, with its stamp [ns] if it has one."""
+        now = time.monotonic()
+        self._pauses.append(now - self.last)
+        self.received, self.last = self.received + 1, now
+        if stamp is not None:
+            self._ages.append(time.time() - 1e-9 * stamp)
+
+    def report(self) -> tuple[dict[str, str], Problem]:
+        """Values for the time since the last report, and what is wrong."""
+        now, number = time.monotonic(), len(self._pauses)
+        age, rate = now - self.last, number / max(now - self._reported, 1e-9)
+        values = {"received": str(self.received), "rate [Hz]": f"{rate:.1f}"}
+        if self._pauses:
+            values["longest pause [ms]"] = f"{1e3 * max(self._pauses):.1f}"
+        if self._ages:
+            values["message age mean [ms]"] = f"{1e3 * sum(self._ages) / len(self._ages):.3f}"
+            values["message age max [ms]"] = f"{1e3 * max(self._ages):.3f}"
+        known = self.received > number  # the first messages came at some time of a second
+        self._reported, self._pauses, self._ages = now, [], []
+        return values, first_of(
+            (not self.received, STALE, "nothing received yet"),
+            (age > self.timeout, STALE, f"timeout: silent for {age:.1f} s"),
+            (age > self.max_gap, WARN, f"silent for {age:.1f} s"),
+            (known and rate < self.error_rate, ERROR, f"rate low: {rate:.1f} Hz, below {self.error_rate:g} Hz"),
+            (known and rate < self.warn_rate, WARN, f"rate low: {rate:.1f} Hz, below {self.warn_rate:g} Hz"),
+        )
 
 
 class Input:

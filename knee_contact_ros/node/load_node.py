@@ -66,8 +66,8 @@ class LoadSession(Session):
             UsageError: an output file cannot be written.
         """
         pipeline = LoadStream(parameters)
-        health = Health(node, parameters, pipeline, Level, "level")
-        super().__init__(node, parameters, pipeline, health)
+        super().__init__(node, parameters, pipeline)
+        self.health = Health(self, Level, "level")
         self.inputs = self._input_streams(qos_given)
         self._names = {topic: node.resolve_topic_name(topic) for topic in LOAD_RECORDED}
         self._offer(
@@ -111,7 +111,7 @@ class LoadSession(Session):
         self._estimate.publish(estimate)
         self.outputs.put(self.pipeline.answer(pair, messages, latency))
         computed = self.pipeline.estimate
-        self.health.count(int(computed.level), computed.status, end - begin, latency)
+        self.count(int(computed.level), computed.status, end - begin, latency)
 
 
 LOAD_NODE = NodeKind(LoadParameters, LIVE, LoadSession)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import gc
+import math
 import time
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import AbstractContextManager
 from pathlib import Path
@@ -17,10 +19,11 @@ from rclpy.qos_overriding_options import QoSOverridingOptions
 from std_srvs.srv import Trigger
 
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, TICK, TICKS_BEFORE, change_record
-from knee_contact_ros.node.diagnostics import LOG_PERIOD, STEADY, Health, InputMeter, at_most_every
+from knee_contact_ros.node.diagnostics import LOG_PERIOD, STEADY, Health, at_most_every
 from knee_contact_ros.node.inputs import (
     HandedInputs,
     Input,
+    InputMeter,
     Inputs,
     StaticTransformTopic,
     installed_types,
@@ -48,9 +51,23 @@ class Session(ABC):
     streaming: ClassVar[set[Session]] = set()
     """Sessions of this process that are started: the garbage collector is off as long as there is one"""
 
-    def __init__(self, node: LifecycleNode, parameters: Any, pipeline: PairedStreams, health: Health) -> None:
+    health: Health
+    """What it reports"""
+
+    def __init__(self, node: LifecycleNode, parameters: Any, pipeline: PairedStreams) -> None:
         """Make a session without inputs and outputs; `parameters` are those of the kind of node."""
-        self.node, self.parameters, self.pipeline, self.health = node, parameters, pipeline, health
+        self.node, self.parameters, self.pipeline = node, parameters, pipeline
+        self.counts: Counter[tuple[int, int]] = Counter()
+        """Numbers of answers by level and status"""
+        self.status = self.missed = 0
+        """Status of the newest answer; number of answers that came later than the deadline"""
+        self.answered = -math.inf
+        """Monotonic time [s] of the newest answer"""
+        self.durations: list[float] = []
+        """Computing times [s] of the answers since the last report"""
+        self.largest_lag = 0.0
+        """Largest delay [s] of a timer since the last report"""
+        self._lag, self._timer_came = 0.0, math.inf
         self.inputs: Inputs
         self.outputs: Outputs
         self._transforms: StaticTransformTopic
@@ -139,7 +156,7 @@ class Session(ABC):
         for stream in self.inputs:
             stream.meter.begin()
             stream.open()
-        self.health.start_timer()
+        self._lag, self._timer_came = 0.0, time.monotonic()
         self._timers = [self.node.create_timer(period, act, clock=STEADY) for period, act in self._regular_acts()]
 
     @property
@@ -181,7 +198,7 @@ class Session(ABC):
 
     def retune(self, parameters: Any, changes: dict[str, Any]) -> None:
         """Continue with changed parameters; `changes` has the values that have changed, by dotted name."""
-        self.parameters = self.health.parameters = parameters
+        self.parameters = parameters
         self.pipeline.retune(parameters)
         self.outputs.put(Note(PARAMETERS_CHANGED, change_record(self.pipeline.ticks, changes)))
 
@@ -275,12 +292,32 @@ class Session(ABC):
 
     def _on_wait_timer(self) -> None:
         """Answer loads whose angle is late; adapt to publishers that could not be received; free some memory."""
-        self.health.note_timer(self._wait_period)
+        self._note_timer()
         arrived_by = time.perf_counter() - self.parameters.pairing.wait
         self._answer(self.pipeline.synchroniser.give_up(arrived_by))
         for stream in self.inputs:
             stream.adapt()
         gc.collect(0)  # often and little: in a second there is much to look through
+
+    def _note_timer(self) -> None:
+        """Take note that the timer of `_on_wait_timer` has come: it waits in the same queue as samples do."""
+        last, self._timer_came = self._timer_came, time.monotonic()
+        self._lag = max(0.0, self._timer_came - last - self._wait_period)
+        self.largest_lag = max(self.largest_lag, self._lag)
+
+    def count(self, level: int, status: int, duration: float, latency: float) -> None:
+        """Count an answer by its level and status.
+
+        Args:
+            level: Value of one of the levels.
+            status: Bits of `Status`.
+            duration: Computing time [s].
+            latency: Time [s] from the arrival of its force to its publication.
+        """
+        self.counts[level, status] += 1
+        self.durations.append(duration)
+        self.missed += latency + self._lag > self.parameters.deadline
+        self.status, self.answered = status, time.monotonic()
 
     def _answer(self, pairs: Sequence[PairedSample]) -> None:
         """Compute and publish ticks one after another."""
@@ -293,4 +330,4 @@ class Session(ABC):
 
     def _on_diagnostics_timer(self) -> None:
         """Publish the diagnostics."""
-        self._publishers[DIAGNOSTICS].publish(self.health.report(self.inputs, self.outputs))
+        self._publishers[DIAGNOSTICS].publish(self.health.report())
