@@ -1,1 +1,1 @@
-"""Work beside the computation of one recording: gaits of other programs, studies of many knees, fits to data."""
+"""Everything beyond one recording: imports from other programs, studies of many knees, fits to data, reports."""

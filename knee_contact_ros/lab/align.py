@@ -1,10 +1,10 @@
 """The work of `knee-contact align`: offset, lag and gain of an angle sensor against a reference, with intervals.
 
-The model of the sensor is offset + gain x reference(t - lag). The lag is where both correlate best (least squares with
-a free gain, so that a wrong gain does not bias it), to a fraction of a sample by a cubic spline through the reference;
-the offset is the mean difference then, as parameters correct an offset and no gain. Intervals are from a jackknife over
-stretches of about a second: each is left out once, and the spread of the results gives their error, whatever the
-sensor's errors within a stride are like (Miller 1974, The jackknife - a review, Biometrika 61:1).
+The sensor is modelled as offset + gain x reference(t - lag). The lag is the one with the highest correlation; a cubic
+spline through the reference resolves fractions of a sample, and a wrong gain does not bias it. The offset is the mean
+difference at that lag, since parameters can correct an offset but not a gain. A jackknife over stretches of about a
+second gives the intervals: it leaves each stretch out once, and the spread of the results is the error. It assumes
+nothing about errors within a stride (Miller 1974, The jackknife - a review, Biometrika 61:1).
 """
 
 from __future__ import annotations
@@ -39,13 +39,13 @@ FEWEST, MOST = 4, 60
 ENOUGH = 40
 """Smallest number of rows in common"""
 MOST_ROWS = 50_000
-"""Largest number of rows that are used; of more rows every second, third and so on is used"""
+"""Largest number of rows that are used; longer recordings are thinned evenly"""
 ALIKE = 0.8
-"""Correlation below which two angles are not of one knee"""
+"""Correlation below which two angles are refused as not being of the same knee"""
 MOST_GAIN = 5.0
-"""Largest gain, and inverse of the smallest: soft tissue makes 0.8, degrees taken for radians 57"""
+"""Largest gain, and inverse of the smallest: soft tissue gives 0.8, degrees read as radians 57"""
 GAIN_OFF = 0.05
-"""Deviation of the gain from 1 from which on it is reported"""
+"""Deviation of the gain from 1 above which it is reported"""
 Rows = NDArray[np.intp]
 
 
@@ -66,7 +66,7 @@ class Alignment(NamedTuple):
     """Offset, lag and gain of an angle sensor against a reference."""
 
     offset: Estimate
-    """Offset to be added to the sensor's angle [rad]"""
+    """Offset to add to the sensor's angle [rad]"""
     lag: Estimate
     """Time by which the sensor is late [s]"""
     gain: Estimate
@@ -85,8 +85,8 @@ def align(files: Sequence[Path], maps: Sequence[Path], output: Path, longest_lag
     Lags from -`longest_lag` to `longest_lag` [s] are tried.
 
     Raises:
-        UsageError: a file, the map or the output cannot be used, or the angles are not those of the same knee. Nothing
-            is then written.
+        UsageError: a file, the map or the output cannot be used, or the angles are not of the same knee. Nothing is
+            written then.
     """
     sensors = read_map(maps)
     if sensors.reference is None:
@@ -112,12 +112,12 @@ class Pair:
     """Rows of a sensor, and a cubic spline through those of the reference."""
 
     def __init__(self, sensor: Series, reference: Series, max_gap: float) -> None:
-        """Both have the same clock; `rows` leaves out rows in gaps of the reference longer than `max_gap` [s]."""
+        """Both must share a clock; `rows` skips rows in gaps of the reference longer than `max_gap` [s]."""
         self.times, self._known = ((each.stamps - reference.stamps[0]) / NANOSECONDS for each in (sensor, reference))
         self.values, self._curve = sensor.values, CubicSpline(self._known, reference.values)
         self._wide = np.diff(self._known) > max_gap
         self.step = max(float(np.median(np.diff(times))) for times in (self.times, self._known))
-        """Time from row to row of the slower one [s]"""
+        """Time between rows of the slower of the two [s]"""
 
     def rows(self, least: float, most: float) -> Rows:
         """Indices of the sensor's rows that have a reference at every lag from `least` to `most` [s].
@@ -135,7 +135,7 @@ class Pair:
         return rows[:: 1 + len(rows) // MOST_ROWS]
 
     def moved(self, rows: Rows, lag: float) -> Floats:
-        """Angles of the reference [rad] at rows of the sensor, if that is late by `lag` [s]."""
+        """Angles of the reference [rad] at rows of the sensor, which is late by `lag` [s]."""
         return np.asarray(self._curve(self.times[rows] - lag))
 
     def fit(self, rows: Rows, lag: float, offset: float = 0.0) -> tuple[float, float]:

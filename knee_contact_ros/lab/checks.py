@@ -1,8 +1,8 @@
-"""What a knee can do, and what its sensors can measure: values beyond it point to a wrong unit, sign, column or frame.
+"""Limits on imported values: a value beyond them points to a wrong unit, sign, column or frame.
 
-All limits on imported values are here. OpenSim's files say what they hold, so what contradicts that is refused by a
-UsageError. Of a laboratory's files a map says what they hold: what is `impossible` is never imported, what raises
-`doubts` only if the user insists, and both are sentences. A limit is broken by a value `outside` its range.
+OpenSim's files say what they contain, so a contradiction raises a UsageError. For other files the user's map says what
+they contain: an `impossible` value is never imported, and one that raises `doubts` is imported only if the user
+insists. Both come as sentences, which `outside` writes.
 """
 
 from __future__ import annotations
@@ -22,36 +22,36 @@ from knee_contact_ros.system.errors import UsageError
 
 Range = tuple[float, float]
 LARGEST_RADIANS = 3.5
-"""Number that no knee reaches in rad, and below which a range in deg may also be one in rad"""
+"""No knee reaches this angle in rad; a range in deg below it could also be in rad"""
 EXTENDED, BENT, FOLDED = math.degrees(EXTENDS), 90.0, 160.0
-"""Flexion [deg] that a knee never falls below, that it falls below in every step, and that it never exceeds loaded"""
+"""Flexion [deg]: never less; less at some time in every step; never more under load"""
 SPIKE, ALONE = 1.5, 2.0
-"""Load [BW] by which a row exceeds both its neighbours, and how many times as large it is, that point to a spike"""
+"""A row is a spike if it exceeds both neighbours by this load [BW], and by this factor"""
 JUMP = 30.0
-"""Step [deg] from one row to the next that points to a loose contact, or to a new turn of an encoder"""
+"""Step [deg] between rows that points to a loose contact, or to an encoder that begins a new turn"""
 RATES = (5.0, 1e4)
 """Plausible rates of rows [Hz]"""
 MOVES, FITS = 0.1, (0.5, 2.0)
-"""RMS of the rate [rad/s] below which a given one cannot be checked; and plausible slopes of given over derived rate"""
+"""RMS of the rate [rad/s] below which a given rate is not checked; plausible ratios of given to derived rate"""
 HEAVIEST, MIDDLE_WEIGHT = 2500.0, 700.0
-"""Largest body weight [N] that is assumed where none is given, and the one that limits of spikes are then of"""
+"""If no body weight is given: the largest one [N] that is possible, and the one that the limit of spikes assumes"""
 USUAL_LOAD = (400.0, 8000.0)
-"""Peak loads [N] outside of which a body weight is asked for where none is given"""
+"""Peak loads [N] outside which the user is asked for a body weight"""
 PEAK, RIGHT_PEAK = (LEAST_PEAK, MOST_PEAK), (1.5, 4.0)
-"""Plausible peaks of the load [BW], and those that the right unit would make of a wrong one"""
+"""Plausible peaks of the load [BW], and the narrower range by which the right unit is guessed"""
 OF_GROUND = (0.4, 5.0), (0.9, 1.6)
 """The same for the ground's force on a foot"""
 MOST_TORQUE = 300.0
 """Largest plausible torque [N m] of an actuator"""
 STANDS, NEAR = 100.0, 0.30
-"""Vertical force [N] that a walking foot reaches; and the largest median distance [m] of ankle and centre of pressure
-in the ground plane above it: more than a foot's length ahead"""
+"""Vertical force [N] that a walking foot exceeds, and the largest median horizontal distance [m] from the ankle to the
+centre of pressure during such times: more than a foot's length"""
 AHEAD = 0.7
 """Smallest mean x component of the pelvis's forward direction: within 45 degrees of x"""
 
 
 def unit_of(table: Table, column: str, requested: str) -> str:
-    """Unit of an angle's column, `deg` or `rad`: the requested one, or with `auto` that of the header, if it can be.
+    """Unit of an angle's column, `deg` or `rad`: the requested one, or with `auto` the header's if the values allow it.
 
     Raises:
         UsageError: header and values contradict each other, or the unit is not clear.
@@ -72,8 +72,8 @@ def unit_of(table: Table, column: str, requested: str) -> str:
 def sign_of(angle: Floats, where: str, requested: int | None, bounds: tuple[float, float] | None) -> int:
     """Sign that makes an angle [rad] positive in flexion, 1 or -1.
 
-    It is the requested one, or else follows from the data, as a walking knee flexes far more than it extends, or else
-    from `bounds`, the coordinate's range [rad] in the model. `where` names file and column in messages.
+    A requested sign wins. Otherwise it follows from the data, as a walking knee flexes far more than it extends, and
+    failing that from `bounds`, the coordinate's range [rad] in the model. `where` names file and column in messages.
 
     Raises:
         UsageError: the sign is impossible for a knee, or is not clear.
@@ -94,14 +94,14 @@ def sign_of(angle: Floats, where: str, requested: int | None, bounds: tuple[floa
 
 
 def _clear_sign(low: float, high: float) -> int:
-    """Sign of flexion if a range of angles [rad] reaches clearly further to one side; 0 if it does not."""
+    """Sign of flexion: 1 or -1 if a range of angles [rad] reaches clearly further to one side, else 0."""
     if high >= CLEAR and high >= -TIMES_MORE * low:
         return 1
     return -1 if -low >= CLEAR and -low >= TIMES_MORE * high else 0
 
 
 def outside(where: object, what: str, value: float, unit: str, limits: Range, cure: str) -> list[str]:
-    """Say that a value is not within its limits: file and column, quantity, value, what is plausible, and a cure."""
+    """Write that a value is outside its limits: file and column, quantity, value, what is plausible, and a cure."""
     if limits[0] <= value <= limits[1]:
         return []
     low, high = (f"{limit:.5g}" for limit in limits)
@@ -112,13 +112,13 @@ def outside(where: object, what: str, value: float, unit: str, limits: Range, cu
 
 
 def refuse(sentences: list[str], anyway: bool | None = None) -> None:
-    """Raise a UsageError with the first sentence, if there is one; not if `anyway` is given (None: it cannot be)."""
+    """Raise a UsageError with the first sentence, if any, unless `anyway` (None: the user cannot override it)."""
     if sentences and not anyway:
         raise UsageError(sentences[0] + " (--anyway imports it as it is)" * (anyway is False))
 
 
 def check_rate(given: Floats, derived: Floats, where: str) -> None:
-    """Refuse a rate [rad/s] that is not that of the angle, from which the other one is derived; shapes (n,)."""
+    """Refuse a given rate [rad/s] that disagrees with the one derived from the angle; shapes (n,)."""
     power = float(derived @ derived)
     slope = float(given @ derived) / power if power > MOVES**2 * len(derived) else 1.0
     cure = "another unit than its inDegrees says, or another coordinate's?"
@@ -151,7 +151,7 @@ def check_heading(forward: Floats, path: Path) -> None:
 
 
 def impossible(angle: Series, load: Series | None = None) -> list[str]:
-    """Say why these cannot be an angle and a load at all; empty if they can."""
+    """Return why these cannot be an angle and a load at all; empty if they can."""
     cure = f"is {angle.name}.unit right, and is it a knee's angle?"
     low, high = np.degrees([angle.values.min(), angle.values.max()])
     sentences = outside(angle.where, "the range of motion", high - low, "deg", (0.0, math.degrees(WIDEST)), cure)
@@ -171,8 +171,8 @@ def doubts(
 ) -> list[str]:
     """List what is likely a mistake.
 
-    `unit` is the load's in the map; `weight` is the body's [N]; `max_gap` is the longest time [s] between rows that is
-    no gap; OpenSim's results are not `mapped`.
+    `unit` is the load's in the map, `weight` the body's [N]; a longer time between rows than `max_gap` [s] is a gap.
+    OpenSim's results are not `mapped`.
     """
     name, where, low = angle.name, angle.where, math.degrees(angle.values.min())
     ask, cure = "are its times in s, and not in milliseconds?", "is it the included angle?"
@@ -208,13 +208,13 @@ def joint_doubts(series: Series, *, is_torque: bool = False) -> list[str]:
 
 
 def unusual(load: Series, weight: float | None) -> list[str]:
-    """List what may be a mistake, if no body weight [N] is known to judge it by."""
+    """List what may be a mistake if no body weight [N] is given to judge the load by."""
     cure = "percent of body weight, kN, or a spike? Give a body weight to be sure"
     return [] if weight else outside(load.where, "the peak", float(load.values.max()), "N", USUAL_LOAD, cure)
 
 
 def _spike(load: Series, weight: float) -> list[str]:
-    """Doubt about rows that stand out of both their neighbours."""
+    """Doubt about rows that are far above both neighbours."""
     inner, beside = load.values[1:-1], np.maximum(load.values[:-2], load.values[2:])
     above = np.where(inner > ALONE * beside, inner - beside, 0.0)
     if not above.size:

@@ -1,6 +1,6 @@
 """A knee's gait in SI units and the package's signs and frames, and its way into a bag: `Signal` → `Gait` → rosbag2.
 
-An importer reads signals from its files (`tables.py`), has them checked (`checks.py`), and writes what is left here.
+An importer reads signals from files (`tables.py`), checks them (`checks.py`), and writes them by this module.
 """
 
 from __future__ import annotations
@@ -44,28 +44,28 @@ LEG_QUANTITIES = {
 MIRROR = np.array([1.0, 1.0, -1.0, -1.0, -1.0, 1.0])
 """Signs that turn the wrench on a left knee or foot into that on a right one: force z, torque x and y"""
 BLOCK = 8192
-"""Number of rows that are made messages at a time: those of hours at once would take gigabytes"""
+"""Number of rows converted to messages at a time: hours of them would take gigabytes"""
 MCAP = ".mcap"
 
 
 class Signal(NamedTuple):
     """Values over time, with stamps of their own.
 
-    They are an angle [rad] and, if they are known, its rate [rad/s] and the torque [N m] of an actuator in its sense;
-    or a wrench: force [N] and torque [N m], x y z each.
+    Either an angle [rad], optionally with its rate [rad/s] and an actuator's torque [N m] in the same sense; or a
+    wrench: force [N] and torque [N m], x y z each.
     """
 
     stamps: Stamps
-    """[ns], growing; shape (n,)"""
+    """[ns], increasing; shape (n,)"""
     values: Floats
     """Shape (n, columns)"""
 
     def rows(self, kept: Any) -> Signal:
-        """Select rows by a slice or by truth values, shape (n,)."""
+        """Select rows by a slice or by booleans, shape (n,)."""
         return Signal(self.stamps[kept], self.values[kept])
 
     def at(self, stamps: Stamps) -> Signal:
-        """Interpolate linearly at other stamps [ns]; beyond the known stamps the end values hold."""
+        """Interpolate linearly at other stamps [ns]; beyond the known stamps the end values are kept."""
         first = self.stamps[0]  # nanoseconds since 1970 have more digits than a float
         columns = [np.interp(stamps - first, self.stamps - first, column) for column in self.values.T]
         return Signal(stamps, np.column_stack(columns))
@@ -75,12 +75,12 @@ class Signal(NamedTuple):
         return self.rows((self.stamps >= window[0]) & (self.stamps <= window[1]))
 
     def around(self, window: tuple[int, int]) -> Signal:
-        """Select the rows within a window [ns], and a neighbour at each end, so that all in it can be interpolated."""
+        """Select the rows within a window [ns] and one more at each end, so that all of it can be interpolated."""
         first = max(int(np.searchsorted(self.stamps, window[0], "right")) - 1, 0)
         return self.rows(slice(first, int(np.searchsorted(self.stamps, window[1], "left")) + 1))
 
     def with_rate(self) -> Signal:
-        """Give an angle with its rate: derived by differences of second order if there is none."""
+        """Return an angle with its rate: derived by differences of second order if there is none."""
         if self.values.shape[1] > 1:
             return self
         seconds = (self.stamps - self.stamps[0]) / NANOSECONDS
@@ -104,7 +104,7 @@ class Gait(NamedTuple):
     joints: dict[str, Signal]
     """Angles and rates by the joints' names in the bag, the knee first, all at the same stamps"""
     reaction: Signal
-    """What the femur exerts on the tibia at its frame's origin, in its frame (x anterior, y superior, z right)
+    """Wrench of the femur on the tibia at the tibia frame's origin, in that frame (x anterior, y superior, z right)
 
     It has no rows if only the ground's force is known.
     """
@@ -113,7 +113,7 @@ class Gait(NamedTuple):
     notes: list[str]
     """What was converted or left out, as sentences"""
     ground: Signal | None = None
-    """What the ground exerts on the foot, about the ankle joint's centre, in upright axes (x forward, y up, z right)"""
+    """Wrench of the ground on the foot about the ankle joint's centre, in upright axes (x forward, y up, z right)"""
     doubts: Sequence[str] = ()
     """What is likely a mistake, as sentences"""
     weight: float | None = None
@@ -126,7 +126,7 @@ class Gait(NamedTuple):
 
 
 def common_window(*known: Stamps, start: float | None = None, end: float | None = None) -> tuple[int, int]:
-    """Give the first and the last stamp [ns] of the time that all stamps cover, within `start` and `end` [s].
+    """Return the first and last stamp [ns] that all signals cover, between `start` and `end` [s].
 
     Times before 0 are left out.
 
@@ -149,22 +149,22 @@ def sampled(
     side: str, joints: Mapping[str, Sequence[Signal]], wrenches: Mapping[str, Signal], others: Sequence[Stamps] = (),
     *, rate: float | None, max_gap: float, start: float | None = None, end: float | None = None, beyond: int = 0,
 ) -> Gait:  # fmt: skip
-    """Make a gait of the time that all signals cover, within `start` and `end` [s].
+    """Make a gait from the time that all signals cover, between `start` and `end` [s].
 
-    With a `rate` [Hz] all are interpolated there, outside of gaps longer than `max_gap` [s]. Without one every row
-    keeps its stamp: each wrench its own, and angles those of the first joint, which go on for `beyond` [ns] and one
-    row, so that every wrench lies between two.
+    With a `rate` [Hz] all signals are interpolated at it, except in gaps longer than `max_gap` [s]. Without a rate
+    every row keeps its stamp: wrenches their own, and angles those of the first joint. Angles begin and end `beyond`
+    [ns] and one row further out, so that every wrench lies between two angles.
 
     Args:
         side: `right` or `left`; of a left leg the ground's wrench is mirrored.
-        joints: By the joints' names in the bag, an angle with or without its rate, then an actuator's torque if any.
+        joints: For each joint's name in the bag an angle, with or without its rate, then an actuator's torque if any.
         wrenches: `load` or `ground_force` or both.
-        others: Stamps [ns] of what else must be known.
+        others: Stamps [ns] of other signals that the time must cover.
         rate: Rate of the samples.
-        max_gap: Longest time between rows across which is interpolated.
+        max_gap: Longest time between rows that is interpolated.
         start: First time.
         end: Last time.
-        beyond: How much longer than the wrenches the angles go on.
+        beyond: Time that the angles cover before and after the wrenches.
 
     Raises:
         UsageError: fewer than two samples are left.
@@ -218,14 +218,14 @@ def _gaps(name: str, known: Stamps, longest: float) -> list[str]:
 
 
 def bridged(stamps: Stamps, known: Stamps, longest: float) -> NDArray[np.bool_]:
-    """Which stamps lie on a row or between rows that are at most `longest` [s] apart; truth values, shape (n,)."""
+    """Which stamps lie on a row or between rows that are at most `longest` [s] apart; booleans, shape (n,)."""
     after = np.clip(np.searchsorted(known, stamps, "left"), 1, len(known) - 1)
     near: NDArray[np.bool_] = (known[after] - known[after - 1] <= longest * NANOSECONDS) | np.isin(stamps, known)
     return near
 
 
 def write_bag(gait: Gait, folder: Path, origin: dict[str, str]) -> None:
-    """Write a new rosbag2 folder; messages are in the order of their stamps, an angle before forces of the same stamp.
+    """Write a new rosbag2 folder, messages in the order of their stamps; an angle comes before forces of its stamp.
 
     `origin` is the metadata record.
 
@@ -271,9 +271,9 @@ def _rows(*columns: Any) -> Iterator[tuple[Any, ...]]:
 
 
 def store(bags: Mapping[Path, Gait], source: str, files: dict[str, Path], more: dict[str, str], work: Path) -> None:
-    """Write bags by way of the folder `work`, then print summaries and doubts.
+    """Write bags, first into the folder `work`, then print summaries and doubts.
 
-    `files`, named by their use, and `more` go to the metadata record, in which nothing depends on when it is written.
+    The metadata record gets `files`, named by their use, and `more`; nothing in it depends on the time of writing.
     """
     for bag, gait in bags.items():
         origin = {"package": f"knee_contact_ros {__version__}", "source": source, "side": gait.side}
@@ -292,7 +292,7 @@ def store(bags: Mapping[Path, Gait], source: str, files: dict[str, Path], more: 
 
 
 def show(gait: Gait, bag: Path) -> None:
-    """Print the columns, the ranges of their values, what was converted, and where the bag is."""
+    """Print the columns with the ranges of their values, what was converted, and where the bag is."""
     table, ranges = Table(box=None, show_header=False, pad_edge=False), {}
     table.add_column(no_wrap=True)
     table.add_column(overflow="fold")
@@ -315,7 +315,7 @@ def show(gait: Gait, bag: Path) -> None:
 
 
 def check_output(folder: Path, overwrite: bool) -> None:
-    """Refuse a folder to write that exists, unless it is a bag's and may be replaced, and a name that is a file's.
+    """Refuse an output folder that exists, unless it is a bag and may be replaced, and a file's name.
 
     Raises:
         UsageError: the folder exists, or its name ends with `.mcap`.

@@ -1,4 +1,4 @@
-"""Sensitivity indices of a knee's outcomes to its parameters, of Sobol and Morris, by SALib: Python and the command.
+"""Sobol and Morris indices of a knee's outcomes to its parameters, by SALib: for Python and the command.
 
 A study file is that of a sweep, with `sensitivity` instead of `sample`:
 
@@ -9,10 +9,9 @@ A study file is that of a sweep, with `sensitivity` instead of `sample`:
                   ranges: {contact.stiffness: [5.0e7, 1.0e8], contact.damping: {from: 1.0e3, to: 1.0e4, scale: log}}}
     outcomes:    [peak_depth, peak_pressure, bone_time]
 
-SALib draws the points in the unit cube, in groups (a base sample, a trajectory), one after another: a larger n begins
-with the same groups, and so needs only the other cases. It needs whole groups: one in which a case has no value is left
-out. If more than `MOST_SPOILT` of the groups are left out, there are no indices, since the rest is no sample of the
-ranges.
+SALib draws the points in the unit cube group by group (a base sample, or a trajectory). A larger n begins with the same
+groups, so only the new cases must be computed. A group in which a case has no value is left out. If more than
+`MOST_SPOILT` of the groups are left out, no indices are computed, since the rest no longer represents the ranges.
 
 Sobol: Saltelli et al. 2010, Computer Physics Communications 181:259-270, doi:10.1016/j.cpc.2009.09.018. Morris: Morris
 1991, Technometrics 33:161-174, doi:10.1080/00401706.1991.10484804.
@@ -47,35 +46,35 @@ if TYPE_CHECKING:
 
 
 FEWEST, MOST = 8, 65_536
-"""The least and the largest number of groups: SALib's bootstrap holds some 2 kB of each, for each index"""
+"""Smallest and largest number of groups: SALib's bootstrap holds about 2 kB per group and index"""
 LEVELS = 4
 """Number of levels of a range between which Morris's trajectories step"""
 RESAMPLES = 200
 """Number of resamples of the bootstrap"""
 MOST_SPOILT = 0.1
-"""The largest part of the groups that may be left out"""
+"""Largest fraction of groups that may be left out"""
 NOISY = 0.1
 """Ratio of an error bound to an outcome's standard deviation above which there is a remark"""
 SAME = 1e-12
 """Range of an outcome, relative to its size, up to which it counts as constant"""
 USUAL = ("peak_depth", "peak_pressure", "bone_time", "peak_force")
-"""Outcomes that are analysed unless others are named"""
+"""Outcomes that are analysed by default"""
 KNOWN = (*OUTCOMES, *(LATERAL + name for name in OUTCOMES))
 BOUNDS = {"peak_depth": "error_bound", "peak_force": "force_error_bound"}
-"""Outcomes whose numerical error is known, with the column that bounds it"""
+"""Outcomes with a known numerical error, and the column that bounds it"""
 NOTED = {"not_converged": "missed a tolerance", "implausible": "are implausible", "failed": "failed"}
 """Columns of what a reader should know of, with words for it"""
 INDICES = {"sobol": ("ST", "S1", "S2"), "morris": ("mu_star", "mu", "sigma")}
-"""Indices of each method; parameters are sorted by the first one. S1, ST, S2 are parts of the variance; mu_star, mu and
-sigma are in the outcome's SI unit, over the whole range of the parameter"""
+"""Indices of each method; parameters are sorted by the first one. S1, ST, S2 are fractions of the variance; mu_star, mu
+and sigma are in the outcome's SI unit, over the whole range of the parameter"""
 AFTER = ["outcome", "parameter", "index", "n", "value", "low", "high"]
 """Columns of a table of indices"""
 UNITS = {"m": (1e3, "mm"), "Pa": (1e-6, "MPa"), "N/s": (1e-3, "kN/s")}
 """Factor to, and name of, the unit in which outcomes of an SI unit are shown"""
 WIDEST = {"sobol": 0.1, "morris": 0.25}
-"""Width of the interval of the largest index up to which the indices count as converged; relative to Morris's"""
+"""Width of the largest index's interval up to which the indices count as converged; for Morris relative to the index"""
 LEADERS, LEAST = 3, 0.01
-"""Number of parameters that a line names, and ratio to the largest index from which on one is named beside it"""
+"""Number of parameters that a line names, and the smallest ratio to the largest index for one to be named"""
 CASES, TABLE, PICTURE = "cases", "indices.csv", "sensitivity_"
 """Names in the output folder: the folder with the results of all cases, the table, and how pictures begin"""
 WIDTH, HEIGHT, BAR, WRAP = 6.4, 1.8, 0.34, 60
@@ -92,7 +91,7 @@ class SalibDesign(Design):
     seed: int = Field(1, ge=0, lt=2**31)
     """Seed of the random numbers of design and bootstrap"""
     second_order: bool = False
-    """Whether Sobol's indices of pairs of parameters are computed, too"""
+    """Whether to compute Sobol's indices of pairs of parameters too"""
     confidence: float = Field(0.95, ge=0.5, le=0.999)
     """Confidence level of the intervals"""
     ranges: Annotated[dict[str, Spaced], Field(min_length=2)]
@@ -110,7 +109,7 @@ class SalibDesign(Design):
 
     @property
     def group(self) -> int:
-        """Number of points in a group; indices need all of them."""
+        """Number of points in a group."""
         size = len(self.ranges)
         if self.method == "morris":
             return size + 1
@@ -161,7 +160,7 @@ def checked_outcomes(names: Sequence[str]) -> tuple[str, ...]:
     """Return the names of the outcomes to be analysed.
 
     Raises:
-        ValueError: there is none, or a name is unknown or given twice.
+        ValueError: the list is empty, or a name is unknown or given twice.
     """
     if not names or not set(names) <= set(KNOWN) or len(set(names)) < len(names):
         raise ValueError(f"some of {', '.join(KNOWN)}, each once")
@@ -177,7 +176,7 @@ class Analysed(NamedTuple):
     """Indices: `parameter` (`a x b` for a pair), `index` (see `INDICES`), `n` (groups), `value`, and the ends of its
     interval, `low` and `high` (not a number for mu and sigma); no rows where there is a `reason`"""
     spoilt: int
-    """Number of groups in which a case has no value"""
+    """Number of groups with a case without a value"""
     cases: int
     """Number of cases without a value"""
     mean: float
@@ -195,7 +194,7 @@ class Analysed(NamedTuple):
         return f"<Analysed: {self.outcome}, {self.reason or kind + ' of ' + ', '.join(indices)}>"
 
     def final(self, kind: str) -> pd.DataFrame:
-        """Give the indices of a kind by parameter, the largest first."""
+        """Return the indices of a kind by parameter, the largest first."""
         own = self.table[self.table["index"] == kind]
         return own.sort_values("value", ascending=False, kind="stable").set_index("parameter")
 
@@ -267,21 +266,21 @@ def analysed_in(design: SalibDesign, rows: pd.DataFrame, outcomes: Sequence[str]
 
 
 def display_of(outcome: str) -> tuple[str, str, float]:
-    """Give the title of an outcome, the unit in which it is shown, and the factor from its SI unit."""
+    """Return the title of an outcome, the unit in which it is shown, and the factor from its SI unit."""
     unit = OUTCOMES[outcome.removeprefix(LATERAL)]
     factor, name = UNITS.get(unit, (1.0, unit))
     return outcome.replace("_", " "), name, factor
 
 
 def interval(index: Any, factor: float) -> str:
-    """Write an index (a row of `Analysed.final`) with its interval, in a unit so many times smaller than its own."""
+    """Write an index (a row of `Analysed.final`) with its interval, both multiplied by a factor to another unit."""
     form = ".2f" if index["index"].startswith("S") else ".3g"
     value, low, high = (f"{factor * index[name]:{form}}" for name in ("value", "low", "high"))
     return f"{value} ({low} to {high})"
 
 
 def not_converged(design: SalibDesign, analysed: Analysed) -> list[str]:
-    """Give the reasons why the indices of an outcome are in doubt; none if they have converged and errors are small."""
+    """Return why the indices of an outcome are in doubt; none if they have converged and errors are small."""
     leading, sobol = analysed.final(INDICES[design.method][0]), design.method == "sobol"
     if leading.empty:
         return []
@@ -308,9 +307,9 @@ class Sensitivity:
     """Results of `sensitivity`."""
 
     outcomes: dict[str, Analysed]
-    """Analysis of each outcome, by name: indices; or the reason why there are none"""
+    """Analysis of each outcome, by name: indices, or the reason why there are none"""
     remarks: dict[str, list[str]]
-    """What has not converged of each outcome, a sentence each, by the outcome's name"""
+    """What has not converged, as sentences, by the outcome's name"""
     cohort: Cohort
     """The knees that were computed, in the order of the design"""
 
@@ -323,12 +322,12 @@ class Sensitivity:
         raise no_such(self, name)
 
     def to_pandas(self) -> pd.DataFrame:
-        """Give a data frame with a row for each index: outcome, parameter, index, n, value, low, high; SI units."""
+        """Return a data frame with a row for each index: outcome, parameter, index, n, value, low, high; SI units."""
         return tidy(self.outcomes)
 
 
 def tidy(several: Mapping[str, Analysed]) -> pd.DataFrame:
-    """Join the tables of several outcomes, with the name of the outcome in the first column."""
+    """Join the tables of several outcomes; the first column names the outcome."""
     import pandas as pd
 
     return pd.concat([one.table.assign(outcome=name) for name, one in several.items()])[AFTER]
@@ -350,7 +349,7 @@ def sensitivity(
         method: Sobol (shares of the variance) or Morris (effects over the whole range).
         n: Number of base samples, a power of two, or of trajectories; 8 to 65536.
         seed: Seed of the random numbers of design and bootstrap.
-        second_order: Whether to compute Sobol's indices of pairs of parameters, too, from twice the cases.
+        second_order: Whether to compute Sobol's indices of pairs of parameters too, which takes twice the cases.
         confidence: Confidence level of the intervals.
         outcomes: Outcomes to analyse, named as in the table of a sweep.
         remap: Other names of the input topics in a bag.
@@ -358,7 +357,7 @@ def sensitivity(
         threads: Number of threads; 0: one for each processor.
 
     Raises:
-        UsageError: a range, outcome, parameter or gait is not allowed. Cases that fail are no error: see `spoilt` and
+        UsageError: a range, outcome, parameter or gait is not allowed. Failed cases raise nothing: see `spoilt` and
             `reason` of the outcomes.
     """
     options = {"method": method, "n": n, "seed": seed, "second_order": second_order, "confidence": confidence}
@@ -383,14 +382,14 @@ class Combination(NamedTuple):
     columns: dict[str, str]
     """Bag, parameter files and grid values, by name"""
     label: str
-    """What tells it from the others: those of `columns` that vary"""
+    """What distinguishes it: the entries of `columns` that vary"""
     analysed: dict[str, Analysed]
     remark: str
     """Sentence on failed cases, missed tolerances and implausible answers; empty if there are none"""
 
 
 def gather(study: SensitivityStudy, shards: Shards) -> list[Combination]:
-    """Compute the indices of all combinations, in the order of the study, all of whose cases are computed.
+    """Compute the indices of every combination whose cases are all computed, in the order of the study.
 
     Raises:
         UsageError: bag, parameters or folder cannot be used.
@@ -417,7 +416,7 @@ def gather(study: SensitivityStudy, shards: Shards) -> list[Combination]:
 
 
 def sentences(study: SensitivityStudy, combinations: Sequence[Combination]) -> Iterator[tuple[str, str]]:
-    """Say what matters most, a line for each outcome and combination, each with what makes it doubtful."""
+    """Write which parameters matter most, a line for each outcome and combination, with what makes it doubtful."""
     kind, own = INDICES[study.design.method][0], study.design.method == "sobol"
     for outcome in study.outcomes:
         title, unit, factor = display_of(outcome)

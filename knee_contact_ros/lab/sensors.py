@@ -21,16 +21,16 @@ from knee_contact_ros.system.files import find_file, read_mapping
 from knee_contact_ros.system.output_files import work_folder
 
 BEYOND = NANOSECONDS
-"""Time [ns] before and behind the loads within which angles are kept: as far as `pairing.angle_delay` reaches"""
+"""Time [ns] before and after the loads for which angles are kept: as long as `pairing.angle_delay` can be"""
 GROUND = ("ground_force_x", "ground_force", "ground_force_z", "ground_torque_x", "ground_torque_y", "ground_torque_z")
-"""Channels of the ground's wrench in the order of its components; of an insole, the second alone"""
+"""Channels of the ground's wrench in the order of its components; an insole has only the second"""
 ANGLES, TORQUES = ("angle", "hip", "ankle"), ("assistance", "", "ankle_assistance")
-"""Channels of the joints' angles, and of the torques of their actuators"""
+"""Channels of joint angles, and of actuator torques"""
 IMPORTED = (*ANGLES, *filter(None, TORQUES), "load", "moment", *GROUND)
 
 
 class Channel(Section):
-    """Column, or weighted sum of columns of a single file."""
+    """A column, or a weighted sum of columns, of one file."""
 
     column: Column | None = Field(None, description="name, or place from 1")
     columns: dict[Column, float] | None = Field(None, min_length=1, description="names or places, with weights")
@@ -54,7 +54,7 @@ class Channel(Section):
 
     @property
     def turned(self) -> float:
-        """Sign that makes the quantity positive as ours is, 1 or -1."""
+        """Factor, 1 or -1, that converts the quantity to our sign."""
         return -1.0 if getattr(self, "direction", "") == "tension" else float(getattr(self, "sign", 1.0))
 
 
@@ -119,11 +119,11 @@ class SensorMap(Section):
 
 
 def import_csv(files: Sequence[Path], maps: Sequence[Path], output: Path, overwrite: bool, anyway: bool) -> None:
-    """Import files by maps, of which the later ones win, into the bag `output`, and print a summary.
+    """Import files into the bag `output` by maps, later ones overriding earlier ones, and print a summary.
 
     Raises:
-        UsageError: a file, the map or the output cannot be used, or the values are not those of a knee: with `anyway`
-            only if that is impossible, and not just unlikely. Nothing is then written.
+        UsageError: a file, the map or the output cannot be used, or the values are impossible for a knee; without
+            `anyway` also if they are unlikely. Nothing is written then.
     """
     sensors = read_map(maps)
     if not (sensors.load or sensors.ground_force):
@@ -141,7 +141,7 @@ def check(channels: dict[str, Series], sensors: SensorMap, anyway: bool) -> list
     """List what may be a mistake.
 
     Raises:
-        UsageError: the values cannot be those of a leg, or are likely a mistake and `anyway` is not given.
+        UsageError: the values are impossible for a leg, or likely a mistake and `anyway` is not given.
     """
     load, ground, weight = channels.get("load"), channels.get("ground_force"), sensors.body_weight
     for name in ANGLES:
@@ -160,7 +160,7 @@ def check(channels: dict[str, Series], sensors: SensorMap, anyway: bool) -> list
 
 
 def read_map(paths: Sequence[Path]) -> SensorMap:
-    """Read a map from YAML files, of which the later ones win; the package's own may be named by their short names.
+    """Read a map from YAML files, later ones overriding earlier ones; shipped maps may be given by their short names.
 
     Raises:
         UsageError: a file cannot be read, or has a name or value that is not allowed.
@@ -180,7 +180,7 @@ def read_map(paths: Sequence[Path]) -> SensorMap:
 
 
 def _meant(error: ValidationError) -> str:
-    """Hint at the name that is close to an unknown one; empty for other errors."""
+    """Suggest the name that is closest to an unknown one; empty for other errors."""
     first, sections = error.errors()[0], (SensorMap, tables.TableFormat, tables.TimeColumn, AngleChannel, LoadChannel)
     if first["type"] != "extra_forbidden":
         return ""
@@ -188,10 +188,10 @@ def _meant(error: ValidationError) -> str:
 
 
 def read_channels(files: Sequence[Path], sensors: SensorMap, wanted: Sequence[str]) -> dict[str, Series]:
-    """Read those of the channels `wanted` that the map has; return them by name.
+    """Read the channels that are `wanted` and in the map; return them by name.
 
     Raises:
-        UsageError: a unit is wrong, a file cannot be read, or a column is missing, in several files, or not a number.
+        UsageError: a unit is wrong, a file cannot be read, or a column is missing, in several files, or not numeric.
     """
     channels: dict[str, Channel] = {name: each for name in wanted if (each := getattr(sensors, name, None)) is not None}
     factors = {
@@ -216,7 +216,7 @@ def read_channels(files: Sequence[Path], sensors: SensorMap, wanted: Sequence[st
 
 
 def _on_one_clock(read: dict[Path, Table], offset: int) -> dict[Path, Table]:
-    """Move frames and times of day so that the first is at `offset` [ns]; without dates, files begin within a day."""
+    """Shift frames and times of day so that the first is at `offset` [ns]; undated files must begin within a day."""
     first = next(iter(read.values()))
     if first.day is None:
         return read
@@ -244,7 +244,7 @@ def _kind(name: str) -> str:
 
 
 def _home(channel: Channel, name: str, headers: dict[Path, Header]) -> Path:
-    """Find the only file that has a channel's columns, by the names of the columns of each file."""
+    """Find the one file that has a channel's columns, by their names."""
     named = {path: header for path, header in headers.items() if fnmatchcase(path.name, channel.file or "*")}
     lacking = {path: [each for each in channel.weights if not header.places(each)] for path, header in named.items()}
     homes = [path for path, missing in lacking.items() if not missing]
@@ -262,7 +262,7 @@ def _home(channel: Channel, name: str, headers: dict[Path, Header]) -> Path:
 
 
 def _series(name: str, channel: Channel, table: Table, to_si: float, leave_out: bool) -> Series:
-    """Sum the columns of a channel, in SI units and in our sign; `leave_out` rows without a number."""
+    """Sum the columns of a channel, in SI units and our sign; `leave_out` drops rows without a number."""
     if _kind(name) == tables.ANGLE and table.degrees is not None:
         says, header = ("deg", "yes") if table.degrees else ("rad", "no")
         if channel.unit in {"deg", "rad"} - {says}:
@@ -296,7 +296,7 @@ def _series(name: str, channel: Channel, table: Table, to_si: float, leave_out: 
 
 
 def gait_of(channels: dict[str, Series], sensors: SensorMap) -> Gait:
-    """Make angles, reactions and ground forces over the time that all channels have in common.
+    """Combine angles, reactions and ground forces over the time that all channels cover.
 
     Raises:
         UsageError: there is no such time, or fewer than two samples are left.
@@ -321,7 +321,7 @@ def gait_of(channels: dict[str, Series], sensors: SensorMap) -> Gait:
 
 
 def _wrench(channels: dict[str, Series], parts: Sequence[str], main: str, unknown: float) -> Signal:
-    """Make a wrench of the channels `parts` at the stamps of the channel `main`; the others are `unknown`."""
+    """Make a wrench from the channels `parts` at the stamps of channel `main`; missing channels become `unknown`."""
     stamps = channels[main].stamps
     columns = [channels[name].at(stamps) if name in channels else np.full(len(stamps), unknown) for name in parts]
     return Signal(stamps, np.column_stack(columns))

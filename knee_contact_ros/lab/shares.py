@@ -1,12 +1,12 @@
-"""`knee-contact fit-share`: from what an instrumented knee measured to a table of medial shares.
+"""`knee-contact fit-share`: from the forces in an instrumented knee to a table of medial shares.
 
-Trials are CSV files; forces and flexion are weighted sums of their columns. The force and not the share is fitted, so
-that a share counts by the square of the load that it divides. Every trial has the same weight, however long it is, as
-its strides are much alike. Two forms are fitted. The curve a x / sqrt(1 + x^2), x = load / b, rises with the load and
-saturates; its constants are the large load's share a and the load b. The table over flexion and load is linear least
-squares with bounds, in which differences between neighbours are penalised (P-splines of first order: Eilers & Marx
-1996, Statistical Science 11:89-121). Penalty and form are chosen by leaving out trials, or quarters of the only one: a
-table that is not clearly better there would be fitted to noise, and the curve is written in its place.
+Trials are CSV files; forces and flexion are weighted sums of their columns. The fit minimises the error of the force,
+not of the share, so a share counts by the square of its load. Every trial has the same weight, however long it is, as
+its strides are similar. Two forms are fitted. The curve a x / sqrt(1 + x^2), x = load / b, rises with the load and
+saturates; its constants are the share a at large loads and the load b. The table over flexion and load is bounded
+linear least squares with a penalty on differences between neighbours (P-splines of first order: Eilers & Marx 1996,
+Statistical Science 11:89-121). Penalty and form are chosen by cross-validation: trials, or quarters of a single trial,
+are left out in turn. The curve is written unless the table is clearly better there.
 """
 
 from __future__ import annotations
@@ -37,31 +37,31 @@ from knee_contact_ros.system.output_files import refuse_existing, write_complete
 from knee_contact_ros.system.terminal import WIDTH, say, shown, warn
 
 TERM = re.compile(r"\s*([+-])?\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)\s*\*?\s*)?([^\W\d]\w*|'[^']+'|\"[^\"]+\")\s*")
-"""A term of a sum: sign, factor, column, in quotes if it has other signs than letters and digits"""
+"""A term of a sum: sign, factor, column; the column is quoted unless it has only letters, digits and _"""
 Term = tuple[float, str]
 """Weight and name of a column"""
 FEWEST = 20
-"""The least number of samples of a trial"""
+"""Smallest number of samples of a trial"""
 LEAST_FLEXION = -10.0
-"""The least mean flexion [deg] of a trial: no knee is straighter on average"""
+"""Smallest mean flexion [deg] of a trial: no knee is more extended on average"""
 LARGEST_EXCESS = 0.15
-"""The part of the axial force's peak by which a medial force may be above it or below 0: load cells have noise, and in
-swing one implant's medial side pulled by a tenth"""
+"""Fraction of the axial peak by which a medial force may exceed the axial one or be below 0: load cells have noise, and
+one implant's medial side pulled by a tenth in swing"""
 SMOOTHINGS = tuple(10.0 ** (0.5 * power) for power in range(-8, 3))
-"""Penalties [BW^2] of a step of 1 between neighbours that are tried, relative to the mean square error of the force"""
+"""Penalties [BW^2] to try, for a step of 1 between neighbours, relative to the mean square error of the force"""
 EARNED = 0.95
-"""RMS error of the table on what it was not fitted to, relative to the curve's, below which it is written"""
+"""Ratio of the cross-validated RMS errors of table and curve below which the table is written"""
 LEAST_LOAD, MOST_LOAD = 0.05, 5.0
-"""Range of the load b [body weights]; at its end the share is a constant, or a line in the load"""
+"""Range of the load b [body weights]; at its ends the share is constant, or linear in the load"""
 QUARTERS = 4
 CURVE_FLEXION, CURVE_STEP, CURVE_END = (-0.5, 2.7), 0.1, 6.0
 """Flexion [rad] of a written curve's two rows, and step and last of its loads [body weights]"""
 SPACINGS = 0.02, 0.15
-"""Range of plausible spacings [m] of the compartments: in two implants 64 to 93 mm, contacts are some 40 mm apart"""
+"""Plausible spacings [m] of the compartments: 64 to 93 mm in two implants; contacts are about 40 mm apart"""
 OUTLIER = 0.1
 """Error of the medial force [body weights] beyond which a sample counts less in the fit of the spacing"""
 LARGEST_MOMENT = 0.12
-"""Largest frontal moment [m times the body weight]; larger ones are spikes where feet change plates, and left out"""
+"""Largest frontal moment [m times the body weight]; larger ones, spikes where feet change plates, are left out"""
 FLEXION = (-10.0, 0.0, 10.0, 20.0, 40.0, 70.0, 100.0, 130.0)
 """Flexion [deg] of the table's rows, as far as there are data: denser where the knee is in stance"""
 LOAD = (0.0, 0.6, 1.2, 1.8, 2.4, 3.0, 3.6, 4.2, 4.8)
@@ -89,7 +89,7 @@ def run_fit_share(
     files: Sequence[Sequence[Path]], time: str, sums: Mapping[str, str], degrees: bool, body_weight: Sequence[float],
     form: str, source: str, output: Path, overwrite: bool,
 ) -> None:  # fmt: skip
-    """Fit a table to trials, write it, and print its errors.
+    """Fit medial shares to trials, write them as a table, and print the errors.
 
     Args:
         files: Files of each trial.
@@ -97,7 +97,7 @@ def run_fit_share(
         sums: Sums of columns by option: `--axial` and `--medial` [N], `--flexion`, and if known `--moment` [N m].
         degrees: Whether flexion is in degrees.
         body_weight: Body weight [N] of all trials, or of each.
-        form: curve, table, or auto: the one that is better on what it was not fitted to.
+        form: curve, table, or auto: the one with the smaller cross-validated error.
         source: Source of the data, for the comments of the table.
         output: CSV file to write.
         overwrite: Whether to replace it.
@@ -128,8 +128,8 @@ def read_trial(
 ) -> Trial:
     """Read a trial from one file, or from several that share a clock.
 
-    Columns of all files are identified by their names. The trial has the samples of the first file that are within the
-    time of all files; columns of the others are interpolated in time.
+    Columns are found by name in all files. The trial has the samples of the first file that all files cover in time;
+    columns of the other files are interpolated.
 
     Args:
         paths: The files.
@@ -222,7 +222,7 @@ def _refuse_impossible(trial: str, flexion: Floats, axial: Floats, medial: Float
 
 
 def fit_table(trials: Sequence[Trial], smoothing: float) -> ShareTable:
-    """Fit the table to some trials; its places are the standard ones between those nearest to the data's ends.
+    """Fit the table to some trials; its rows and columns are the standard ones that the data cover.
 
     Args:
         trials: The trials.
@@ -245,14 +245,14 @@ def fit_table(trials: Sequence[Trial], smoothing: float) -> ShareTable:
 
 
 def _within(places: Floats, values: Floats) -> Floats:
-    """Select from increasing places those between the ones nearest to the least and the largest value; two at least."""
+    """Select increasing places from the one nearest the smallest value to the one nearest the largest; two at least."""
     nearest = np.abs(values[[values.argmin(), values.argmax()], None] - places).argmin(axis=1)
     first = min(int(nearest[0]), len(places) - 2)
     return places[first : max(int(nearest[1]), first + 1) + 1]
 
 
 def _hats(places: Floats, values: Floats) -> Floats:
-    """Give the weights of places in linear interpolation at values, constant at the ends; shape (values, places)."""
+    """Return weights of linear interpolation between places, constant beyond them; shape (values, places)."""
     return np.array([np.interp(values, places, unit) for unit in np.eye(len(places))]).T
 
 
@@ -262,22 +262,22 @@ class Curve(NamedTuple):
     share: float
     """Medial share of a large load"""
     load: float
-    """Load [body weights] at which the share is 0.71 of that"""
+    """Load [body weights] at which the share is 0.71 times `share`"""
 
     def at(self, load: Floats) -> Floats:
-        """Give the shares at loads [body weights]."""
+        """Return the shares at loads [body weights]."""
         ratio = np.maximum(load, 0.0) / self.load
         return np.asarray(self.share * ratio / np.sqrt(1.0 + ratio * ratio))
 
     @property
     def table(self) -> ShareTable:
-        """The curve as a table that has no slope along flexion."""
+        """The curve as a table that is constant along flexion."""
         load = np.round(np.arange(0.0, CURVE_END + 0.5 * CURVE_STEP, CURVE_STEP), 3)
         return ShareTable(np.array(CURVE_FLEXION), load, np.stack([self.at(load)] * 2))
 
 
 def fit_curve(trials: Sequence[Trial], weights: Sequence[float] | None = None) -> Curve:
-    """Fit the curve to some trials, which have `weights`, or one weight each."""
+    """Fit the curve to some trials with `weights`, or with one weight each."""
     parts = np.sqrt(np.ones(len(trials)) if weights is None else np.asarray(weights))
 
     def misfit(constants: Floats) -> Floats:
@@ -291,13 +291,13 @@ def fit_curve(trials: Sequence[Trial], weights: Sequence[float] | None = None) -
 
 
 def constant(trials: Sequence[Trial]) -> float:
-    """Give the constant share that fits the medial forces best, where all trials have the same weight."""
+    """Return the constant share that fits the medial forces best; all trials have the same weight."""
     above = sum(float((trial.medial * trial.load).mean()) for trial in trials)
     return above / sum(float((trial.load**2).mean()) for trial in trials)
 
 
 def spacing(trials: Sequence[Trial]) -> float:
-    """Give the distance [m] of the compartments by which their frontal moments fit best; NaN if none are known.
+    """Return the distance [m] between the compartments that fits the frontal moments best; NaN if none are known.
 
     The medial force is half of the load less the moment over the spacing. Spikes of moments, where feet change plates,
     count little (a loss that is linear beyond `OUTLIER`).
@@ -323,25 +323,25 @@ class Found(NamedTuple):
     table: ShareTable
     """Shares that are written"""
     curve: Curve | None
-    """The curve that they are of; None: they are of a table"""
+    """The curve that the shares follow; None: they are a fitted table"""
     smoothing: float
     """Penalty of the table"""
     errors: dict[str, list[float]]
-    """RMS error of the medial force [body weights] in every trial, by the rule for the share. Of rules that are fitted:
-    to the other trials, or to the rest of the only one"""
+    """RMS error of the medial force [body weights] in every trial, by the rule for the share. Fitted rules are
+    cross-validated: the fit saw the other trials, or the rest of a single one"""
     spacing: float
-    """Distance of the compartments [m] for moment_balance; not a number if no moment is known"""
+    """Distance between the compartments [m] for moment_balance; NaN if no moment is known"""
 
     @property
     def form(self) -> str:
-        """Words for what is written."""
+        """What is written, in words."""
         if self.curve:
             return f"the curve {self.curve.share:.3f} x / sqrt(1 + x^2), x = load / {self.curve.load:.3f} BW"
         return f"a table, smoothing {self.smoothing:.3g}"
 
 
 def chosen(trials: Sequence[Trial], form: str) -> Found:
-    """Fit curve and table, and choose by what they miss of trials that they were not fitted to; see `run_fit_share`."""
+    """Fit curve and table, and choose by their cross-validated errors; see `run_fit_share`."""
     parts = list(trials)
     if len(trials) == 1:
         quarters = (np.array_split(column, QUARTERS) for column in trials[0][1:5])
@@ -349,7 +349,7 @@ def chosen(trials: Sequence[Trial], form: str) -> Found:
                  for flexion, load, medial, moment in zip(*quarters, strict=True)]  # fmt: skip
 
     def missed(share: Callable[[Sequence[Trial], Trial], Any]) -> list[float]:
-        """RMS errors of the medial force in every part, by the shares that follow from the others."""
+        """RMS errors of the medial force in every part, with shares fitted to the others."""
         errors = []
         for place, part in enumerate(parts):
             found = share([*parts[:place], *parts[place + 1 :]], part)

@@ -1,19 +1,19 @@
-"""A study: bags, parameter files and varied values, all combined; computed in blocks by Dask, a Parquet file for each.
+"""A study: all combinations of bags, parameter files and varied values; Dask computes blocks, each a Parquet file.
 
 A study file (YAML) has
 
     bags:   [walking.mcap, "s3://gait/running.mcap"]       # files, folders, or what fsspec opens
-    params: [healthy, [osteoarthritis, mri_femur.yaml]]    # each a knee: a file, or several of which the later one wins
+    params: [healthy, [osteoarthritis, mri_femur.yaml]]    # each a knee: a file, or several; later ones override
     values: {fidelity.tolerance: 1.0e-8}                   # of all knees
     grid:   {contact.layer_depth: [0.25e-3, 0.5e-3], load.share: {from: 0.5, to: 0.8, number: 7}}
     sample: {method: sobol, n: 1024, seed: 1, ranges: {contact.stiffness: [5.0e7, 1.0e8], contact.damping: {from: 1.0e3,
              to: 1.0e4, scale: log}}}
-    series: true                                           # keep all answers of every case, too
+    series: true                                           # also keep all answers of every case
 
-Only `bags` is required. Workers read bags and send tables back; the client alone writes. Its folder is a Parquet
-dataset of files (shards) that appear whole, named by their cases. Readers of such datasets pass over names that begin
-with an underscore: so do an incomplete file, and the folder of all answers. A row has a column for every parameter that
-a study may vary: so tables of several studies fit together, and every row describes its knee completely.
+Only `bags` is required. Workers read bags and send tables back; only the client writes. The output folder is a Parquet
+dataset of files (shards), named by their cases, which appear when complete. Names of incomplete files and of the folder
+of all answers begin with an underscore, which readers of datasets skip. A row has a column for every parameter that a
+study may vary: it describes its knee completely, and tables of several studies can be joined.
 """
 
 from __future__ import annotations
@@ -71,24 +71,24 @@ Floats = NDArray[np.float64]
 Values = dict[str, Any]
 S = TypeVar("S", bound="Study")
 MOST = 10_000_000
-"""The largest number of cases that a study may have"""
+"""Largest number of cases of a study"""
 ADDRESS = re.compile("://|::")
-"""What makes a name an address that fsspec opens (`s3://...`, `zip://gait.mcap::https://...`), and no path"""
+"""Marks an address for fsspec (`s3://...`, `zip://gait.mcap::https://...`) rather than a path"""
 MEANING = 2
-"""Version of the outcomes' definitions and of the keys: to be increased when a column is computed in another way"""
+"""Version of the outcomes' definitions and of the keys: increase it when a column is computed differently"""
 SERIES, UNFINISHED = "_series", "_unfinished"
-"""Names in the folder of a study: the folder of all answers, and a file that is being written"""
+"""Names in a study's folder: the folder of all answers, and a file that is being written"""
 FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO}
-"""Errors that are no fault of the user's"""
+"""Errors that are not the user's fault"""
 TICKS, LEAST, PARTS = 800_000, 8, 16
 """Ticks of a block (more than a tenth of a second of a worker's time, ten times its overhead), least number of cases in
 a block, and number of blocks into which a small study is divided"""
 BYTES_A_TICK = 100
-"""The most bytes that a tick takes in a compressed bag"""
+"""Largest size of a tick in a compressed bag [B]"""
 PATIENCE = 10.0
 """Time [s] that a scheduler has to answer"""
 WAITING = 4
-"""Blocks that are submitted for each thread of the workers: so a cluster that scales itself sees that there is work"""
+"""Blocks submitted per thread of the workers, so that a cluster that scales itself sees the work waiting"""
 REST = "finished cases are kept; the same command computes the rest"
 LOGS = ("distributed", "tornado", "asyncio")
 DASK: dict[str, object] = {f"logging.{name}": "critical" for name in LOGS} | {
@@ -96,12 +96,11 @@ DASK: dict[str, object] = {f"logging.{name}": "critical" for name in LOGS} | {
 } | {
     "distributed.nanny.pre-spawn-environ.MALLOC_TRIM_THRESHOLD_": None, "distributed.worker.profile.enabled": False
 }  # fmt: skip
-"""Settings by which a cluster writes no log and serves no web page, and workers keep freed memory that they need again
-soon, and are not sampled by a profiler"""
+"""Settings: no logs, no web page, no profiler, and workers keep freed memory that they soon need again"""
 
 
 class Part(BaseModel):
-    """Part of a study file."""
+    """Section of a study file."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, allow_inf_nan=False)
 
@@ -130,7 +129,7 @@ class Spaced(Part):
         return self
 
     def at(self, fractions: Floats) -> Floats:
-        """Give the values at fractions of the range, 0 at its beginning and 1 at its end."""
+        """Return the values at fractions of the range, 0 at its beginning and 1 at its end."""
         if self.scale == "linear":
             values = self.start + (self.stop - self.start) * fractions
         else:
@@ -139,7 +138,7 @@ class Spaced(Part):
 
 
 def _listed(given: Any) -> Any:
-    """Give the values of a range in a grid, both ends included; a list stays as it is."""
+    """Return the values of a range in a grid, both ends included; a list stays as it is."""
     if not isinstance(given, Mapping):
         return given
     try:
@@ -150,10 +149,10 @@ def _listed(given: Any) -> Any:
 
 
 class Design(Part):
-    """Points at which several parameters are varied together; a heir draws them in the unit cube."""
+    """Points at which several parameters vary together; a subclass draws them in the unit cube."""
 
     method: str
-    """How the points are drawn; checked first, so that a wrong one is what is told"""
+    """How the points are drawn; checked first, so that a wrong method is reported first"""
     n: int = Field(ge=1, le=MOST)
     """Number of groups of points"""
     seed: int = Field(0, ge=0)
@@ -166,11 +165,11 @@ class Design(Part):
         return self.n
 
     def unit(self) -> Floats:
-        """Draw points in the unit cube, shape (number, parameters); the same ones at every call."""
+        """Draw points in the unit cube, shape (number, parameters); every call gives the same points."""
         raise NotImplementedError
 
     def points(self) -> Floats:
-        """Give the parameters' values at the points, shape (number, parameters)."""
+        """Return the parameters' values at the points, shape (number, parameters)."""
         columns = zip(self.ranges.values(), self.unit().T, strict=True)
         return np.column_stack([axis.at(fractions) for axis, fractions in columns])
 
@@ -196,7 +195,7 @@ class Study(Part):
     """Content of a study file. Cases are in the order of bag, parameter files, then values: the last changes fastest.
 
     Raises:
-        UsageError: something is given twice, or a parameter is unknown or may not have a value.
+        UsageError: something is given twice, a parameter is unknown, or a value is not allowed.
     """
 
     bags: Annotated[list[str], Field(min_length=1)]
@@ -210,7 +209,7 @@ class Study(Part):
 
     @property
     def design(self) -> Design | None:
-        """The points at which parameters are varied together."""
+        """The points at which parameters vary together."""
         return self.sample
 
     @property
@@ -231,7 +230,7 @@ class Study(Part):
         return len(self.knees) * variants
 
     def variants(self) -> Iterator[Values]:
-        """Give the values of the varied parameters, the same for each of `knees`."""
+        """Return the values of the varied parameters, the same for each of `knees`."""
         points = self.design.points().tolist() if self.design else [[]]
         for values, point in itertools.product(itertools.product(*self.grid.values()), points):
             yield dict(zip(self.names, (*values, *point), strict=True))
@@ -272,9 +271,9 @@ def read_study(path: Path, kind: type[S]) -> S:
 
 @contextmanager
 def here(place: str) -> Iterator[tuple[Path, str]]:
-    """Give the path of a bag on this machine and the SHA-256 of its content.
+    """Return the path of a bag on this machine and the SHA-256 of its content.
 
-    One behind an address is copied for the time of the context.
+    A bag at an address is copied while the context lasts.
 
     Raises:
         UsageError: the bag cannot be fetched or read.
@@ -296,13 +295,13 @@ def here(place: str) -> Iterator[tuple[Path, str]]:
 
 
 def reason(error: BaseException) -> str:
-    """Describe an error in few words."""
+    """Describe an error in a few words."""
     return getattr(error, "strerror", None) or str(error) or type(error).__name__
 
 
 @lru_cache
 def what_answers() -> str:
-    """Give a digest of the model's source and of the outcomes' definitions; every key depends on it."""
+    """Return a digest of the model's source and of the outcomes' definitions, which is part of every key."""
     return _digest(repr((model_digest(), MEANING, OF_A_RUN.names)))
 
 
@@ -344,14 +343,14 @@ class Group(NamedTuple):
     params: tuple[str, ...]
     """Parameter files as the study names them"""
     parameters: Parameters
-    """What the cases have in common"""
+    """Parameters that the cases share"""
     files: dict[str, str]
     """Contents of the files that parameters name"""
     varied: Callable[[Values], Parameters]
-    """Gives the parameters of a case"""
+    """Function that returns the parameters of a case"""
 
     def key(self, values: Values) -> str:
-        """Give the key of a case, also of one whose parameters are not allowed: what it is, without any names."""
+        """Return the key of a case, also if its parameters are not allowed; names of files do not enter it."""
         try:
             parameters, rest = self.varied(values), []
             texts = file_texts(parameters, self.files)
@@ -370,19 +369,19 @@ class Block(NamedTuple):
     params: tuple[str, ...]
     """Bag and parameter files as the study names them"""
     inputs: tuple[str, str, Parameters, tuple[tuple[str, str], ...]]
-    """Place and digest of the bag, what the cases have in common, and names and contents of files"""
+    """Place and digest of the bag, parameters that the cases share, and names and contents of files"""
     model: str
     """Digest of the client's model, see `what_answers`"""
     number: int
     """Number of cases of the whole study"""
     series: bool
-    """Whether all answers are kept, too"""
+    """Whether all answers are kept too"""
     keys: tuple[str, ...]
     cases: tuple[Values, ...]
 
 
 def blocks_of(study: Study, groups: Sequence[Group], known: set[str]) -> Iterator[Block]:
-    """Give the cases that are not `known` in blocks, and add them; a block is made when it is wanted."""
+    """Yield the cases that are not `known` in blocks, made on demand, and add them to `known`."""
 
     def missing(group: Group) -> Iterator[tuple[str, Values]]:
         for values in study.variants():
@@ -402,15 +401,15 @@ def blocks_of(study: Study, groups: Sequence[Group], known: set[str]) -> Iterato
 
 
 Answered = tuple[bytes, bytes, int, tuple[str, ...]]
-"""What a worker sends back: a row for each case as Parquet; all answers as Parquet, if they are requested; the number
-of cases without an outcome; and parts of the bag that cannot be read, a sentence each"""
+"""What a worker sends back: a row for each case as Parquet; all answers as Parquet, if requested; the number of cases
+without an outcome; and unreadable parts of the bag, a sentence each"""
 
 
 def compute_block(block: Block) -> Answered:
-    """Compute a block; a worker reads nothing but the bag.
+    """Compute a block; a worker reads only the bag.
 
     Raises:
-        UsageError: the bag cannot be used, or this is another version of the model.
+        UsageError: the bag cannot be used, or the worker has another version of the model.
     """
     if block.model != what_answers():
         raise UsageError(f"{_worker()} has another version of knee_contact_ros; install the same one")
@@ -439,7 +438,7 @@ def _worker() -> str:
 
 
 def _table(block: Block, knees: Knees, computed: Computed) -> bytes:
-    """Make the rows of a block's cases: what they are, all parameters that may vary, outcomes, and why one failed."""
+    """Make the rows of a block's cases: names, all parameters that may vary, outcomes, and why a case failed."""
     import pandas as pd
 
     common = {name: value for name, value in all_values(knees.parameters).items() if name.startswith(SECTIONS)}
@@ -475,7 +474,7 @@ def _series(keys: Sequence[str], computed: Computed) -> bytes:
 
 
 class Shards:
-    """Reads and writes the shards in the folder of a study's results, which need not exist yet."""
+    """Reads and writes the shards in a study's output folder, which need not exist yet."""
 
     def __init__(self, url: str) -> None:
         """Take a folder.
@@ -492,7 +491,7 @@ class Shards:
 
     @contextmanager
     def errors(self) -> Iterator[None]:
-        """Let errors that come with reading or writing the folder name it, in a line."""
+        """Turn errors in reading or writing the folder into one line that names it."""
         try:
             yield
         except ToldError:
@@ -505,7 +504,7 @@ class Shards:
         """Names of the shards in the folder of results, or in a folder inside it.
 
         Raises:
-            UsageError: the folder holds something else.
+            UsageError: the folder contains something else.
         """
         with self.errors():
             try:
@@ -523,7 +522,7 @@ class Shards:
         """Read columns of all finished cases into a data frame, by their keys.
 
         Raises:
-            UsageError: the folder holds something else, or a shard is damaged.
+            UsageError: the folder contains something else, or a shard is damaged.
         """
         import pandas as pd
         import pyarrow as pa
@@ -543,7 +542,7 @@ class Shards:
         return pd.concat(parts[1:] or parts).drop_duplicates("case").set_index("case")
 
     def put(self, name: str, content: bytes) -> None:
-        """Write a file that gets its name when it is complete.
+        """Write a file; it gets its name when it is complete.
 
         Raises:
             UsageError: the folder cannot be written.
@@ -563,7 +562,7 @@ class Shards:
 
 @contextmanager
 def workers_of(number: int, scheduler: str) -> Iterator[Any]:
-    """Connect to a running scheduler, or start workers on this machine, which end with the context; yield the client.
+    """Connect to a running scheduler, or start workers on this machine until the context ends; yield the client.
 
     Args:
         number: Processes on this machine; 0: one for each processor.
@@ -600,7 +599,7 @@ def workers_of(number: int, scheduler: str) -> Iterator[Any]:
 
 @contextmanager
 def _ignoring_interrupts() -> Iterator[None]:
-    """Let processes and threads that are started in this context ignore Ctrl-C: the client gets it, and ends them."""
+    """Make processes and threads that start in this context ignore Ctrl-C; the client receives it and ends them."""
     resource_tracker.ensure_running()  # it lets the signal through again in the thread that it is started by
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -610,11 +609,11 @@ def _ignoring_interrupts() -> Iterator[None]:
 
 
 def computed_by(client: Any, blocks: Iterator[Block]) -> Iterator[tuple[Block, Answered]]:
-    """Have blocks computed by the workers; yield each with its answers as it is done.
+    """Let the workers compute blocks; yield each with its answers when it is done.
 
     Raises:
         UsageError: a worker cannot use a bag.
-        IncompleteError: workers died again and again, or failed, or the scheduler is gone.
+        IncompleteError: workers died repeatedly or failed, or the scheduler is gone.
     """
     from distributed import as_completed
     from distributed.scheduler import KilledWorker
@@ -649,16 +648,16 @@ def computed_by(client: Any, blocks: Iterator[Block]) -> Iterator[tuple[Block, A
 
 
 class Done(NamedTuple):
-    """How many cases of a study were computed, and how many were not."""
+    """Numbers of cases of a study that were there before, were computed and failed."""
 
     there: int
-    """Cases that had been computed before, or that are the same as another case"""
+    """Cases that were computed before, or are the same as another case"""
     computed: int
     """Cases that were computed now"""
     failed: int
     """Cases among those computed now that have no outcome"""
     damage: tuple[str, ...]
-    """Parts of the bags that cannot be read, a sentence each"""
+    """Unreadable parts of the bags, a sentence each"""
 
 
 def run_study(
@@ -671,11 +670,11 @@ def run_study(
         output: Folder of the results, local or as fsspec spells it.
         workers: Processes on this machine; 0: one for each processor.
         scheduler: Address of a scheduler whose workers compute instead, as `tcp://host:8786`.
-        advance: Called with the number of cases that are computed, and the number of all cases.
+        advance: Called with the number of finished cases and the number of all cases.
 
     Raises:
         UsageError: bag, parameters, folder or scheduler cannot be used.
-        IncompleteError: a disk is full, or workers died again and again.
+        IncompleteError: a disk is full, or workers died repeatedly.
     """
     groups, shards = groups_of(study), Shards(output)
     known, count, failed, damage = set(shards.read().index), 0, 0, dict[str, None]()
@@ -696,7 +695,7 @@ def run_study(
 
 
 def compute_all(study: Study, output: str, workers: int, scheduler: str) -> None:
-    """Compute the missing cases of a study, with a bar, and say how many there were; see `run_study`."""
+    """Compute the missing cases of a study with a progress bar, and print how many; see `run_study`."""
     with progress("Computing") as advance:
         done = run_study(study, output, workers=workers, scheduler=scheduler, advance=advance)
     warn(f"damaged, and computed as far as it can be read: {sentence}" for sentence in done.damage)

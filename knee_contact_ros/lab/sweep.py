@@ -56,8 +56,8 @@ OUTCOMES = {
     "error_bound": "m", "force_error_bound": "N", "not_converged": "", "implausible": "", "ticks": "",
     "evaluations": "",
 }  # fmt: skip
-"""SI units of all outcomes, in the order of the table's columns; docs/how-to/many-knees.md has their meanings. The
-pressure is that of the force at rest spread over the patch (readouts); integrals are taken by trapezoids"""
+"""SI units of all outcomes, in the order of the table's columns; docs/how-to/many-knees.md explains them. Pressure is
+the static force over the patch (readouts); integrals are by the trapezoidal rule"""
 OF_A_RUN = np.dtype([(name, np.float64) for name in OUTCOMES])
 """Record of the outcomes of a run, with a field for each"""
 LARGEST = {
@@ -113,7 +113,7 @@ def outcomes(answers: Rows, steps: Floats, laws: list[ContactLaw], patches: list
 def _over_time(values: NDArray[Any], weights: Floats) -> Floats:
     """Integrate each run over time, shape (k,); the bits do not depend on the number of runs.
 
-    A product of matrix and vector (`@`) would have other last bits with other numbers of rows.
+    With a matrix product (`@`) the last bits would depend on the number of rows.
     """
     integrals: Floats = np.sum(values * weights, axis=1)
     return integrals
@@ -122,7 +122,7 @@ def _over_time(values: NDArray[Any], weights: Floats) -> Floats:
 def peak_pressure(law: ContactLaw, patch: ContactPatch, deepest: float) -> float:
     """Compute the largest pressure [Pa] of a run whose largest depth is `deepest` [m]; see `ContactPatch.readouts`.
 
-    The ratio of force to depth is largest at an end of a layer's range, since within a layer the force is convex.
+    The ratio of force to depth is largest at an end of a layer, since the force is convex within a layer.
     """
     ends = [layer.begin for layer in law.layers if 0.0 < layer.begin < deepest]
     over = max((law.static_force(depth) / depth for depth in (*ends, deepest) if depth > 0.0), default=0.0)
@@ -134,11 +134,11 @@ Values = Mapping[str, Any]
 LATERAL = "lateral_"
 """Beginning of the names of the outcomes of the lateral compartment"""
 KEPT = 64
-"""Number of pairs of surfaces, and of series of loads, that are kept for the next case that has the same ones"""
+"""Number of pairs of surfaces, and of series of loads, that are kept for later cases with the same ones"""
 SECTIONS = ("load.", "femur.", "tibia.", "translation.", "contact.", "lateral.", "fidelity.", "body_weight")
 """Beginnings of the names of the parameters that a study may vary; the others say how a bag is read or recorded"""
 TOGETHER = 16_384
-"""Number of answers that a thread holds at once: some 4 MB, which fit into processors' caches"""
+"""Number of answers that a thread holds at a time: about 4 MB, which fit into a processor's cache"""
 
 
 class Recording(NamedTuple):
@@ -155,15 +155,15 @@ class Recording(NamedTuple):
     moment: Floats
     """Frontal moment [N m]"""
     heights: Floats
-    """Prescribed femoral height [m]; not a number where it is not prescribed"""
+    """Prescribed femoral height [m]; NaN where it is not prescribed"""
     damage: tuple[str, ...] = ()
     """Parts of the recording that cannot be read, a sentence each"""
     share: float = 0.0
-    """Part of the axial load that the medial compartment bears beside what the parameters say"""
+    """Fraction of the axial load that is added to the medial compartment's share"""
 
     @property
     def begins(self) -> list[int]:
-        """Indices of the ticks with which runs begin, and at the end the number of ticks."""
+        """Indices of the first tick of each run, followed by the number of ticks."""
         return [*np.flatnonzero(self.steps == 0.0).tolist(), len(self.steps)]
 
 
@@ -223,10 +223,10 @@ class Side(NamedTuple):
 
 
 class Knees:
-    """Makes the knees of one recording and one set of parameters, of which some are varied."""
+    """Makes the knees of one recording and one set of parameters, some of which vary."""
 
     def __init__(self, recording: Recording, parameters: Parameters, files: Mapping[str, str]) -> None:
-        """Take what all knees have in common; `files` has contents of files by name, and others are read.
+        """Set what all knees have in common; `files` has contents of files by name, other files are read.
 
         Raises:
             UsageError: an angle or a height is too large for a knee.
@@ -238,7 +238,7 @@ class Knees:
         self._medial = lru_cache(KEPT)(self._made_medial)
 
     def sides(self, parameters: Parameters, *, compiled: bool = False) -> tuple[Side, ...]:
-        """Make the compartments of a knee, with compiled models or plain ones: the only one, or medial and lateral.
+        """Make the compartments of a knee, compiled or not: the only one, or medial and lateral.
 
         Raises:
             UsageError: a surface or a law cannot be made, or a load is too large for a knee.
@@ -275,9 +275,9 @@ def _surfaces(femur: Any, tibia: Any, translation: Any, *texts: tuple[str, str])
 
 
 def file_texts(parameters: Parameters, files: dict[str, str]) -> dict[str, str]:
-    """Give the contents of the files that the model of some parameters needs, by parameter.
+    """Return the contents of the files that the model of some parameters needs, by parameter.
 
-    `files` has contents by the files' names; each file is read once, and added to them.
+    `files` has contents by the files' names; a file that is not in it is read once, and added.
 
     Raises:
         UsageError: a file cannot be read.
@@ -312,14 +312,14 @@ class Computed(NamedTuple):
     parameters: list[Parameters | None]
     """All parameters of each case; None where a case failed"""
     failed: list[str]
-    """Why a case has no outcomes; empty if it has"""
+    """Why a case has no outcomes; empty if it has them"""
     outcomes: list[NDArray[Any]]
-    """Outcomes of the only or medial, and of the lateral compartment: records of `OF_A_RUN`, shape (k,), not a number
-    where a case has none"""
+    """Outcomes of the only or medial, and of the lateral compartment: records of `OF_A_RUN`, shape (k,), NaN where a
+    case has none"""
     series: list[Rows]
     """Answers of each compartment, shape (k, n), zeros where a case has none; none unless they were requested"""
     seconds: float
-    """Time [s] that a case took: that of all cases, over their number"""
+    """Mean time [s] of a case"""
 
     def has(self, side: int) -> NDArray[np.bool_]:
         """Whether a case has answers of a compartment (0 or 1), shape (k,)."""
@@ -330,7 +330,7 @@ class Computed(NamedTuple):
 def compute(
     knees: Knees, cases: Sequence[Values], *, series: bool = False, threads: int = 1, compiled: bool
 ) -> Computed:
-    """Compute cases; their answers are the same bits as those of a run of each.
+    """Compute cases; the answers have the same bits as a run of each case alone.
 
     Args:
         knees: What the cases have in common.
@@ -414,7 +414,7 @@ class Cohort:
         raise no_such(self, name)
 
     def to_pandas(self) -> pd.DataFrame:
-        """Give a data frame with a row for each case: values, outcomes, lateral outcomes and why it failed.
+        """Return a data frame with a row for each case: values, outcomes, lateral outcomes and why it failed.
 
         Its `attrs["varied"]` are the names of the parameters that were varied, which are the first columns.
         """
@@ -432,12 +432,12 @@ def sweep(
     gait: Name | Mapping[str, ArrayLike], values: Mapping[str, ArrayLike], params: Source = DEFAULT_PARAMETERS, *,
     remap: Mapping[str, str] | None = None, namespace: str = "", series: bool = False, threads: int = 0,
 ) -> Cohort:  # fmt: skip
-    """Compute many knees through one gait; the answers are the same bits as those of a run of each knee.
+    """Compute many knees through one gait; the answers have the same bits as a run of each knee alone.
 
     Args:
-        gait: A bag; or arrays of shape (n,): `time` [s], increasing, `flexion_angle` [rad], and `axial_load` [N], of
-            which the compartment bears its share as the parameters `load.*` say (with `frontal_moment` [N m] where
-            they need it). With the displacement drive `femoral_height` [m] instead of the load.
+        gait: A bag; or arrays of shape (n,): `time` [s], increasing, `flexion_angle` [rad], and `axial_load` [N], which
+            the parameters `load.*` divide between the compartments (with `frontal_moment` [N m] where they need it).
+            The displacement drive needs `femoral_height` [m] instead of the load.
         values: Values of the varied parameters by name: arrays of shape (k,), or one value for all cases.
         params: The knee, as for `load_model`.
         remap: Other names of the input topics in a bag.
@@ -469,7 +469,7 @@ def sweep(
 
 
 def _cases(values: Mapping[str, ArrayLike]) -> list[dict[str, Any]]:
-    """Give the values of each case by name; refuse arrays of different lengths, and values that are never allowed."""
+    """Return the values of each case by name; refuse arrays of different lengths, and values that are never allowed."""
     flat = {name: np.asarray(column) for name, column in dotted(values).items()}
     checked_names(flat)
     try:

@@ -1,8 +1,8 @@
 """Columns over time from files of numbers: OpenSim's storage files (.sto, .mot), text tables, Parquet and C3D files.
 
-A storage file has a header that ends with `endheader`, a line of column names, and numbers. In text tables columns may
-be separated by commas, semicolons, tabs or spaces, numbers have decimal points or commas, and lines before and behind
-the names may be there. `header_of` finds the names, `read_columns` reads columns.
+A storage file has a header that ends with `endheader`, a line of column names, and numbers. Text tables may separate
+columns by commas, semicolons, tabs or spaces, use decimal points or commas, and have more lines above and below the
+names. `header_of` finds the names, `read_columns` reads columns.
 """
 
 from __future__ import annotations
@@ -42,32 +42,32 @@ LAST_TIME = 2**31
 MOST_NAMES = 12
 """Largest number of column names in an error message"""
 MOST_STANDING = 0.1
-"""Largest share of the rows of a table that may have the time of the next row"""
+"""Largest fraction of rows that may have the same time as the next row"""
 COMMENT = "#"
 SEARCHED = 300
-"""Number of lines at the beginning of a text table among which its names are looked for"""
+"""Number of lines at the beginning of a text table that are searched for its column names"""
 HALF_DAY, DAY = 43_200.0, 86_400.0
 """[s]"""
 TIME, ANGLE, FORCE, MOMENT = "time", "angle", "force", "moment"
 BODY_WEIGHT, PERCENT = "BW", "%BW"
 """Units of force that need the map's `body_weight`"""
 NOT_A_NUMBER = re.compile(r"[-+]?(?:nan(?:\(\w*\))?|\d\.#\w+)|n/?a|#n/?a|#div/0!|null|none|-+", re.IGNORECASE)
-"""How programs write what is missing, and Windows also infinity: nan, -nan(ind), 1.#QNAN, -1.#IND, NA, #N/A, null, -"""
+"""Texts for a missing number, or on Windows infinity: nan, -nan(ind), 1.#QNAN, -1.#IND, NA, #N/A, null, -"""
 GROUPED = re.compile(r"[-+]?[1-9]\d{0,2}(?:(?:\.\d{3})+(?:,\d*)?|(?:,\d{3})+(?:\.\d*)?)")
-"""Numbers that may have thousands marks: 1.760 and 1,760 have, or have a decimal mark; 1.760,5 and 1,760.5 have"""
+"""Numbers that may have a thousands mark: in 1.760 and 1,760 it may also be a decimal mark; 1.760,5 has one"""
 DECIMAL_COMMA = re.compile(r"\s*[-+]?(?:0,\d+|\d+,(?:\d{1,2}|\d{4,}))(?![^\s;])")
-"""Begin of a row whose time has a comma that is no thousands mark"""
+"""Beginning of a row whose time has a decimal comma"""
 CLOCK = re.compile(
     r"(?:(\d{4})[-/](\d\d?)[-/](\d\d?)[ T]+|([^:]*?)[ ,]+)?(?:(\d+):)?([0-5]?\d):([0-5]?\d(?:[.,]\d+|:\d{3})?)"
     r"(?: *([ap])\.?m\.?)?(?: *(Z|UTC|GMT|[-+]\d\d(?::?\d\d)?))?",
     re.IGNORECASE,
 )
-"""A time of day: an ISO date or another one, hours, minutes, seconds, am or pm, zone; only minutes and seconds must be
-there"""
+"""A time of day: an ISO date or another one, hours, minutes, seconds, am or pm, zone; only minutes and seconds are
+required"""
 BRACKETED = re.compile(r"(?:[\[(]([^\[(\])]+)[\])]|_([a-zµ°%]+))$", re.IGNORECASE)
 """A unit at the end of a name: Force [N], time_ms"""
 SOME = 3
-"""Number of cells from which a column's way to write numbers is told"""
+"""Number of cells that show how a column writes its numbers"""
 UNITS: dict[str, dict[str, float]] = {
     TIME: {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
     ANGLE: {"rad": 1.0, "deg": constants.degree, "mrad": 1e-3, "rev": 2.0 * math.pi},
@@ -86,22 +86,22 @@ ALIASES = {
 
 
 class Table(NamedTuple):
-    """Columns over time; of rows with one stamp, which OpenSim writes at the ends of steps, only the last."""
+    """Columns over time. OpenSim may write several rows with one stamp; only the last of them is kept."""
 
     path: Path
     names: tuple[str, ...]
     """Names of the columns, without time"""
     stamps: Stamps
-    """[ns], growing; shape (n,)"""
+    """[ns], increasing; shape (n,)"""
     values: Floats
     """Shape (n, columns)"""
     degrees: bool | None
     """Value of `inDegrees` in a storage file's header; None: there is none"""
     duplicates: int
-    """Number of rows that were left out for a later one of the same stamp"""
+    """Number of rows left out because a later one has the same stamp"""
     day: int | str | None = None
-    """Day of the first row, if times are frames or times of day, which begin anywhere: the number of an ISO date, the
-    text of another one, empty without one; None: they are not"""
+    """Day of the first row where times are frames or times of day: the day number of an ISO date, the text of another
+    date, empty without a date; None: times are seconds of one clock"""
     units: Mapping[Column, str] = {}
     """What the file says of the units of columns"""
     notes: tuple[str, ...] = ()
@@ -111,7 +111,7 @@ class Table(NamedTuple):
         """Return columns by their names, shape (n, columns).
 
         Raises:
-            UsageError: a column is not there or there twice.
+            UsageError: a column is missing or there twice.
         """
         header = Header(self.path, self.names)
         return self.values[:, [header.place(name) for name in names]]
@@ -120,7 +120,7 @@ class Table(NamedTuple):
         """Return a column by its name, shape (n,).
 
         Raises:
-            UsageError: the column is not there or there twice, or has a value that is not finite.
+            UsageError: the column is missing or there twice, or has a value that is not finite.
         """
         values = self.columns([name])[:, 0]
         if not np.isfinite(values).all():
@@ -130,12 +130,12 @@ class Table(NamedTuple):
         return values
 
     def needed(self, names: Sequence[str], start: float | None, end: float | None) -> Table:
-        """Leave out rows before `start` and after `end` [s] that have no number in one of the columns `names`."""
+        """Leave out rows before `start` or after `end` [s] that lack a number in one of the columns `names`."""
         first, last = (edge if s is None else s * NANOSECONDS for s, edge in ((start, -math.inf), (end, math.inf)))
         return self.rows((self.stamps >= first) & (self.stamps <= last) | np.isfinite(self.columns(names)).all(axis=1))
 
     def rows(self, kept: NDArray[np.bool_]) -> Table:
-        """Select rows by truth values, shape (n,)."""
+        """Select rows by booleans, shape (n,)."""
         return self._replace(stamps=self.stamps[kept], values=self.values[kept])
 
     def time(self, row: int) -> str:
@@ -153,14 +153,14 @@ class Series(NamedTuple):
     columns: str
     """Text that names the columns and their weights"""
     stamps: Stamps
-    """[ns], growing; shape (n,)"""
+    """[ns], increasing; shape (n,)"""
     values: Floats
     """Shape (n,)"""
     notes: tuple[str, ...] = ()
     """What was left out, as sentences"""
 
     def at(self, stamps: Stamps) -> Floats:
-        """Interpolate linearly at other stamps [ns]; beyond the known stamps the end values hold."""
+        """Interpolate linearly at other stamps [ns]; beyond the known stamps the end values are kept."""
         return np.asarray(np.interp(stamps - self.stamps[0], self.stamps - self.stamps[0], self.values))
 
     @property
@@ -212,11 +212,11 @@ class Header(NamedTuple):
     text: str = ""
     """The whole of a text file"""
     above: tuple[tuple[str, ...], ...] = ()
-    """Lines right above the names that are divided as they are, such as of sensors that have columns X, Y, Z each"""
+    """Lines right above the names with the same columns, such as names of sensors over their columns X, Y, Z"""
     entries: Mapping[str, str] | None = None
-    """What is above `endheader` in a storage file, by names in lower case"""
+    """Entries above `endheader` in a storage file, by names in lower case"""
     decimal: str = ""
-    """Decimal mark that a storage file shows"""
+    """Decimal mark of a storage file"""
     data: Floats | None = None
     """Numbers of a C3D file, shape (n, columns)"""
     notes: tuple[str, ...] = ()
@@ -228,20 +228,20 @@ class Header(NamedTuple):
         return {"yes": True, "no": False}.get((self.entries or {}).get("indegrees", "").lower())
 
     def places(self, name: Column) -> list[int]:
-        """Indices of the columns that a place from 1 or a name means: `X`, or `KneeAngles.X` with the one above it."""
+        """Indices of the columns with a place (from 1) or a name: `X`, or `KneeAngles.X` with the name above it."""
         if isinstance(name, int):
             return [name - 1] if 1 <= name <= len(self.names) else []
         found = [place for place, each in enumerate(self.names) if each == name]
         return found or [place for place in range(len(self.names)) if name in self.qualified(place)]
 
     def qualified(self, place: int) -> list[str]:
-        """Names of a column with those above it, also without what is before their colon."""
+        """Names of a column with those above it, also without the part before their colon."""
         above = [line[place] for line in self.above if line[place]]
         names = dict.fromkeys(each for name in above for each in (name, name.rpartition(":")[2]))
         return [f"{name}.{self.names[place]}" for name in names]
 
     def place(self, name: Column) -> int:
-        """Index of a column; refuse one that is not there, or there twice."""
+        """Index of a column; refuse one that is missing or there twice."""
         found = self.places(name)
         if len(found) > 1:
             full = [self.qualified(place)[:1] for place in found]
@@ -253,10 +253,10 @@ class Header(NamedTuple):
 
 
 def factor(unit: str, kind: str, what: str, body_weight: float | None = None) -> float:
-    """Factor of a unit to SI; `kind` is the quantity that it must be of, `what` names the value in messages.
+    """Factor of a unit to SI; `kind` is the quantity it must measure, `what` names the value in messages.
 
     Raises:
-        UsageError: the unit is not one of this quantity, or in body weights without `body_weight` [N].
+        UsageError: the unit is not one of this quantity, or needs the missing `body_weight` [N].
     """
     name, factors = ALIASES.get(unit, unit), UNITS[kind]
     if name not in factors:
@@ -269,7 +269,7 @@ def factor(unit: str, kind: str, what: str, body_weight: float | None = None) ->
 
 
 def header_of(path: Path, wanted: Collection[Column], table_format: TableFormat) -> Header:
-    """Names of the columns of a file, with that of the time; `wanted` are those that are looked for.
+    """Names of the columns of a file, time included; `wanted` are the ones to look for.
 
     Raises:
         UsageError: the file cannot be read, or has no names.
@@ -294,8 +294,8 @@ def header_of(path: Path, wanted: Collection[Column], table_format: TableFormat)
 def storage_header(path: Path) -> Header:
     """Names and header of a storage file.
 
-    OpenSim 4.6 writes an empty header, and parts of a second one, before the names in `*_states.sto`: the names are
-    the line right before the numbers. Where tabs divide them they may hold blanks; commas may divide columns too.
+    OpenSim 4.6 writes an empty header and parts of a second one in `*_states.sto`, so the names are the line right
+    above the numbers. Tabs or commas may separate columns; with tabs, names may contain blanks.
 
     Raises:
         UsageError: the file cannot be read, or is no storage file.
@@ -322,7 +322,7 @@ def storage_header(path: Path) -> Header:
 
 
 def read_storage(path: Path) -> Table:
-    """Read all columns of a storage file; a cell that is no number is NaN.
+    """Read all columns of a storage file; a cell that is not a number is NaN.
 
     Raises:
         UsageError: the file cannot be read, is no storage file, or its times decrease.
@@ -369,7 +369,7 @@ def _c3d_header(path: Path) -> Header:
 def _text_header(path: Path, wanted: Collection[Column], table_format: TableFormat) -> Header:
     """Find the names of a text file's columns: the line that has most of those `wanted`, or else the first line.
 
-    They may stand behind a `#`. Raises a `UsageError` for a file that is empty, or has numbers where names should be.
+    The line may begin with `#`. Raises a `UsageError` for a file that is empty, or has numbers instead of names.
     """
     (text, notes), given = _text_of(path, table_format.encoding), table_format.header_line
     lines = [line.rstrip("\n") for line in islice(_each_line(text), max(SEARCHED, given or 0))]
@@ -407,7 +407,7 @@ def _text_header(path: Path, wanted: Collection[Column], table_format: TableForm
 
 
 def _text_of(path: Path, encoding: str = "auto") -> tuple[str, tuple[str, ...]]:
-    """Text of a file, and a note on its encoding: UTF-16 if it has the mark; UTF-8 if it is valid, or Windows-1252."""
+    """Text of a file, and a note on its encoding: UTF-16 if it has the mark, else UTF-8 if valid, else Windows-1252."""
     try:
         with open_regular(path) as file:
             data = file.read()
@@ -431,7 +431,7 @@ def read_columns(header: Header, wanted: Sequence[Column], time: TimeColumn, tab
     """Read the columns `wanted` of a file over time; an empty cell is read as NaN.
 
     Raises:
-        UsageError: a column is not there or there twice, a cell is not a number, or time stands still or goes back.
+        UsageError: a column is missing or there twice, a cell is not a number, or times stand still or decrease.
     """
     path, own = header.path, header.entries is not None or header.data is not None
     timed: list[Column] = [TIME] if own else time.places
@@ -461,7 +461,7 @@ def read_columns(header: Header, wanted: Sequence[Column], time: TimeColumn, tab
 
 
 def check_unit(path: Path, column: Column, said: str, unit: str, kind: str, what: str) -> None:
-    """Refuse a unit of `kind` that is not the one which the file says of a column; `what` names the given one."""
+    """Refuse a unit of `kind` that contradicts the file's own unit of a column; `what` names the given unit."""
     theirs = ALIASES.get(said, said)
     if theirs in UNITS[kind] and theirs != ALIASES.get(unit, unit):
         raise UsageError(
@@ -471,7 +471,7 @@ def check_unit(path: Path, column: Column, said: str, unit: str, kind: str, what
 
 
 def _over_time(header: Header, names: Sequence[str], column: Column, seconds: Floats, values: Floats) -> Table:
-    """Make a table of times [s], which are those of `column`, and columns `names`, shape (n, columns).
+    """Make a table from times [s], read from `column`, and columns `names`, shape (n, columns).
 
     Raises:
         UsageError: a time is not a number, or cannot be a stamp, or times decrease.
@@ -500,14 +500,14 @@ def _over_time(header: Header, names: Sequence[str], column: Column, seconds: Fl
 def read_numbers(
     header: Header, places: Sequence[int], table_format: TableFormat, times: int = 0, *, strict: bool = True
 ) -> tuple[Floats, dict[int, str], int | str | None]:
-    """Read the columns at some places of a file, shape (rows, places), NaN where there is none.
+    """Read the columns at some places of a file, shape (rows, places), NaN where a number is missing.
 
-    The first `times` places, 0 or 1, may hold times of day, which become seconds. The other answers are what a row
-    right below the names says in each column, and the day of the first time of day, as for `Table`.
+    The first `times` places, 0 or 1, may have times of day, which become seconds. Also returns the texts of a row right
+    below the names by column, and the day of the first time of day, as in `Table`.
 
     Raises:
-        UsageError: a cell is not a number and reading is `strict`, or a line has not as many columns as there are
-            names.
+        UsageError: a cell is not a number and reading is `strict`, or a line has another number of columns
+            than there are names.
     """
     if header.data is not None:
         return header.data[:, places], {}, None
@@ -539,10 +539,10 @@ def read_numbers(
 
 
 def _check_marks(header: Header, marks: Mapping[tuple[int, str], list[Any]]) -> None:
-    """Refuse a cell as 1.760 if another cell's comma is the decimal mark, or no cell below 1000 has a mark.
+    """Refuse a cell like 1.760 if other cells have a decimal comma, or no cell below 1000 has a mark.
 
-    `marks` counts cells by column and mark: none, one that is decimal, or one that may be a thousands mark (`.?`);
-    with the line and text of the first.
+    `marks` counts cells by column and mark: none, a decimal one, or one that may be a thousands mark (`.?`); with the
+    line and text of the first.
     """
     for (place, mark), (count, line, cell) in marks.items():
         other = "," if mark == ".?" else "."
@@ -572,9 +572,9 @@ def _parquet(header: Header, places: Sequence[int], table_format: TableFormat) -
 
 
 def _records(header: Header, table_format: TableFormat, units: dict[int, str]) -> Iterator[tuple[int, list[str]]]:
-    """Yield number and cells of each row below the names; `units` gets what a row without a number says before them.
+    """Yield number and cells of each row below the names; `units` gets the cells of a row of texts above the numbers.
 
-    A blank line ends a table if another one follows, of another width.
+    A blank line ends a table if one of another width follows.
     """
     width, first, blank = len(header.names), table_format.first_line, False
     begun = first is not None or header.entries is not None
@@ -597,7 +597,7 @@ def _records(header: Header, table_format: TableFormat, units: dict[int, str]) -
 
 
 def _each_line(text: str) -> io.StringIO:
-    """Iterate over the lines of a text, which end as those of any system do, as lines that end with a newline."""
+    """Iterate over the lines of a text, with the line ends of any system replaced by newlines."""
     return io.StringIO(text, newline=None)
 
 
@@ -618,16 +618,16 @@ def _lines(header: Header) -> Iterator[tuple[int, list[str]]]:
 
 
 class Clock:
-    """Reads times of day, also over midnight; those with a zone become UTC."""
+    """Reads times of day, also across midnight; times with a zone become UTC."""
 
     def __init__(self) -> None:
-        """Begin before the first one."""
+        """Begin before the first time."""
         self.day: int | str | None = None
         """Day of the first row, as for `Table`"""
         self._last, self._nights = 0.0, 0
 
     def seconds(self, cell: str) -> float:
-        """Time [s] from the midnight before the first row; a ValueError if a cell has none."""
+        """Time [s] since the midnight before the first row; a ValueError if a cell has no time."""
         match = CLOCK.fullmatch(cell)
         if match is None:
             raise ValueError
@@ -651,12 +651,12 @@ class Clock:
 
 
 def _number(cell: str, decimal: str, thousands: bool) -> float:
-    """Number in a cell, NaN if it is empty or not a number; a ValueError if it is something else.
+    """Number in a cell, NaN if it is empty or says that it is missing; a ValueError for any other text.
 
     Args:
         cell: text of the cell.
-        decimal: decimal mark; empty: both are, and in a cell with both the last one.
-        thousands: whether the other mark may be a thousands mark, if the digits are so grouped.
+        decimal: decimal mark; empty: either, and in a cell with both the last one.
+        thousands: whether the other mark may be a thousands mark, where the digits are grouped like that.
     """
     if not cell or NOT_A_NUMBER.fullmatch(cell):
         return math.nan
@@ -697,7 +697,7 @@ def some(names: Sequence[str]) -> str:
 
 
 def meant(name: str, names: Sequence[str]) -> str:
-    """Hint for a message: the column whose name is close to an unknown one, or all the names."""
+    """Hint for a message: the column whose name is closest to an unknown one, or all names."""
     lower = {other.lower(): other for other in names if other}
     near = difflib.get_close_matches(name.lower(), lower, n=1, cutoff=0.6)
     return f"did you mean {lower[near[0]]}?" if near else f"it has {some([other for other in names if other])}"

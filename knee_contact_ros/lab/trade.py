@@ -1,7 +1,7 @@
-"""What accuracy costs: a recorded gait and its knee at every level and tolerance, against the tightest tolerance.
+"""What accuracy costs: a recorded gait at every level and tolerance, compared with the tightest tolerance.
 
-The reference is the same model at `dynamic` and `REFERENCE`. So the errors are those of level and tolerance. What the
-model itself leaves out, they do not show; docs/explanation/accuracy.md compares with code of others.
+The reference is the same model at `dynamic` and `REFERENCE`, so the errors are those of level and tolerance alone.
+They do not show what the model leaves out; docs/explanation/accuracy.md compares it with other codes.
 """
 
 from __future__ import annotations
@@ -32,17 +32,17 @@ TOLERANCES = tuple(float(f"1e-{exponent}") for exponent in range(3, 10))
 NAMES = ("quasi_static", "dynamic")
 """Values of `fidelity.level` that are measured"""
 REFERENCE, SECOND = 1e-12, 1e-11
-"""Tolerance of the reference [m], and that of a second run: how far the two lie apart says how sure the first one is"""
+"""Tolerances [m] of the reference and of a second run; their difference shows how certain the reference is"""
 LOAD_ERROR = 0.01
-"""Part of the load by which a good measurement of it may be wrong"""
+"""Relative error of a good measurement of the load"""
 FLAGGED = 0.01
-"""Largest part of the ticks that a recommended setting may flag"""
+"""Largest fraction of ticks that a recommended setting may flag"""
 REPEATS = 3
-"""How often a run is timed; the quickest counts"""
+"""How often a run is timed; the fastest counts"""
 
 
 class Setting(NamedTuple):
-    """A level and a tolerance, and what they reach and cost."""
+    """A level and a tolerance, with their errors and cost."""
 
     level: str
     tolerance: float
@@ -52,9 +52,9 @@ class Setting(NamedTuple):
     force: float
     """Largest error of the contact force [N]"""
     point: float
-    """Largest distance of the contact point from the reference's, in contact [m]"""
+    """Largest distance of the contact point from the reference's while in contact [m]"""
     flagged: float
-    """Part of the ticks that say `NOT_CONVERGED`"""
+    """Fraction of ticks that are flagged `NOT_CONVERGED`"""
     evaluations: float
     """Contact law evaluations per tick"""
     microseconds: float
@@ -62,13 +62,13 @@ class Setting(NamedTuple):
 
 
 class Trade(NamedTuple):
-    """All settings of a recording."""
+    """All settings for a recording."""
 
     settings: list[Setting]
     ticks: int
     """Ticks of all compartments"""
     worth: float
-    """What the measured data are worth [m]: differences of the depth below this say nothing"""
+    """Accuracy of the measured data [m]: smaller differences of the depth mean nothing"""
     reference_error: float
     """Largest difference of the depth [m] between the reference and the second run"""
 
@@ -78,10 +78,10 @@ def measure(
 ) -> Trade:
     """Compute the samples of `results` (of `solve`) again at every setting.
 
-    `worth` [m] is what the measured data are worth; None: how far `LOAD_ERROR` of the load moves the depth.
+    `worth` [m] is the accuracy of the measured data; None: the change of depth that `LOAD_ERROR` of the load causes.
 
     Raises:
-        UsageError: it is not known which model computed them.
+        UsageError: it is not known which model computed the results.
     """
     compartments = [results] if results.lateral is None else [results, results.lateral]
     total, done = len(NAMES) * len(TOLERANCES) + 3, 0
@@ -122,7 +122,7 @@ def measure(
 
 
 def answered(model: KneeModel, samples: Rows, load: float) -> tuple[Rows, float]:
-    """Answers to the samples of some answers, with `load` times their load, and processor time [s] of the run alone."""
+    """Compute samples again with their load times `load`; return the answers and the processor time [s] of the run."""
     starts = np.flatnonzero(samples["status"] & Status.TIME_RESET)
     parts = [part for part in np.split(np.asarray(samples), starts) if len(part)]
     seconds = []
@@ -140,9 +140,9 @@ def answered(model: KneeModel, samples: Rows, load: float) -> tuple[Rows, float]
 
 
 def advice(trade: Trade) -> str:
-    """Recommend the setting with the fewest evaluations that is good enough; of equal ones the largest tolerance.
+    """Recommend the good enough setting with the fewest evaluations; among equal ones the largest tolerance.
 
-    The tolerance itself must be within what the data are worth too, so that an answer without a flag is.
+    The tolerance must be within the accuracy of the data too; then an answer without a flag is.
     """
     if not any(each.depth or each.force for each in trade.settings):
         return "Every setting gives the same depth and force, as with prescribed femoral heights: use any."
@@ -159,7 +159,7 @@ def advice(trade: Trade) -> str:
 
 
 def show(trade: Trade) -> None:
-    """Print the table, a row per setting, what its errors are, and the advice."""
+    """Print a table with a row per setting, what its errors refer to, and the advice."""
     table = Table("level", box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
     for heading in ("tolerance", "depth [m]", "force [N]", "point [m]", "flagged", "calls", "time [us]"):
         table.add_column(shown(heading), justify="right", no_wrap=True)

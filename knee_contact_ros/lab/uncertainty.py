@@ -1,8 +1,8 @@
-"""Standard deviations of depth and force that follow from those of angle, load, share and constants of the knee.
+"""Standard deviations of depth and force from those of angle, load, share and constants of the knee.
 
 Linear propagation follows JCGM 100:2008, Sec. 5.1.2, for independent inputs: u² = Σ (∂f/∂x u(x))². The
-slopes are differences between one deviation less and one more, each a whole run of the model, so that a curvature
-between them counts on average.
+slopes are central differences over one deviation to either side, each a whole run of the model, so curvature between
+them is averaged.
 """
 
 from __future__ import annotations
@@ -37,11 +37,11 @@ STREAMS = {
     "flexion_angle": ("angles", "rad"), "axial_load": ("axial", "N"), "medial_share": ("share", ""),
     "femoral_height": ("heights", "m"),
 }  # fmt: skip
-"""Inputs of a tick that may be uncertain: their fields of `Recording`, and units"""
+"""Inputs of a tick that may be uncertain: their fields in `Recording`, and units"""
 SECTIONS = ("load.", "femur.", "tibia.", "contact.", "body_weight", LATERAL)
 """Beginnings of the names of the parameters that may be uncertain"""
 LARGEST = 1.0
-"""Largest relative deviation: beyond it little is known, and no linear propagation holds"""
+"""Largest relative deviation: beyond it linear propagation does not hold"""
 DEPTH_AND_FORCE = ("penetration_depth", "contact_force")
 LEVEL = 0.95
 """Default probability of an interval"""
@@ -50,18 +50,18 @@ LEVEL = 0.95
 class Deviation(NamedTuple):
     """Standard deviation of an input or a parameter with a constant error in a recording: an offset, or a factor.
 
-    A relative deviation s is that of a factor eˢ: a positive value stays positive, however large the deviation.
+    A relative deviation s means a factor eˢ, so a positive value stays positive however large the deviation.
     """
 
     name: str
     """Name of the input or the parameter"""
     size: float
-    """Size in the unit of the input or parameter, or as a part of its value"""
+    """Size in the unit of the input or parameter, or as a fraction of its value"""
     relative: bool
-    """Whether the size is a part of the value"""
+    """Whether the size is a fraction of the value"""
 
     def moved(self, value: Any, times: float) -> Any:
-        """Return a value, a number or an array, with an error of so many deviations."""
+        """Return a value, a number or an array, moved by a number of deviations."""
         return value * math.exp(times * self.size) if self.relative else value + times * self.size
 
     @property
@@ -78,8 +78,8 @@ class Deviation(NamedTuple):
 def deviations_of(given: Mapping[str, Any] | Name, parameters: Parameters) -> tuple[Deviation, ...]:
     """Check standard deviations by name (of `STREAMS`, or of parameters that are real numbers), and keep their order.
 
-    Each is a number in SI units, or a text in percent of the value, as `"10 %"`; that of an angle, a share or a height
-    is a number. They may be in a YAML file.
+    Each is a number in SI units, or a text in percent of the value, like `"10 %"`; for an angle, a share or a height
+    only a number. They may be in a YAML file.
 
     Raises:
         UsageError: the file cannot be read, a name is unknown or has no effect, or a value is no standard deviation.
@@ -115,14 +115,14 @@ class Given(NamedTuple):
     """A recording and its knee, whose inputs and parameters may be off."""
 
     knees: Knees
-    """Inputs of all ticks (`recording`), and the parameters they were computed with (`parameters`)"""
+    """Inputs of all ticks (`recording`), and the parameters of the recording (`parameters`)"""
     rows: tuple[Rows, ...]
     """Answers of each compartment, arrays of shape (n,)"""
     compiled: bool | None
-    """Whether the compiled model is to be used; None: if it is quicker, with its compilation"""
+    """Whether to use the compiled model; None: if it is faster, compilation included"""
 
     def answers(self, moved: Mapping[Deviation, float], replays: int = 1) -> list[Rows]:
-        """Return the answers of each compartment to inputs and parameters with errors, in standard deviations of each.
+        """Return the answers of each compartment for inputs and parameters that are off by a number of deviations each.
 
         A lateral parameter that follows its medial one has the same error, unless it is in `moved` itself. Without
         errors the answers are those of the recording, bit for bit. For many `replays`, the model is compiled.
@@ -174,13 +174,13 @@ class Propagated(NamedTuple):
         return self._combined(1)
 
     def depth_interval(self, level: float = LEVEL) -> tuple[Floats, Floats]:
-        """Return the bounds between which the depth [m] lies with a probability, if errors are normal; not below 0."""
+        """Return the interval of the depth [m] for a probability, assuming normal errors; not below 0."""
         return self._interval(self.rows["penetration_depth"], self.depth, level)
 
     def force_interval(self, level: float = LEVEL) -> tuple[Floats, Floats]:
-        """Return the bounds between which the contact force [N] lies with a probability, if errors are normal.
+        """Return the interval of the contact force [N] for a probability, assuming normal errors.
 
-        They are not below 0, unless the force itself is because the contact law allows tension.
+        It does not go below 0, unless the force itself does because the contact law allows tension.
         """
         return self._interval(self.rows["contact_force"], self.force, level)
 
@@ -189,12 +189,12 @@ class Propagated(NamedTuple):
         return np.maximum(values - reach, np.minimum(values, 0.0)), values + reach
 
     def _combined(self, which: int) -> Floats:
-        """Return the standard deviation that all inputs make together, of the depth (0) or the force (1)."""
+        """Return the standard deviation of the depth (0) or the force (1) from all inputs together."""
         return np.asarray(np.sqrt(np.sum([part[which] ** 2 for part in self.parts.values()], axis=0)))
 
 
 def factor(level: float) -> float:
-    """Return the half-width, in standard deviations, of the interval of a normal value with probability `level`.
+    """Return the half-width, in standard deviations, of the interval of a normal value for probability `level`.
 
     Raises:
         UsageError: `level` is not between 0 and 1.
@@ -249,7 +249,7 @@ def propagated(
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Result of `uncertainty`: standard deviations of each compartment's answers, and the inputs they follow from."""
+    """Result of `uncertainty`: standard deviations of each compartment's answers, and the inputs they come from."""
 
     medial: Propagated
     """Standard deviations of the medial compartment, or of the only one"""
@@ -280,7 +280,7 @@ def uncertainty(
             `"5 %"`), `medial_share`, `femoral_height` [m], and of parameters that are real numbers, in SI units or in
             percent: `{"contact.stiffness": "20 %"}`. Each is constant through the recording, and independent of the
             others.
-        values: Single parameters, which win over all others.
+        values: Single parameters, which override all others.
         subject: A subject file.
         remap: Other names of the inputs in the bag.
         namespace: Namespace of the inputs in the bag.

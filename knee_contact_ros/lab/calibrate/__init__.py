@@ -47,7 +47,7 @@ from knee_contact_ros.system.terminal import WIDTH, progress, say, shown, warn
 UNITS = contact.ANSWERS | {load.AXIAL_FORCE: "N"}
 """Units of all columns that can be measured"""
 ROUNDS = 3
-"""The largest number of times that the intervals are computed: again where a better fit was found on the way"""
+"""Largest number of times that intervals are computed: again whenever a better fit is found meanwhile"""
 ROUGH = (
     "near the fit the misfit has several minima (a touch falls before a sample or after it): a better fit may exist, "
     "and the intervals are rough"
@@ -77,7 +77,7 @@ class Calibration:
     rms: dict[str, float]
     """RMS of the residuals of each measured column, in its unit"""
     residuals: dict[str, Floats]
-    """Answers of the model less measurements, by column, shape (n,); not a number where nothing was measured"""
+    """Answers of the model minus measurements, by column, shape (n,); NaN where nothing was measured"""
     predicted: Results | dict[str, Floats]
     """Answers of the model with the fitted values, shape (n,); for a bag `time` [s] and `axial_force` [N] by name"""
     warnings: tuple[str, ...]
@@ -90,7 +90,7 @@ class Calibration:
     """Parameters that follow from the fit: for a bag `calibrated`, and `standard_deviation` in body weights"""
 
     def to_parameters(self) -> dict[str, Any]:
-        """Give the fitted values, and those that follow, as parameters for `load_model` or `solve`, beside others."""
+        """Return the fitted values, and those that follow from them, as parameters for `load_model` or `solve`."""
         return self.values | self.also
 
     def __getattr__(self, name: str) -> Any:
@@ -109,7 +109,7 @@ def calibrate(
     *, sigma: Mapping[str, float] | None = None, loss: str = LINEAR, level: float = 0.95, with_intervals: bool = True,
     starts: int = 4, compiled: bool | None = None, remap: Mapping[str, str] | None = None, namespace: str = "",
 ) -> Calibration:  # fmt: skip
-    """Fit parameters to what was measured.
+    """Fit parameters to measurements.
 
     From a table, parameters of one compartment's model are fitted to a depth, force, gap or height; from a bag, a
     person's constants of the load estimate are fitted to the joint reaction. The method is bounded nonlinear least
@@ -121,17 +121,17 @@ def calibrate(
         table: A CSV file, or columns by name (a mapping of arrays of shape (n,), a data frame): `time` [s],
             `flexion_angle` [rad], `load` [N] of the compartment (or `axial_load` [N], of which it bears `load.share`),
             with drive displacement `femoral_height` [m] and optionally the load; and what was measured:
-            `penetration_depth` [m], `contact_force` [N], `gap` [m] and, with drive force, `femoral_height` [m]. A cell
-            that is empty or not a number was not measured. Or a bag (an .mcap file, a .db3 file or a rosbag2 folder)
+            `penetration_depth` [m], `contact_force` [N], `gap` [m] and, with drive force, `femoral_height` [m]. An
+            empty cell or NaN means not measured. Or a bag (an .mcap file, a .db3 file or a rosbag2 folder)
             with `/joint_states`, `/ground_reaction_force` and the measured `/joint_reaction_force`; or a list of bags
-            of one person, of which each is also left out in turn.
+            of one person; each is also left out in turn.
         params: The knee, as for `load_model`; for a bag, parameters of the load node. The fit starts from their values.
             None: the healthy knee; for a bag, the defaults.
         free: Names of real parameters of `femur`, `tibia`, `contact`, or `load.share`; for a bag, those of `person`; or
             a mapping of names to the ends of a range narrower than the parameter's own, or None.
-        values: Values of single parameters, which win over `params`.
-        sigma: Standard deviations of the columns' noise in their units, where known (for a bag that of `axial_force`);
-            for other columns it is estimated from the residuals.
+        values: Values of single parameters, which override `params`.
+        sigma: Standard deviations of the columns' noise in their units (for a bag of `axial_force`). Those of other
+            columns are estimated from the residuals.
         loss: `linear` (least squares), or `soft_l1` or `huber`, which are less sensitive to outliers.
         level: Probability of the intervals.
         with_intervals: Whether to compute intervals; without them a fit takes a tenth of the time.
@@ -191,10 +191,10 @@ def calibrate(
 
 
 def bags_in(data: Any) -> list[Path]:
-    """Names of the bags, if data is the name of one (a folder, or a file with the suffix of one), or several of them.
+    """Names of the bags, if the data are one or more bags (folders, or files with a bag's suffix); else empty.
 
     Raises:
-        UsageError: there are several names, and one of them is not that of a bag.
+        UsageError: there are several names, and one is not a bag's.
     """
     several = list(data) if isinstance(data, list | tuple) else [data]
     names = [Path(expanded(str(each))) for each in several if isinstance(each, str | PathLike)]
@@ -241,11 +241,11 @@ def run_calibrate(
         data: The table, or one or more bags.
         params: Parameter files; none: the healthy knee, or for a bag the load node's defaults.
         values: Values of single parameters, by name.
-        sigma: Standard deviations of columns, as penetration_depth=1e-6.
+        sigma: Standard deviations of columns, like penetration_depth=1e-6.
         output: The parameter file.
         overwrite: Whether to replace it.
-        remaps: Other names of a bag's topics, as joint_reaction_force:=/implant/force.
-        options: Others of the arguments of `calibrate`; a free parameter may have a range, as contact.damping=1e3:2e4.
+        remaps: Other names of a bag's topics, like joint_reaction_force:=/implant/force.
+        options: Other arguments of `calibrate`; a free parameter may have a range, like contact.damping=1e3:2e4.
 
     Raises:
         UsageError: data, parameters, an option or the output cannot be used. Nothing is written then.
@@ -266,7 +266,7 @@ def run_calibrate(
 
 
 def _deviation(text: str) -> tuple[str, float]:
-    """Read the standard deviation of a column, with its name; not a number if it is none."""
+    """Read the standard deviation of a column, with its name; NaN if the text is not a number."""
     name, _, number = text.partition("=")
     try:
         return name, float(number)
@@ -275,7 +275,7 @@ def _deviation(text: str) -> tuple[str, float]:
 
 
 def parameter_file(found: Calibration, data: Sequence[Path], params: Sequence[Path], values: Mapping[str, Any]) -> str:
-    """Write the parameter file as text: only the fitted values, and in comments where they come from."""
+    """Write the parameter file as text: only the fitted values, with comments on their origin."""
     files = ", ".join(path.name for path in params) or "the defaults"
     others = "".join(f", {name} {value}" for name, value in values.items())
     rms = [f"{name} {value:.4g} {UNITS[name]}" for name, value in found.rms.items()]

@@ -1,4 +1,4 @@
-"""The problem of fitting the contact model of a compartment to a table of what was measured of it."""
+"""The problem of fitting a compartment's contact model to a table of measurements."""
 
 from __future__ import annotations
 
@@ -49,25 +49,25 @@ class Measured(Data):
     angle: Floats
     """Flexion angle [rad], shape (n,)"""
     load: Floats
-    """Compressive load of the compartment, or the axial one, [N], shape (n,)"""
+    """Compressive load of the compartment, or axial load, [N], shape (n,)"""
     axial: bool
     """Whether the load is the axial joint reaction, of which the compartment bears `load.share`"""
     height: Floats | None
     """Prescribed femoral height [m], shape (n,); None with drive force"""
 
     def load_of(self, share: float) -> Floats:
-        """Give the load of the compartment [N], which bears a `share` of an axial load."""
+        """Return the load of the compartment [N]: the `share` of an axial load, or the measured load itself."""
         return share * self.load if self.axial else self.load
 
 
 def read_measured(path: Path, drive: str) -> Measured:
-    """Read a trial from a text table, as `import-csv` does; an empty cell (or nan) is where nothing was measured.
+    """Read a trial from a text table, as `import-csv` does; an empty cell or nan means that nothing was measured.
 
     Columns are `time` [s], `flexion_angle` [rad], `load` or `axial_load` [N]
     or, with drive displacement, `femoral_height` [m]; and one or more of `ANSWERS`.
 
     Raises:
-        UsageError: the file cannot be read or is no such table, or values make no sense.
+        UsageError: the file cannot be read or is not such a table, or values make no sense.
     """
     header = header_of(path, COLUMNS, TableFormat())
     for name in header.names:
@@ -138,7 +138,7 @@ def _column(table: Any, name: Any, source: str) -> Floats:
 
 
 def fittable() -> list[str]:
-    """Names of the parameters that may be free; one on which a model does not depend is refused by the fit."""
+    """Names of the parameters that may be free; the fit refuses one that does not affect the model."""
     known = known_parameters()
     return [SHARE, *(name for name in known if name.startswith(SECTIONS) and isinstance(known[name].default, float))]
 
@@ -210,7 +210,7 @@ class ContactProblem(Problem):
 def problem_of(
     parameters: Parameters, measured: Measured, unknowns: tuple[Unknown, ...], compiled: bool | None
 ) -> ContactProblem:
-    """Make the problem of fitting a compartment's contact model, with a tolerance that is small enough.
+    """Make the problem of fitting a compartment's contact model, with a tolerance of `FINE` or less.
 
     Args:
         parameters: All parameters at the start.
@@ -219,7 +219,7 @@ def problem_of(
         compiled: Whether to use the compiled model; None: where that is expected to be faster.
 
     Raises:
-        UsageError: the load is the axial one and no fixed share is modelled, or inputs are too large for a knee.
+        UsageError: the load is the axial one but the share is not fixed, or inputs are too large for a knee.
     """
     if measured.axial and parameters.load.rule != "fixed_share":
         raise UsageError(f"{measured.source}: column axial_load needs load.compartment fixed_share, not "

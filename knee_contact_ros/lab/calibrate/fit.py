@@ -1,8 +1,8 @@
-"""Find the parameters that fit best, how well the data know them, and what makes the answer doubtful.
+"""Find the parameters that fit best, how well the data determine them, and what makes the answer doubtful.
 
-**Fit.** SciPy's bounded least squares from several starts, in coordinates (logarithms where a value cannot be 0). The
-noise of a column that is not given is that of its own misfits: fit and noise are computed alternately until both
-converge, which is the most likely choice of both.
+**Fit.** SciPy's bounded least squares from several starts, in coordinates (logarithms where a value cannot be 0). If a
+column's noise is not given, it is estimated from its misfits: fit and noise are computed in turn until both converge,
+which gives the maximum of their likelihood.
 
 **Losses.** A residual counts by its square, or less where it is large. Each loss ρ is a function of z = (residual /
 noise)², given with its first two derivatives, shape (3, n), as `scipy.optimize.least_squares` takes it. With ψ(r) =
@@ -11,15 +11,15 @@ Hettmansperger 1980, Biometrika 67:93-101); for squares that factor is one over 
 
 **Correlated residuals.** n values whose correlation over k samples is ρ(k) determine a mean as well as n / τ
 independent ones, τ = 1 + 2 Σ ρ(k) (Bayley & Hammersley 1946, doi:10.2307/2983560). The sum ends where ρ is first 0 or
-less: the rest is mostly the estimate's own noise. This holds for what changes as slowly as the residuals do; what
-changes faster is known better.
+less: the rest is mostly the estimate's own noise. This holds for effects that change as slowly as the residuals;
+faster ones are determined better.
 
-**Intervals** are by profile likelihood: a parameter is held, the others are fitted again, until the fit is
-significantly worse. The interval of a level ends where the likelihood ratio of the value held to the best one reaches
-the level's quantile: of χ² with one degree of freedom, or of F(1, n - p) where a noise is estimated from the same data
+**Intervals** are by profile likelihood: one parameter is held at a value while the others are fitted again, until the
+fit is significantly worse. The interval of a level ends where the likelihood ratio to the best fit reaches the level's
+quantile: of χ² with one degree of freedom, or of F(1, n - p) where a noise is estimated from the same data
 (Bates & Watts 1988, Nonlinear Regression Analysis, Ch. 6; Venzon & Moolgavkar 1988, Applied Statistics 37:87-94). Where
-residuals are autocorrelated, n is the number of independent values that they are worth. An interval need not be
-symmetric, and it may have no end within the parameter's range: the data do not bound it there.
+residuals are autocorrelated, n is the equivalent number of independent values. An interval need not be symmetric. If it
+has no end within the parameter's range, the data do not bound the parameter there.
 """
 
 from __future__ import annotations
@@ -48,37 +48,37 @@ BEND = 1.345
 NORMAL_MEDIAN = 0.6744897501960817
 """Median of the absolute value of a standard normal number"""
 SURE = 4.0
-"""The least ratio of the correlation with the next sample to its own standard deviation, for it to count"""
+"""Smallest significant ratio of the correlation with the next sample to its standard deviation"""
 STEP, LEAST_STEP = 1e-3, 1e-7
-"""Steps of difference quotients, in coordinates: STEP at first; later half of what the data resolve, at least
-LEAST_STEP, where that is less, since within STEP an impact may come before a sample or after it"""
+"""Steps of difference quotients, in coordinates: STEP at first; later half of what the data resolve if that is less,
+but at least LEAST_STEP. Within STEP an impact may move from before a sample to after it"""
 FAR = 1e8
-"""Residual where parameters do not make a model"""
+"""Residual where the parameters are not allowed"""
 PRECISION, MOST_TRIES = 1e-10, 100
 """Relative change of cost and place, and slope, at which a search ends, and its largest number of evaluations"""
 COARSE, COARSE_TRIES = 1e-6, 30
-"""The same of the searches from several starts, the best of which is continued"""
+"""The same for the searches from several starts; the best one is continued"""
 REACH = math.log(4.0)
 """The largest distance [coordinates] of another start from the first one"""
 ROUNDS, STEADY = 30, 1e-3
 """The largest number of rounds of fit and noise; the relative change of a noise at which they end"""
 SMALL = 1e-9
-"""The least noise of a column, relative to its largest value; the least singular value of a direction, relative to the
-largest one; and the distance [coordinates] from the bounds within which a search does not begin"""
+"""Smallest noise of a column, relative to its largest value; smallest singular value of a direction, relative to the
+largest one; and smallest distance [coordinates] of a search's start from the bounds"""
 SCREENED, SEED = 50, 20
-"""Number of places around the first start, for each parameter, of which the best become the other starts; and the seed
-by which they are drawn: the same fit has the same answer"""
+"""Number of places around the first start, per parameter; the best of them become the other starts. And their seed,
+so that the same fit has the same answer"""
 NO_EFFECT = 1e-5
 """Slope of a residual, in spreads of its column over an e-fold change, below which a parameter has no effect: a
-thousandth of what the model's own error could make of it"""
+thousandth of the effect of the model's own error"""
 WIDEST = math.log(1e9)
-"""The largest distance [coordinates] from the fit at which an end of an interval is searched for"""
+"""Largest distance [coordinates] from the fit at which the end of an interval is searched"""
 BETTER = 1e-2
 """Likelihood ratio by which a place must be better than the fit to replace it"""
 HIGH, IN_GROUP = 0.95, 0.3
-"""Correlation above which two parameters trade off; the least component of a parameter that takes part"""
+"""Correlation above which two parameters trade off; the smallest component of a parameter that takes part"""
 WIDE, SHOWN = 2.0, 0.1
-"""Ratio of the ends of an interval from which on a value counts as not known; relative change in a shown trade-off"""
+"""Ratio of an interval's ends above which a value counts as unknown; relative change in a shown trade-off"""
 UNLIKELY = 1e-4
 """Probability of the residuals below which the noise given is doubted"""
 AT_END = 1e-3
@@ -106,7 +106,7 @@ LOSSES: dict[str, Callable[[Floats], Floats]] = {LINEAR: _squares, "soft_l1": _s
 
 
 class Unknown(NamedTuple):
-    """A free parameter; its coordinate is the logarithm of a value that cannot be 0, else the value over `scale`."""
+    """A free parameter; its coordinate is the logarithm of the value if it cannot be 0, else the value over `scale`."""
 
     name: str
     """Name of the parameter"""
@@ -122,17 +122,17 @@ class Unknown(NamedTuple):
     """Change of the value over that of the coordinate, in the unit; 0 where the coordinate is the logarithm"""
 
     def coordinate(self, value: float) -> float:
-        """Give the coordinate of a value."""
+        """Return the coordinate of a value."""
         return value / self.scale if self.scale else math.log(value)
 
     def value(self, coordinate: float) -> float:
-        """Give the value at a coordinate, within the range."""
+        """Return the value at a coordinate, within the range."""
         value = coordinate * self.scale if self.scale else math.exp(min(coordinate, 700.0))
         return min(max(value, self.least), self.most)
 
 
 def unknowns_of(free: Free, names: Sequence[str], parameters: NodeSection, source: str) -> tuple[Unknown, ...]:
-    """Give the free parameters in the order of their names, with the ranges that are given, or else with their own.
+    """Return the free parameters in the order of their names, each with the given range or else its own.
 
     Args:
         free: What the user wants to fit.
@@ -141,8 +141,8 @@ def unknowns_of(free: Free, names: Sequence[str], parameters: NodeSection, sourc
         source: Name of the data, for messages.
 
     Raises:
-        UsageError: no name is given, one is given twice or cannot be free, a range is no range or is not within the
-            parameter's own, or the value to start from is outside of it.
+        UsageError: no name is given, one is given twice or cannot be free, a range is invalid or not within the
+            parameter's own, or it does not contain the start.
     """
     if isinstance(free, Mapping):
         pairs: list[tuple[str, Any]] = list(free.items())
@@ -195,7 +195,7 @@ class Data:
     digest: str
     """SHA-256 of the file or bag; empty for a table in memory"""
     answers: dict[str, Floats]
-    """Measured columns by name, shape (n,) each; not a number where nothing was measured"""
+    """Measured columns by name, shape (n,) each; NaN where nothing was measured"""
 
     @property
     def number(self) -> int:
@@ -205,7 +205,7 @@ class Data:
 
 @dataclass(frozen=True)
 class Problem:
-    """A model with free parameters, and measurements to which it is fitted; its heirs are the models."""
+    """A model with free parameters, and the measurements to fit; subclasses are the models."""
 
     measured: Data
     unknowns: tuple[Unknown, ...]
@@ -214,22 +214,22 @@ class Problem:
         """Compute the model's answers by the names of the measured columns, shape (n,) each.
 
         Raises:
-            UsageError: the parameters do not make a model.
+            UsageError: the parameters are not allowed.
         """
         raise NotImplementedError
 
     def predicted(self, values: Values) -> Any:
-        """Compute the answers with all that the caller of `calibrate` gets."""
+        """Compute the answers in full, as `calibrate` returns them."""
         raise NotImplementedError
 
     def conclusions(
         self, values: Values, refit: Callable[[Problem], Values]
     ) -> tuple[list[str], dict[str, Any], list[str]]:
-        """Give remarks on a fit, parameters that follow from it, and doubts; `refit` fits another such problem."""
+        """Return remarks on a fit, parameters that follow from it, and doubts; `refit` fits another such problem."""
         raise NotImplementedError
 
     def misfits(self, values: Values) -> dict[str, Floats]:
-        """Compute answers less measurements in their units, by column, where something was measured."""
+        """Compute answers minus measurements in their units, by column, where something was measured."""
         answers = self.answers(values)
         return {name: (answers[name] - column)[np.isfinite(column)] for name, column in self.measured.answers.items()}
 
@@ -243,7 +243,7 @@ def correlations(misfit: Floats) -> Floats:
 
 
 def samples_per_value(misfit: Floats) -> float:
-    """Give τ, 1 or more; 1 where the correlation with the next sample is not significant."""
+    """Return τ, 1 or more; 1 where the correlation with the next sample is not significant."""
     if len(misfit) < 2 or (known := correlations(misfit))[1] * math.sqrt(len(misfit)) <= SURE:
         return 1.0
     ends = np.flatnonzero(known <= 0.0)
@@ -252,7 +252,7 @@ def samples_per_value(misfit: Floats) -> float:
 
 @dataclass(frozen=True)
 class Fit:
-    """A place, a choice of the p free parameters by their coordinates, shape (p,), and how it fits."""
+    """A place, the coordinates of the p free parameters, shape (p,), and how well it fits."""
 
     problem: Problem
     loss: str
@@ -266,11 +266,11 @@ class Fit:
     ends: tuple[Floats, ...] = ()
     """Place at which the search from each start ended"""
     independent: float = 1.0
-    """Part of the measurements that counts: less than 1 where residuals are correlated from sample to sample"""
+    """Fraction of the measurements that counts: below 1 where residuals are correlated from sample to sample"""
 
     @classmethod
     def begun(cls, problem: Problem, loss: str, given: Mapping[str, float]) -> Fit:
-        """Begin at the start, with the noise that is given, or a guess of the right order."""
+        """Begin at the start, with the given noise, or a guess of its order of magnitude."""
         noise = {}
         for name, column in problem.measured.answers.items():
             known = column[np.isfinite(column)]
@@ -288,12 +288,12 @@ class Fit:
         return low, high
 
     def values(self, place: Floats | None = None) -> Values:
-        """Give the values of the parameters at a place, or at that of the fit, by name."""
+        """Return the values of the parameters at a place, or at that of the fit, by name."""
         coordinates = (self.place if place is None else place).tolist()
         return {each.name: each.value(at) for each, at in zip(self.problem.unknowns, coordinates, strict=True)}
 
     def residuals(self, place: Floats) -> Floats:
-        """Compute all misfits in units of the noise, one column after another; `FAR` if there is no model."""
+        """Compute all misfits in units of the noise, column by column; `FAR` if the parameters are not allowed."""
         try:
             return scaled(self.problem.misfits(self.values(place)), self.noise)
         except UsageError:
@@ -315,12 +315,12 @@ class Fit:
         return np.stack(columns, axis=1)
 
     def cost(self, place: Floats) -> float:
-        """Give half the sum of losses at a place."""
+        """Return half the sum of losses at a place."""
         return float(0.5 * LOSSES[self.loss](self.residuals(place) ** 2)[0].sum())
 
     @property
     def freedom(self) -> float:
-        """Degrees of freedom: independent measurements less parameters, 1 or more."""
+        """Degrees of freedom: independent measurements minus parameters, 1 or more."""
         return max(self.independent * self.problem.measured.number - len(self.place), 1.0)
 
     @property
@@ -330,7 +330,7 @@ class Fit:
 
     @cached_property
     def calibration(self) -> float:
-        """Factor that turns a rise of twice the cost into a likelihood ratio."""
+        """Factor from the rise of twice the cost to a likelihood ratio."""
         number = self.problem.measured.number
         if self.loss == LINEAR:
             return self.independent if self.knows_noise else self.freedom / (number - len(self.place))
@@ -362,7 +362,7 @@ class Fit:
         return matrix
 
     def quantile(self, level: float) -> float:
-        """Value that a likelihood ratio does not exceed with a probability, if the value held is the true one."""
+        """Quantile of the likelihood ratio for a probability, if the held value is the true one."""
         return float(chi2.ppf(level, 1) if self.knows_noise else f.ppf(level, 1, self.freedom))
 
     @cached_property
@@ -371,13 +371,13 @@ class Fit:
         return self.cost(self.place)
 
     def ratio(self, place: Floats) -> float:
-        """Give the likelihood ratio of the fit to a place."""
+        """Return the likelihood ratio of the fit to a place."""
         return 2.0 * self.calibration * (self.cost(place) - self.least_cost)
 
     def searched(
         self, start: Floats, held: Sequence[int] = (), *, precision: float = PRECISION, tries: int = MOST_TRIES
     ) -> Floats:
-        """Search for the place of the least cost from a start; the coordinates with indices `held` stay."""
+        """Search for the place of least cost from a start; the coordinates with indices `held` stay fixed."""
         moving = [index for index in range(len(start)) if index not in held]
         if not moving:
             return start
@@ -435,8 +435,8 @@ def fitted(
         problem: Model and measurements.
         loss: Name of the loss, a key of `LOSSES`.
         given: Noise of the columns for which it is known.
-        starts: Number of starts: the parameters' own, and the best of many places that are spread evenly around it.
-        advance: Called with the number of starts that are done, and the number of all.
+        starts: Number of starts: the parameters' own, and the best of many places spread evenly around it.
+        advance: Called with the number of finished starts and the number of all.
 
     Raises:
         UsageError: a free parameter changes nothing that was measured.
@@ -467,9 +467,9 @@ class Interval(NamedTuple):
     high: float
     """Upper end"""
     low_open: bool
-    """Whether the data do not bound the value below: `low` is the end of its range, or where the search ended"""
+    """Whether the data do not bound the value from below; `low` is then the end of its range or of the search"""
     high_open: bool
-    """Whether the data do not bound the value above: `high` is the end of its range, or where the search ended"""
+    """Whether the data do not bound the value from above; `high` is then the end of its range or of the search"""
 
     def __str__(self) -> str:
         if self.low_open:
@@ -478,7 +478,7 @@ class Interval(NamedTuple):
 
     @property
     def is_narrow(self) -> bool:
-        """Whether the value is known."""
+        """Whether the data determine the value."""
         small, large = sorted((abs(self.low), abs(self.high)))
         return self.low * self.high > 0.0 and large < WIDE * small and not (self.low_open or self.high_open)
 
@@ -489,10 +489,10 @@ def intervals(fit: Fit, level: float, advance: Callable[[int, int], None]) -> tu
     Args:
         fit: The fit.
         level: Probability of the intervals.
-        advance: Called with the number of parameters that are done, and the number of all.
+        advance: Called with the number of finished parameters and the number of all.
 
     Returns:
-        The intervals; and the best place that was found on the way, if it is better than the fit.
+        The intervals; and the best place found meanwhile, if it is better than the fit.
     """
     found, better = [], list[Floats]()
     for index, unknown in enumerate(fit.problem.unknowns):
@@ -506,8 +506,8 @@ def intervals(fit: Fit, level: float, advance: Callable[[int, int], None]) -> tu
 def _end(fit: Fit, index: int, side: float, limit: float, better: list[Floats]) -> tuple[float, bool]:
     """Find the coordinate of an end of an interval, and whether it is open.
 
-    `side` is -1 for the lower end and 1 for the upper one, `limit` the root of the likelihood ratio at the end. Places
-    that are better than the fit are added to `better`.
+    `side` is -1 for the lower end and 1 for the upper one; `limit` is the root of the likelihood ratio there. Places
+    that fit better are added to `better`.
     """
     best, bounds, spread = fit.place, fit.bounds, fit.covariance
     at, variance = float(best[index]), float(spread[index, index])
@@ -518,7 +518,7 @@ def _end(fit: Fit, index: int, side: float, limit: float, better: list[Floats]) 
 
     @cache
     def rise(reach: float) -> float:
-        """Compute the root of the likelihood ratio at a distance from the fit, less its limit."""
+        """Compute the root of the likelihood ratio at a distance from the fit, minus its limit."""
         if reach == 0.0:
             return -limit
         near = min(solved, key=lambda each: abs(each - reach))
@@ -541,7 +541,7 @@ def _end(fit: Fit, index: int, side: float, limit: float, better: list[Floats]) 
 
 
 def doubts(fit: Fit, bounds: Sequence[Interval], level: float) -> Iterator[str]:
-    """Give all doubts about a fit and its intervals of a level (none if not computed), a sentence each."""
+    """Return all doubts about a fit, and about its intervals of a level if computed, a sentence each."""
     yield from _trades(fit, bounds)
     for unknown, place, least, most in zip(fit.problem.unknowns, fit.place, *fit.bounds, strict=True):
         if min(place - least, most - place) < AT_END:
@@ -562,7 +562,7 @@ def doubts(fit: Fit, bounds: Sequence[Interval], level: float) -> Iterator[str]:
 
 
 def _left(fit: Fit) -> Iterator[str]:
-    """Report noise that was given and does not agree with the residuals, and residuals that are correlated."""
+    """Report given noise that disagrees with the residuals, and correlated residuals."""
     for name, misfit in fit.problem.misfits(fit.values()).items():
         number = fit.independent * len(misfit)
         total = fit.independent * float(((misfit / fit.noise[name]) ** 2).sum())
@@ -579,10 +579,10 @@ def _left(fit: Fit) -> Iterator[str]:
 
 
 def _trades(fit: Fit, bounds: Sequence[Interval]) -> Iterator[str]:
-    """Describe each group of parameters that trade off, in a sentence with how they change together.
+    """Describe each group of parameters that trade off, in a sentence that shows how they change together.
 
-    Such a direction is one in which the slopes, scaled to one size for all parameters, nearly vanish: for two
-    parameters, where their correlation exceeds `HIGH`.
+    In such a direction the slopes, scaled to one size for all parameters, nearly vanish; for two parameters their
+    correlation exceeds `HIGH`.
     """
     unknowns, sizes = fit.problem.unknowns, np.linalg.norm(fit.slopes, axis=0)
     sizes[sizes == 0.0] = 1.0

@@ -31,12 +31,12 @@ from knee_contact_ros.system.errors import UsageError, in_a_line
 
 AXIAL_FORCE = "axial_force"
 OWN_NAME, ROLE = f"/{JOINT_REACTION_FORCE}", "/reference"
-"""Default topic of the reference, and a role of its own, so that no other force is read in its place"""
+"""Default topic of the reference, and its role, which keeps other forces from being read instead"""
 SECTION = "person."
 FITTABLE = [name for name in known_parameters(LoadParameters) if name.startswith(SECTION)]
 """Parameters that may be free: the constants of a person"""
 LEAST_GAIN = 1e-3
-"""The least reduction of the error [body weights] that counts"""
+"""Smallest reduction of the error [body weights] that counts"""
 BODY = ("person.mass", "person.height")
 """Parameters on which the net moments depend"""
 LEAST_DEVIATION, LARGEST_DEVIATION = 0.01, 10.0
@@ -49,37 +49,37 @@ OTHER_TRIALS = (
 
 @dataclass(frozen=True)
 class Referenced(Data):
-    """Samples of a leg's sensors, n of them, one for each ground force, and the joint reaction at their stamps.
+    """The n samples of a leg's sensors, one for each ground force, and the joint reaction at their stamps.
 
-    The answer is `axial_force` [N], shape (n,): the reference; not a number at samples that are left out.
+    The answer is `axial_force` [N], shape (n,): the reference; NaN at samples that are left out.
     """
 
     samples: tuple[Sensed, ...]
     """All n samples"""
     left_out: Mapping[str, int]
-    """Number of samples that are left out, by the reason"""
+    """Number of samples left out, by reason"""
     doubts: tuple[str, ...]
-    """What makes no sense in the bags, a sentence each"""
+    """What is implausible in the bags, a sentence each"""
     bags: tuple[tuple[str, int], ...]
-    """Name of each bag, and the number of its samples"""
+    """Name and number of samples of each bag"""
 
 
 def referenced(
     bags: Sequence[Path], parameters: LoadParameters, names: Names, advance: Callable[[int, int], None]
 ) -> Referenced:
-    """Read bags of a person; samples that are flagged, or have no reference at their stamps, are left out.
+    """Read bags of a person; leave out samples that are flagged or have no reference at their stamps.
 
-    The reference at a stamp is interpolated between its neighbours, if they are not further than `pairing.max_gap`
-    apart. Of two runs over the same stamps, the first one counts.
+    The reference is interpolated between neighbours that are at most `pairing.max_gap` apart. If two runs have the
+    same stamps, the first one counts.
 
     Args:
         bags: Paths of the bags.
         parameters: Parameters of the load node.
         names: Names of the bags' three topics.
-        advance: Called with the amount that is read of a bag, and that of all.
+        advance: Called with the amount read of a bag, and the whole amount.
 
     Raises:
-        UsageError: a bag cannot be used, a topic is missing, no sample of it is left, or two bags are the same.
+        UsageError: a bag cannot be used, a topic is missing or has no usable sample, or two bags are the same.
     """
     digests = [bag_digest(bag) for bag in bags]
     for one, other in combinations(range(len(bags)), 2):
@@ -141,7 +141,7 @@ def _reference(bag: Path, topic: str) -> tuple[NDArray[np.int64], Floats, Counte
 
 
 def _own_estimate(bag: Path, topic: str) -> list[str]:
-    """Report a reference that is likely an estimate of our own, as there is a topic `load_estimate` beside it."""
+    """Report a reference that is likely our own estimate, as its bag also has a topic `load_estimate`."""
     estimate = topic.removesuffix(JOINT_REACTION_FORCE) + LOAD_ESTIMATE
     try:
         BagReader(bag, {estimate: MESSAGE_TYPES[LOAD_ESTIMATE]}).close()
@@ -165,13 +165,13 @@ class LoadProblem(Problem):
     """Net moments at the n samples; empty where mass or height is free"""
 
     def person(self, values: Values) -> Person:
-        """Give the constants of a person."""
+        """Return the constants of a person."""
         return self.parameters.person.constants._replace(
             **{name.removeprefix(SECTION): value for name, value in values.items()}
         )
 
     def answers(self, values: Values) -> dict[str, Floats]:
-        """Compute the estimate `axial_force` [N] at every sample, shape (n,), with the bits of the estimator."""
+        """Compute the estimate `axial_force` [N] at every sample, shape (n,), bit for bit as the estimator does."""
         person, level = self.person(values), self.parameters.chosen_level
         estimator, nets = Estimator(level, person), self.nets or _net_moments(level, person, self.measured.samples)
         axial = [estimator.react(each.stamp, each.joints, each.ground, net, each.status)[0].axial
@@ -179,16 +179,16 @@ class LoadProblem(Problem):
         return {AXIAL_FORCE: np.array(axial)}
 
     def predicted(self, values: Values) -> dict[str, Floats]:
-        """Give the answers, with the samples' stamps as `time` [s]."""
+        """Return the answers, with the samples' stamps as `time` [s]."""
         return {"time": np.array([each.stamp / NANOSECONDS for each in self.measured.samples]), **self.answers(values)}
 
     def conclusions(
         self, values: Values, refit: Callable[[Problem], Values]
     ) -> tuple[list[str], dict[str, Any], list[str]]:
-        """Say how far off the estimate is, and what the person gains; several bags are left out in turn.
+        """Report the error of the estimate and what the fit gains; several bags are left out in turn.
 
-        The file is `calibrated`, with the error as `standard_deviation`, if that is less than with the constants of
-        the start.
+        The file gets `calibrated`, and the error as `standard_deviation`, if the error is smaller than with the
+        constants of the start.
         """
         data, several = self.measured, len(self.measured.bags) > 1
         reference, answer = data.answers[AXIAL_FORCE], self.answers(values)[AXIAL_FORCE]
@@ -224,13 +224,13 @@ class LoadProblem(Problem):
         return remarks, {"calibrated": True, "standard_deviation": deviation}, list(data.doubts)
 
     def error(self, values: Values, within: NDArray[np.bool_]) -> float:
-        """RMS [body weights] of the estimate's error at some samples, which have a reference."""
+        """RMS error of the estimate [body weights] at some samples with a reference."""
         error = self.answers(values)[AXIAL_FORCE] - self.measured.answers[AXIAL_FORCE]
         return float(np.sqrt(np.mean(error[within] ** 2))) / self.person(values).weight
 
 
 def load_problem_of(parameters: LoadParameters, measured: Referenced, unknowns: tuple[Unknown, ...]) -> LoadProblem:
-    """Make the problem, and compute once what does not depend on free parameters."""
+    """Make the problem, and compute once whatever does not depend on free parameters."""
     moves, level = any(unknown.name in BODY for unknown in unknowns), parameters.chosen_level
     nets = () if moves else _net_moments(level, parameters.person.constants, measured.samples)
     return LoadProblem(measured, unknowns, parameters, nets)

@@ -1,6 +1,6 @@
-"""What OpenSim does in a process of its own: `TOOL SETUP` runs a tool, `places REQUEST ANSWER` finds where frames are.
+"""OpenSim in its own process: `TOOL SETUP` runs a tool, `places REQUEST ANSWER` computes where frames are.
 
-It imports nothing of ours: OpenSim prints much, and can end its process. It runs in a folder that it may write to.
+OpenSim prints a lot and may end its process, so this module imports nothing of ours. It runs in a writable folder.
 
 REQUEST (JSON) has `model` (its path), `degrees` (whether angles are in degrees), `coordinates` (by name, a value for
 each row) and `frames`, pairs of a kind and a name: of a joint `child` (its frame on the child), `child_base` and
@@ -21,7 +21,7 @@ PLACES = "places"
 
 
 def main(what: str, *files: str) -> int:
-    """Run a tool with its set-up file, or find places; return the exit code, 1 if the tool reports that it failed."""
+    """Run a tool with its set-up file, or find places; return the exit code, 1 if the tool reports a failure."""
     import opensim
 
     if what != PLACES:
@@ -69,7 +69,7 @@ def _frame(model: Any, kind: str, name: str) -> Any:
 
 
 def _moves(model: Any, state: Any, coordinate: Any, frame: Any, other: Any) -> bool:
-    """Whether a free coordinate moves two frames against each other."""
+    """Whether a free coordinate moves two frames relative to each other."""
     if coordinate.getLocked(state) or coordinate.isDependent(state):
         return False
     places = []

@@ -1,4 +1,4 @@
-"""The work of `knee-contact import-opensim`: run OpenSim if requested, read one knee or both, write bags, print."""
+"""The work of `knee-contact import-opensim`: run OpenSim if requested, read one or both knees, write bags, print."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class Files(NamedTuple):
     speeds: Path | None = None
     model: Path | None = None
     ground: Path | None = None
-    """External loads file, or ground reactions with names that tell the foot; None: no leg's sensors are simulated"""
+    """External loads file, or ground reactions with columns named by foot; None: do not simulate a leg's sensors"""
     ground_data: Path | None = None
     """File with the numbers of `ground`"""
 
@@ -46,11 +46,11 @@ def import_opensim(
 ) -> None:  # fmt: skip
     """Import results of OpenSim, or run OpenSim first; arguments are the options of the command, by name.
 
-    With --setup, OpenSim's tools run in a copy of the set-up files' folder. `both` sides are a bag each.
+    With --setup, OpenSim's tools run in a copy of the set-up files' folder. With `both`, each side becomes a bag.
 
     Raises:
-        UsageError: options exclude each other or are missing, a file or the output cannot be used, or a step has
-            failed; nothing is then written.
+        UsageError: options are missing or exclude each other, a file or the output cannot be used, or a step failed.
+            Nothing is written then.
     """
     own = {name: rest.pop(name) for name in ("kinematics", "reactions", "speeds", "model")}
     sign = None if angle_sign == "auto" else int(angle_sign)
@@ -88,10 +88,11 @@ def run_tools(
 ) -> tuple[dict[str, Any], dict[str, str], list[str]]:
     """Run OpenSim's tools, with logs and results in the new folder `work`.
 
-    With `ground` the leg's sensors are simulated too, from this file of ground reactions or, if empty, the set-up's.
+    With `ground` the leg's sensors are simulated too, from this file of ground reactions or, if empty, from the
+    set-up's.
 
     Returns:
-        The files as for `Files`, what goes to the record, and lines to print on time and quality.
+        The files as in `Files`, entries for the metadata record, and lines to print on time and quality.
     """
     folder, planned = run.plan(setup, steps)
     if work.exists():
@@ -123,7 +124,7 @@ def outputs(side: str, output: Path, settings: Settings, overwrite: bool) -> dic
     """Paths of the bags by side: OUTPUT, or OUTPUT_right and OUTPUT_left for both.
 
     Raises:
-        UsageError: a bag exists already, or --joint or --coordinate is given for both sides.
+        UsageError: a bag exists already, or --joint or --coordinate is given with both sides.
     """
     both = side == "both"
     if both and (settings.joint or settings.coordinate):
@@ -135,10 +136,10 @@ def outputs(side: str, output: Path, settings: Settings, overwrite: bool) -> dic
 
 
 def read_knee(side: str, files: Files, settings: Settings, work: Path) -> Gait:
-    """Read a knee's gait, and with ground reactions that of its leg, for which OpenSim runs in the folder `work`.
+    """Read a knee's gait, and with ground reactions its leg's sensors; for these OpenSim runs in the folder `work`.
 
     Raises:
-        UsageError: a file cannot be used, a column is missing, or unit, sign or frame are wrong or not clear.
+        UsageError: a file cannot be used, a column is missing, or a unit, sign or frame is wrong or unclear.
     """
     start, end = settings.start, settings.end
     for name in ("start", "end", "rate"):
@@ -187,10 +188,10 @@ def _poses(
     chosen: Sequence[Reaction], reactions: StorageTable, kinematics: StorageTable, degrees: bool,
     angle: gait_bag.Signal, model: Path | None, work: Path,
 ) -> tuple[list[Pose | None], StorageTable, list[str]]:  # fmt: skip
-    """Poses of the tibia in the frames of reactions, if these are others; the rows that have one, and doubts.
+    """Poses of the tibia in the frames of reactions, if these are not the tibia's; the rows with a pose, and doubts.
 
     Raises:
-        UsageError: it needs a model that is not given, or does not fit.
+        UsageError: a model is needed but not given, or does not fit.
     """
     first = chosen[0]
     if all(each.rank < 2 for each in chosen):

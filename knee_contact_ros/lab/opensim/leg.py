@@ -1,6 +1,6 @@
-"""Simulated sensors of a leg: hip and ankle angles by OpenSim's kinematics, and the ground's force about the ankle.
+"""Simulated sensors of a leg: hip and ankle angles from OpenSim's kinematics, and ground reactions about the ankle.
 
-The columns of ground reactions that act on a foot are found by OpenSim's external loads, or by their names.
+OpenSim's external loads say which columns of ground reactions act on a foot; otherwise their names do.
 """
 
 from __future__ import annotations
@@ -35,26 +35,26 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import require
 
 GROUND = {"ground", "/ground", *NOTHING}
-"""Names of the ground frame, which is also meant where none is named"""
+"""Names of the ground frame, which is the default"""
 FOOT = ("foot", "calc", "talus", "toe", "heel", "mtp", "midfoot", "forefoot", "hindfoot")
-"""Beginnings of words in names of the bodies of a foot"""
+"""Beginnings of words in the names of a foot's bodies"""
 FORCE = re.compile(r"(.*force.*_)vx", re.IGNORECASE)
-"""Name of a force's first column, as `ground_force_vx`, `1_ground_force_vx`, `ground_force_r_vx`"""
+"""Name of a force's first column, like `ground_force_vx`, `1_ground_force_vx`, `ground_force_r_vx`"""
 EXAMPLES = {"ground_force_": RIGHT, "1_ground_force_": LEFT}
-"""Side of each force plate in OpenSim's own examples, which name no foot"""
+"""Side of each force plate in OpenSim's own examples, which do not name the foot"""
 IN_THE_AIR = 10.0
-"""Vertical force [N] below which a foot is in the air: plates are noisy, and have no centre of pressure then"""
+"""Vertical force [N] below which a foot counts as in the air: plates are noisy, and the centre of pressure undefined"""
 
 
 class FootForce(NamedTuple):
-    """Columns of a force on a foot: the beginnings of their names, which x, y and z follow."""
+    """Columns of a force on a foot: their names without the final x, y or z."""
 
     force: str
     """Columns of the force [N]"""
     point: str
     """Columns of the point of application [m]"""
     torque: str
-    """Columns of the free moment [N m]; empty: there are none"""
+    """Columns of the free moment [N m]; empty if there are none"""
 
 
 class GroundFile(NamedTuple):
@@ -80,14 +80,14 @@ class Frames(NamedTuple):
     origins: Floats
     """[m], shape (n, k, 3)"""
     unknown: tuple[str, ...]
-    """Coordinates that move the first two frames against each other, and are not in the kinematics"""
+    """Coordinates that move the first two frames relative to each other, but are not in the kinematics"""
 
 
 def read_ground(ground: Path, data: Path, side: str) -> GroundFile:
     """Read the forces on the right or left foot; `data` is the file that `data_file` finds.
 
-    External loads name the body of a force, which must have a force and a point, expressed in ground. As for OpenSim,
-    an identifier may be the beginning of three names.
+    External loads name the body of a force; force and point are required, and must be expressed in ground. As in
+    OpenSim, an identifier may be the beginning of three column names.
 
     Raises:
         UsageError: a file cannot be read, it is not clear which forces act on the foot, or a column is missing.
@@ -128,7 +128,7 @@ def _complete(force: FootForce, table: Table) -> FootForce:
 
 
 def _stem(identifier: str, table: Table) -> str:
-    """Beginning of three columns that x, y and z follow; a shorter identifier does if it is clear; empty: none."""
+    """Names of three columns without the final x, y, z; an unambiguous shorter identifier suffices; empty: none."""
     if identifier in NOTHING:
         return ""
     fitting = [name for name in table.names if name.startswith(identifier)]
@@ -142,7 +142,7 @@ def is_foot(body: str, side: str) -> bool:
 
 
 def _by_names(table: Table, side: str) -> FootForce:
-    """Find the only force whose columns name the foot, or have the names that OpenSim's examples have for it."""
+    """Find the only force whose columns name the foot, or are named as in OpenSim's examples."""
     stems = [match[1] for match in map(FORCE.fullmatch, table.names) if match]
     if not stems:
         raise UsageError(f"{table.path} has no ground force, as ground_force_vx, but {some(table.names)}")
@@ -163,7 +163,7 @@ def during(ground: GroundFile, stamps: Stamps) -> GroundFile:
     """Check that all forces act upwards, and select the rows between the first and the last stamp [ns].
 
     Raises:
-        UsageError: they do not, a number is not finite, or there are fewer than two rows.
+        UsageError: a force acts downwards, a number is not finite, or there are fewer than two rows.
     """
     data = ground.data
     for names in ground.forces:
@@ -176,14 +176,14 @@ def during(ground: GroundFile, stamps: Stamps) -> GroundFile:
 
 
 def about_ankle(ground: GroundFile, ankle: Floats) -> Signal:
-    """Sum the forces on a foot, with their torque about the ankle, at the rows of the file; 0 with the foot in the air.
+    """Sum the forces on a foot, and their torque about the ankle, at the file's rows; 0 with the foot in the air.
 
     Args:
-        ground: the file, in OpenSim's axes of the ground (x forward, y up, z to the right).
-        ankle: [m] the ankle joint's centre in these axes, at the file's stamps; shape (n, 3).
+        ground: The file, in OpenSim's ground axes (x forward, y up, z to the right).
+        ankle: Centre of the ankle joint [m] in these axes at the file's stamps, shape (n, 3).
 
     Raises:
-        UsageError: a number is not finite where it counts, or this cannot be what acts on this foot.
+        UsageError: a number that counts is not finite, or the forces cannot be those on this foot.
     """
     data, wrench = ground.data, np.zeros((len(ankle), 6))
     for names in ground.forces:
@@ -197,7 +197,7 @@ def about_ankle(ground: GroundFile, ankle: Floats) -> Signal:
 
 
 def _vector(data: Table, name: str, where: np.ndarray | None = None) -> Floats:
-    """Vector in three columns, shape (n, 3), 0 where `where`, shape (n,), is false: a point may be NaN in the air.
+    """Vector in three columns, shape (n, 3); 0 where `where`, shape (n,), is false, as a point may be NaN in the air.
 
     Raises:
         UsageError: a number that counts is not finite.
@@ -215,18 +215,18 @@ def _vector(data: Table, name: str, where: np.ndarray | None = None) -> Floats:
 def read_leg(
     ground: GroundFile, kinematics: Table, degrees: bool, model: Path, joints: Sequence[str], work: Path
 ) -> tuple[dict[str, Signal], Signal, list[str]]:
-    """Simulate the sensors of a leg: angles of hip and ankle, what the ground exerts about the ankle, and notes.
+    """Simulate the sensors of a leg: angles of hip and ankle, the ground's wrench about the ankle, and notes.
 
-    The hip's is the angle between thigh and vertical in the sagittal plane, positive when the knee is ahead of the hip;
-    the ankle's is positive in dorsiflexion, 0 at a right angle.
+    The hip angle is between thigh and vertical in the sagittal plane, positive with the knee ahead of the hip. The
+    ankle angle is positive in dorsiflexion, 0 at a right angle.
 
     Args:
-        ground: ground reactions on the foot.
-        kinematics: coordinates of the model over time.
-        degrees: whether angles in the kinematics are in degrees.
-        model: file of the model.
-        joints: names of hip, knee and ankle in the model.
-        work: folder for a process of OpenSim and its log.
+        ground: Ground reactions on the foot.
+        kinematics: Coordinates of the model over time.
+        degrees: Whether angles in the kinematics are in degrees.
+        model: File of the model.
+        joints: Names of hip, knee and ankle in the model.
+        work: Folder for OpenSim's process and its log.
 
     Raises:
         UsageError: OpenSim is not installed or fails, or a file cannot be used or does not fit the others.
@@ -256,7 +256,7 @@ def leg_joints(model: Path, side: str, coordinate: str | None) -> list[str]:
     """Find the names of hip, knee and ankle of a leg in a model's file; the knee is the joint with the coordinate.
 
     Raises:
-        UsageError: the file is no model, or a joint is not there or not unique.
+        UsageError: the file is not a model, or a joint is missing or not unique.
     """
     joints = [e for e in read_xml(model, "Model").iter() if e.tag.endswith("Joint") and e.get("name")]
     of_side = [e.get("name", "") for e in joints if words(e.get("name", "")) & SIDE_WORDS[side]]
@@ -275,7 +275,7 @@ def leg_joints(model: Path, side: str, coordinate: str | None) -> list[str]:
 
 
 def frames_of(kinematics: Table, degrees: bool, model: Path, frames: Sequence[tuple[str, str]], work: Path) -> Frames:
-    """Compute where frames are at the rows of the kinematics, with OpenSim in a process of its own; see `child`.
+    """Compute where frames are at the rows of the kinematics, by OpenSim in its own process; see `child`.
 
     Raises:
         UsageError: a number is not finite, or OpenSim fails.
@@ -298,11 +298,11 @@ def frames_of(kinematics: Table, degrees: bool, model: Path, frames: Sequence[tu
 def tibia_in(
     reaction: Reaction, kinematics: Table, degrees: bool, model: Path, stamps: Stamps, work: Path
 ) -> tuple[Pose, Stamps]:
-    """Place of the tibia in the frame that a reaction is expressed in, at those of its stamps that have kinematics.
+    """Pose of the tibia in a reaction's frame, at those of its stamps that have kinematics.
 
     Raises:
-        UsageError: OpenSim is not installed or fails, the model has no such joint or frame, or a coordinate between
-            both is not in the kinematics.
+        UsageError: OpenSim is not installed or fails, the model has no such joint or frame, or the kinematics lack a
+            coordinate between both frames.
     """
     root = read_xml(model, "Model")
     if reaction.joint not in [e.get("name") for e in root.iter() if e.tag.endswith("Joint")]:

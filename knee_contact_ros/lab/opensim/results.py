@@ -1,6 +1,6 @@
 """Read a knee's angle and joint reaction from results of OpenSim; notes say what was converted.
 
-Columns are found by OpenSim's names, which tell coordinate, joint, body and frame.
+Columns are found by OpenSim's names, which contain coordinate, joint, body and frame.
 """
 
 from __future__ import annotations
@@ -23,14 +23,14 @@ from knee_contact_ros.system.errors import UsageError
 RIGHT, LEFT = "right", "left"
 SIDE_WORDS = {RIGHT: {"r", "right"}, LEFT: {"l", "left"}}
 ANGLE_WORDS = {"angle", "flexion", "flex", "extension", "ext", "fe"}
-"""Words allowed in the name of a knee's angle beside `knee` and the side; others are of the patella or other axes"""
+"""Words allowed in the name of a knee's angle, besides `knee` and the side; others mean the patella or other axes"""
 TIBIA, FEMUR = ("tibia", "shank"), ("femur", "femor", "thigh")
 """Beginnings of words in the names of bodies"""
 PLATEAU, COMPARTMENTS = ("tibial", "tibiofemoral", "plat"), ("med", "lat")
-"""Beginnings of words in the names of joints or bodies: of one at the plateau, and of those of the two compartments"""
+"""Beginnings of words in names of joints or bodies: at the plateau, and at the medial and lateral compartment"""
 REACTION = re.compile(r"(?P<joint>.+)_on_(?P<body>.+)_in_(?P<frame>.+)_(?:[fmp][xyz])")
 MOCO = re.compile(r"(?P<path>.*?(?P<joint>[^/|]+)\|reaction_on_child)_[1-6]")
-"""Columns of a reaction on a joint's child that Moco's study writes: torque and force in ground, at the joint"""
+"""Columns that Moco writes for a reaction on a joint's child: torque and force in ground, at the joint"""
 MOCO_PLACES = {"mx": 1, "my": 2, "mz": 3, "fx": 4, "fy": 5, "fz": 6}
 GROUND = "ground"
 AXES = ("fx", "fy", "fz", "mx", "my", "mz")
@@ -38,20 +38,20 @@ ALL = f"({' '.join(AXES)})"
 POINT = ("px", "py", "pz")
 HOW = "in the JointReaction set-up: apply_on_bodies child, express_in_frame child"
 MAX_GAP = 0.1
-"""Longest time between rows [s] across which is interpolated, as `max_gap` of import-csv"""
+"""Longest time between rows [s] that is interpolated, as `max_gap` of import-csv"""
 
 
 class Settings(NamedTuple):
     """Settings of the import."""
 
     joint: str | None = None
-    """Joint of the reactions; None: the one whose name says knee and side"""
+    """Joint of the reactions; None: the one with knee and side in its name"""
     coordinate: str | None = None
-    """Coordinate of the kinematics; None: the one whose name says knee and side"""
+    """Coordinate of the kinematics; None: the one with knee and side in its name"""
     angle_unit: str = "auto"
     """Unit of the angle: `deg`, `rad` or `auto`"""
     angle_sign: int | None = None
-    """Sign that makes the angle positive in flexion, 1 or -1; None: it is found from the data"""
+    """Sign that makes the angle positive in flexion, 1 or -1; None: found from the data"""
     start: float | None = None
     """First time [s]; None: the first that all files have"""
     end: float | None = None
@@ -63,7 +63,7 @@ class Settings(NamedTuple):
 
 
 class Reaction(NamedTuple):
-    """Reaction of a joint in a file, with columns `<joint>_on_<body>_in_<frame>_fx` and so on."""
+    """Reaction of a joint in a file, in columns `<joint>_on_<body>_in_<frame>_fx` and so on."""
 
     joint: str
     body: str
@@ -71,7 +71,7 @@ class Reaction(NamedTuple):
     frame: str
     """Frame in which it is expressed"""
     moco: str = ""
-    """Beginning of the names of its columns, if Moco has written them"""
+    """Beginning of the names of its columns, if Moco wrote them"""
 
     def column(self, axis: str) -> str:
         """Name of a column."""
@@ -91,21 +91,21 @@ class Reaction(NamedTuple):
 
 
 class Pose(NamedTuple):
-    """Place of the tibia in the frame that a reaction is expressed in, at its n rows."""
+    """Pose of the tibia in the frame of a reaction, at its n rows."""
 
     rotation: Floats
-    """Turns vectors from that frame into the tibia's; shape (n, 3, 3)"""
+    """Rotates vectors from that frame to the tibia's, shape (n, 3, 3)"""
     origin: Floats
-    """Origin of the tibia's frame there [m], shape (n, 3)"""
+    """Origin of the tibia's frame in that frame [m], shape (n, 3)"""
     point: Floats | None = None
-    """Where the reaction acts there [m], if the file does not say it; shape (n, 3)"""
+    """Point in that frame where the reaction acts [m], shape (n, 3), if the file does not give it"""
 
 
 def read_model(path: Path, coordinate: str | None) -> tuple[float, tuple[float, float] | None]:
-    """Read the weight [N] of a model (.osim, of any version), and the range [rad] of a coordinate; None: it has none.
+    """Read the weight [N] of a model (.osim, of any version), and the range [rad] of a coordinate, None without one.
 
     Raises:
-        UsageError: the file is no model, or has no such coordinate.
+        UsageError: the file is not a model, or has no such coordinate.
     """
     root = read_xml(path, "Model")
     mass = sum(float(body.findtext("mass", "0")) for body in root.iter("Body"))
@@ -117,7 +117,7 @@ def read_model(path: Path, coordinate: str | None) -> tuple[float, tuple[float, 
 
 
 def angle_column(table: Table, side: str, coordinate: str | None) -> str:
-    """Find the column with the knee's angle; `coordinate` is its name or that of its coordinate, None if not known.
+    """Find the column with the knee's angle; `coordinate` is the name of it or its coordinate, None if unknown.
 
     Raises:
         UsageError: there is no such column, or more than one.
@@ -146,14 +146,14 @@ def is_knee(name: str, side: str) -> bool:
 
 
 def speed_column(names: Iterable[str], angle: str) -> str | None:
-    """Find the column with the rate of an angle's column, in a file of states or of speeds; None: there is none."""
+    """Find the column with the rate of an angle's column, in a file of states or speeds; None if there is none."""
     wanted = angle.removesuffix("/value") + "/speed" if "/" in angle else angle
     coordinate = coordinate_of(angle)
     return next((name for name in names if name in {wanted, coordinate} or name.endswith(f"/{coordinate}/speed")), None)
 
 
 def coordinate_of(name: str) -> str | None:
-    """Coordinate whose value a column has, also with a name `/jointset/JOINT/COORDINATE/value`; None: it has none."""
+    """Coordinate of a column, whose name may also be `/jointset/JOINT/COORDINATE/value`; None if it has none."""
     parts = name.strip("/").split("/")
     if len(parts) == 1:
         return name
@@ -161,13 +161,13 @@ def coordinate_of(name: str) -> str | None:
 
 
 def find_reactions(table: Table, side: str, joint: str | None) -> list[Reaction]:
-    """Find the knee's reaction on the tibia in the tibia's frame, or else one from which it can be computed.
+    """Find the knee's reaction on the tibia in the tibia's frame, or one from which it can be computed.
 
-    Of a knee whose joint does not act on the tibia these are that of the joint at the plateau, or those of the medial
-    and the lateral compartment, which are to be added up.
+    If the knee's joint does not act on the tibia, this is the reaction of the joint at the plateau, or those of the
+    medial and the lateral compartment, to be added up.
 
     Raises:
-        UsageError: there is no such joint or more than one, or its reaction is on another body.
+        UsageError: there is no such joint or more than one, or the reaction acts on another body.
     """
     matches = [REACTION.fullmatch(name) for name in table.names]
     there = list(dict.fromkeys(Reaction(*match.groups()) for match in matches if match))
@@ -218,7 +218,7 @@ def read_angles(
     """Read the flexion angle, its rate if a file has it, and notes; `bounds` [rad] is its range in the model.
 
     Raises:
-        UsageError: unit, sign or rate are wrong or not clear, or there are fewer than two rows.
+        UsageError: the unit, sign or rate is wrong or unclear, or there are fewer than two rows.
     """
     if len(table.stamps) < 2:
         raise UsageError(f"{table.path} has {len(table.stamps)} row, but an angle over time needs two")
@@ -244,7 +244,7 @@ def read_angles(
 
 
 def needs_model(table: Table, reaction: Reaction) -> UsageError:
-    """Refusal of a reaction that is expressed in another frame, of which nothing is known without a model."""
+    """Error for a reaction that is expressed in another frame, which only a model can locate."""
     said = "Moco's reaction, torque before force, " if reaction.moco else ""
     return UsageError(
         f"{table.path}: {reaction.column('fx')} is {said}in {reaction.frame}, and must be in the tibia's frame: give "
@@ -253,7 +253,7 @@ def needs_model(table: Table, reaction: Reaction) -> UsageError:
 
 
 def hinge(angle: Signal, stamps: Stamps) -> Pose:
-    """Pose of a tibia in a femur's frame with the same origin, turned by the flexion angle about z alone."""
+    """Pose of a tibia in a femur's frame with the same origin, rotated about z by the flexion angle only."""
     flexion = np.interp(stamps, angle.stamps, angle.values[:, 0])
     rotation = np.zeros((len(stamps), 3, 3))
     rotation[:, 0, 0] = rotation[:, 1, 1] = np.cos(flexion)
@@ -265,7 +265,7 @@ def hinge(angle: Signal, stamps: Stamps) -> Pose:
 def read_reaction(table: Table, parts: Sequence[tuple[Reaction, Pose | None]], side: str) -> tuple[Signal, list[str]]:
     """Read force and torque on the tibia at its frame's origin, mirrored for a left knee, and notes.
 
-    The `parts` are added up. Each has the pose of the tibia in its frame at the rows of the table, if that is another.
+    The `parts` are added up. One in another frame has the pose of the tibia in that frame at the table's rows.
     """
     total, notes = np.zeros((len(table.stamps), 6)), []
     for reaction, pose in parts:

@@ -1,11 +1,11 @@
-"""Run OpenSim's tools from the user's set-up files, one after another, and judge what comes of it.
+"""Run OpenSim's tools from the user's set-up files, one after another, and judge their results.
 
-Set-up files say which step each is, and what it reads and writes. The tools run in a copy of the user's folder, each in
-a process of its own. Residuals, reserves and marker errors are held against limits of the literature (Hicks, Uchida,
+A set-up file says which step it is, and what it reads and writes. The tools run in a copy of the user's folder, each in
+its own process. Residuals, reserves and marker errors are compared with limits from the literature (Hicks, Uchida,
 Seth, Rajagopal, Delp: Is my model good enough? J Biomech Eng 137(2), 020905, 2015, doi:10.1115/1.4029304): residual
 forces below 5 % of the peak net external force, residual moments below 1 % of that force times the height of the centre
 of mass, reserves below 5 % of the peak net joint moment. Markers: errors below 2 cm RMS and 4 cm at most, as in
-OpenSim's best practices. A reserve below 1 N m passes, by our own judgement: joints that carry nothing, as a foot's in
+OpenSim's best practices. A reserve below 1 N m always passes (our own choice): unloaded joints, such as a foot's in
 swing, have no net moment to compare with.
 """
 
@@ -33,7 +33,7 @@ from knee_contact_ros.system.terminal import Bar
 
 XML = ".xml"
 NOTHING = {"", "Unassigned", "unassigned"}
-"""Texts of properties that are not set"""
+"""Texts that mean that a property is not set"""
 SCALE, IK, RRA, CMC, STATIC, REACTIONS, DYNAMICS = "scale", "ik", "rra", "cmc", "static", "reactions", "dynamics"
 TOOLS = {
     SCALE: "ScaleTool", IK: "InverseKinematicsTool", RRA: "RRATool", CMC: "CMCTool", STATIC: "AnalyzeTool",
@@ -50,9 +50,9 @@ SHARED = (
 )  # fmt: skip
 """Properties that an AnalyzeTool takes from another set-up file"""
 STATIC_RATE = 200.0
-"""Rate of static optimization in our set-up files [Hz]: forces are smooth in between, and a row takes some 50 ms"""
+"""Rate of static optimization in our set-up files [Hz]: forces are smooth in between, and a row takes about 50 ms"""
 PATIENCE = 5.0
-"""Time that a step has to end [s]"""
+"""Time that a step may take to end [s]"""
 FAILED = re.compile(r"error|exception|fail|unable|not found", re.IGNORECASE)
 MESHES = re.compile(r"mesh|\.vtp|\.stl|\.obj", re.IGNORECASE)
 FORCE_SHARE, MOMENT_SHARE, RESERVE_SHARE = 0.05, 0.01, 0.05
@@ -67,7 +67,7 @@ MARKERS = {
 PELVIS = "pelvis"
 """Beginning of the names of coordinates whose actuators are residuals"""
 ALWAYS = "knee"
-"""Part of the names of reserves that are shown also if they are small"""
+"""Part of the names of reserves that are shown even if they are small"""
 
 
 class Setup(NamedTuple):
@@ -80,7 +80,7 @@ class Setup(NamedTuple):
 
     @property
     def name(self) -> str:
-        """Name of the tool, with which the names of its results begin."""
+        """Name of the tool, and prefix of its results."""
         return self.tool.get("name", "")
 
     @property
@@ -108,7 +108,7 @@ def read_xml(path: Path, root: str | None = None) -> ET.Element:
     """Root of an OpenSim document, which must have a child `root` if that is given.
 
     Raises:
-        UsageError: the file cannot be read, or is no such document.
+        UsageError: the file cannot be read, or is not such a document.
     """
     try:
         document = ET.parse(path).getroot()  # noqa: S314  (a user's own file; expat bounds what entities grow to)
@@ -122,17 +122,17 @@ def read_xml(path: Path, root: str | None = None) -> ET.Element:
 
 
 def text_in(element: ET.Element, tag: str) -> str:
-    """Text of a property of an element without blanks around it; empty if it is not there."""
+    """Stripped text of a property of an element; empty if it is missing."""
     return (element.findtext(tag) or "").strip()
 
 
 def data_file(ground: Path, folder: Path | None = None) -> Path:
-    """Find the file with the numbers: `ground` itself, or the one that it names if it is an external loads file.
+    """Find the file with the numbers: `ground` itself, or the file that it names if it is an external loads file.
 
-    That file lies beside it, or is named from `folder`, in which a tool of OpenSim runs with it.
+    That name is relative to the external loads file, or to `folder`, where OpenSim's tool runs.
 
     Raises:
-        UsageError: the external loads file names no file, or one that is not there.
+        UsageError: the external loads file names no file, or a missing one.
     """
     if ground.suffix.lower() != XML:
         return ground
@@ -146,12 +146,12 @@ def data_file(ground: Path, folder: Path | None = None) -> Path:
 
 
 def plan(paths: Sequence[Path], steps: Sequence[str]) -> tuple[Path, list[Setup]]:
-    """Choose the folder to copy, and the set-up files of the steps to run, the last one CMC or static optimization.
+    """Choose the folder to copy, and the set-up files of the steps to run; the last is CMC or static optimization.
 
-    Without `steps`, all that have a set-up file are run, but static optimization only if there is no CMC.
+    Without `steps`, all steps with a set-up file run, but static optimization only if there is no CMC.
 
     Raises:
-        UsageError: a file is missing or cannot be used, there are two for a step, or OpenSim is not installed.
+        UsageError: a file is missing or cannot be used, a step has two files, or OpenSim is not installed.
     """
     there: dict[str, Setup] = {}
     for path in paths:
@@ -179,7 +179,7 @@ def plan(paths: Sequence[Path], steps: Sequence[str]) -> tuple[Path, list[Setup]
 
 
 def _common_folder(setups: Sequence[Setup]) -> Path:
-    """Find the folder that holds the set-up files and all files that they name, as an absolute path."""
+    """Find the folder that contains the set-up files and all files that they name, as an absolute path."""
     places = [absolute(setup.folder) for setup in setups]
     for setup in setups:
         for name in setup.needs():
@@ -214,7 +214,7 @@ def absolute(path: Path) -> Path:
 
 
 def static_setup(base: Setup, path: Path, interval: int) -> Setup:
-    """Write a set-up file for static optimization of what a CMC set-up tracks, every `interval` rows."""
+    """Write a set-up file for static optimization of the motion that a CMC set-up tracks, every `interval` rows."""
     cutoff = float(base.text("lowpass_cutoff_frequency", "-1"))
     return _write(STATIC, path, f"{base.name}_static", {
         **_shared(base, "ResultsStatic"),
@@ -227,8 +227,8 @@ def static_setup(base: Setup, path: Path, interval: int) -> Setup:
 def reactions_setup(base: Setup, path: Path, states: Path | None, forces: Path) -> Setup:
     """Write a set-up file for joint reactions on child bodies in their frames, kinematics and the centre of mass.
 
-    `forces` is the file of forces of the muscles' step, `base`; `states` is CMC's file of states, without which the
-    coordinates of `base` are taken.
+    `forces` has the forces from the muscles' step `base`. `states` is CMC's file of states; without it the coordinates
+    of `base` are used.
     """
     cutoff = "lowpass_cutoff_frequency_for_coordinates"
     own = {"coordinates_file": base.text("coordinates_file"), cutoff: base.text(cutoff, "-1")}
@@ -245,7 +245,7 @@ def reactions_setup(base: Setup, path: Path, states: Path | None, forces: Path) 
 
 
 def dynamics_setup(base: Setup, path: Path, coordinates: str, window: tuple[float, float]) -> Setup:
-    """Write a set-up file for inverse dynamics: net joint moments, with which reserves are compared."""
+    """Write a set-up file for inverse dynamics: net joint moments, to compare reserves with."""
     return _write(DYNAMICS, path, "knee_contact", {
         "results_directory": "ResultsDynamics", "model_file": base.text("model_file"),
         "time_range": f"{window[0]} {window[1]}", "forces_to_exclude": "Muscles",
@@ -261,7 +261,7 @@ def _shared(base: Setup, results: str) -> dict[str, str]:
 
 
 def _write(step: str, path: Path, name: str, content: Mapping[str, Any]) -> Setup:
-    """Write a set-up file of a tool with its properties; those that are mappings are objects with properties."""
+    """Write a set-up file of a tool with its properties; a mapping becomes an object with properties."""
 
     def fill(element: ET.Element, content: Mapping[str, Any]) -> None:
         for tag, value in content.items():
@@ -293,17 +293,17 @@ class Run(NamedTuple):
     moments: Path
     """Net joint moments; the file is missing if inverse dynamics failed"""
     seconds: dict[str, float]
-    """Duration of each step [s]"""
+    """Wall time of each step [s]"""
     setups: tuple[Setup, ...]
-    """The user's set-up files, as they ran"""
+    """The user's set-up files as they were run"""
 
     def result(self, name: str) -> Path:
-        """File with a result of the joint reactions' step."""
+        """File with a result of the joint reaction step."""
         return self.results / f"knee_contact_{name}.sto"
 
 
 class Check(NamedTuple):
-    """Quantity of a run with its limit."""
+    """Quantity of a run and its limit."""
 
     name: str
     peak: float
@@ -312,7 +312,7 @@ class Check(NamedTuple):
     """Limit of the peak"""
     unit: str
     basis: str
-    """Text on the origin of the limit"""
+    """Origin of the limit, as text"""
 
     @property
     def passed(self) -> bool:
@@ -327,10 +327,10 @@ class Check(NamedTuple):
 
 
 def run_pipeline(folder: Path, setups: Sequence[Setup], work: Path, bar: Bar) -> Run:
-    """Run the steps, joint reactions and inverse dynamics in `work`, a copy of `folder` that does not exist yet.
+    """Copy `folder` to the new folder `work`, and run the steps, joint reactions and inverse dynamics there.
 
     Raises:
-        UsageError: the folder cannot be copied, or a step has failed: its log is in `work`/logs.
+        UsageError: the folder cannot be copied, or a step failed; its log is in `work`/logs.
     """
     try:
         shutil.copytree(folder, work, ignore=shutil.ignore_patterns(".*"), copy_function=shutil.copyfile)
@@ -375,7 +375,7 @@ def run_pipeline(folder: Path, setups: Sequence[Setup], work: Path, bar: Bar) ->
 
 
 def run_python(module: str, arguments: Sequence[str], folder: Path, log: Path) -> int:
-    """Run a module in a process of its own, in a folder, with its output in `log`; return its exit code."""
+    """Run a module in its own process and a folder, with its output in `log`; return the exit code."""
     command = python_module(module, *arguments)
     with log.open("wb") as output, kept(output=output, patience=PATIENCE, cwd=folder, **command) as process:
         return process.wait()
@@ -389,12 +389,12 @@ def last_words(log: Path) -> str:
 
 
 def results_of(muscles: Setup) -> tuple[Path, Path | None]:
-    """Find the files of forces and of states that the muscles' step wrote, relative to its folder.
+    """Find the files of forces and states from the muscles' step, relative to its folder.
 
     CMC's states are copied with a header that OpenSim can read; static optimization may have none.
 
     Raises:
-        UsageError: a file is not there.
+        UsageError: a file is missing.
     """
     begin = muscles.results / muscles.name
     forces, states = Path(f"{begin}_Actuation_force.sto"), Path(f"{begin}_states.sto")
@@ -412,7 +412,7 @@ def results_of(muscles: Setup) -> tuple[Path, Path | None]:
 
 
 def assess(run: Run) -> list[Check]:
-    """Check residuals, markers and reserves of a run; of the reserves those of the knee and those above their limit.
+    """Check residuals, markers and reserves of a run; lists only reserves of the knee or above their limit.
 
     Raises:
         UsageError: a file of the run cannot be read.

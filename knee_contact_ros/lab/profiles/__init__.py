@@ -1,6 +1,7 @@
-"""`knee-contact fit-profile`: from a mesh of cartilage to a profile that the model takes.
+"""`knee-contact fit-profile`: from a mesh of cartilage to a profile for the model.
 
-Read, cut, smooth, measure; then write the profile as CSV, a picture and a parameter file, and report on the terminal.
+It reads, cuts, smooths and measures the mesh, writes the profile as CSV, a picture and a parameter file, and prints a
+report.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ from knee_contact_ros.system.files import require
 from knee_contact_ros.system.output_files import refuse_existing, write_complete
 
 LABEL = 11
-"""Width of the label of a line on the terminal, with the space behind it"""
+"""Width of a line's label on the terminal, with the space after it"""
 MM = 1e3
 PROFILE, RAW, BONE = "#0072B2", "0.6", "#B08968"
 CIRCLES = ("#D55E00", "#009E73", "#CC79A7", "#E69F00")
@@ -47,16 +48,16 @@ def run_fit_profile(
         output: The CSV file; picture and parameter file have its name with other suffixes.
         slice: Place of the slice along z [mm], or `auto`.
         bone: Surface of the bone under the cartilage; None: the thickness is not measured.
-        femur: Whether the surface is a femur's, and not a tibia's.
-        medial: Whether `auto` looks for the medial compartment, and not the lateral one.
-        unit: Unit of the files; None: their kind's default.
-        axes: Axes of the files; None: their kind's default.
+        femur: Whether the surface is a femur's (else a tibia's).
+        medial: Whether `auto` looks for the medial compartment (else the lateral one).
+        unit: Unit of the files; None: the default of their kind.
+        axes: Axes of the files; None: the default of their kind.
         label: Label of the cartilage in a label map.
         bone_label: Label of the bone in a label map.
         tolerance: RMS distance from the slice that smoothing may add [m].
         slab: Half thickness of the slab [m].
-        origin: Origin of the profile: `mesh` is the mesh's own (default of a femur), `surface` the tibia's surface at
-            the mesh's x = 0 (default of a tibia), `X,Y` a point in mm.
+        origin: Origin of the profile: `mesh`, the mesh's own (default for a femur); `surface`, the tibia's surface at
+            the mesh's x = 0 (default for a tibia); or `X,Y`, a point in mm.
         overwrite: Whether existing output files are replaced.
 
     Raises:
@@ -94,8 +95,8 @@ def _place(text: str, surface: Surface, femur: bool, medial: bool) -> float:
 def _origin(found: Fit, text: str | None, mesh: Path) -> Floats:
     """Origin of the profile in the mesh's axes [m], shape (2,).
 
-    Refuses one that is not in the knee, as of a mesh whose origin is the hip's or the scanner's: a femur turns about
-    its origin, and from afar it would leave the plateau.
+    An origin outside the knee is refused, such as a mesh's origin at the hip or in the scanner: a femur rotates about
+    its origin, and would leave the plateau.
     """
     points, text = found.shape.points, text or ("mesh" if found.femur else "surface")
     x, y = points.T
@@ -124,7 +125,7 @@ def _origin(found: Fit, text: str | None, mesh: Path) -> Floats:
 
 
 def _numbers(text: str) -> list[float]:
-    """Lengths in mm with commas between them, in m; not a number if one is none."""
+    """Lengths [m] from comma-separated numbers in mm; NaN if one is not a number."""
     try:
         return [float(number) * 1e-3 for number in text.split(",")]
     except ValueError:
@@ -169,7 +170,7 @@ def _side(found: Fit) -> str:
 
 
 def _tolerance(found: Fit) -> str:
-    """Describe the tolerance, the roughness and the resulting deviation."""
+    """Describe the tolerance, the roughness and the resulting deviation in a line."""
     rough, where = found.smoothed.roughness, f"slab of ±{MM * found.slab:g} mm" if found.slab else "slice"
     allowed = MM * math.hypot(rough, found.tolerance)
     return (f"{MM * found.tolerance:.3g} mm RMS beyond the roughness of {MM * rough:.3f} mm: at most "
@@ -190,7 +191,7 @@ def csv(found: Fit, name: str, points: Floats) -> str:
 
 
 def _parameter_file(found: Fit, profile: Path) -> str:
-    """Write a parameter file, as YAML text, that puts the profile into a model and changes nothing else."""
+    """Write a parameter file as YAML text that sets the profile and nothing else."""
     side, quoted = _side(found), str(profile.resolve()).replace("'", "''")
     return f"""\
 # The {side} of {profile.name}: give this file after healthy.yaml; osteoarthritis.yaml may come before or after it.

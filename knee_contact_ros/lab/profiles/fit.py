@@ -1,10 +1,10 @@
-"""Fit a profile to a slice of a surface: smooth its articular side, and describe what came out.
+"""Fit a profile to a slice of a surface: smooth its articular side, and describe the result.
 
 The quantity v of the chart (see `surfaces`) is a cubic B-spline with a penalty on its bends (P-splines: Eilers & Marx
-1996, Stat Sci 11:89-121); a femur's is kept positive. The deviation that is left with hardly a penalty is the slice's
-roughness (noise and dents). The penalty is the largest with which the deviation is no more than roughness and tolerance
-together, added as independent errors are. So the noise of a mesh changes how far the profile is from the slice, but not
-how smooth it is.
+1996, Stat Sci 11:89-121); a femur's is kept positive. The deviation left with the smallest penalty is the slice's
+roughness (noise and dents). The fit takes the largest penalty with which the deviation does not exceed the root sum of
+squares of roughness and tolerance. So a mesh's noise changes how far the profile is from the slice, but not how smooth
+it is.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from knee_contact_ros.system.errors import UsageError
 TOLERANCE, SLAB = 0.05e-3, 2e-3
 """Defaults of the tolerance and of the slab's half thickness [m]"""
 LEAST_V = 0.01
-"""Lower bound of v for a femur: a curvature of about this over R, so that a profile is convex throughout"""
+"""Lower bound of v for a femur, which keeps a profile convex: a curvature of about this over R"""
 KNOTS, TILT_KNOTS = 2.5e-3, 10e-3
 """Distance between the knots of v, and of the tilt across the slab [m]"""
 BENDS = 3
@@ -39,38 +39,38 @@ BENDS = 3
 GRID = 2001
 """Number of places at which a profile is computed"""
 ROUGHEST, SMOOTHEST, HALVINGS = -5.0, 4.0, 12
-"""Decadic logarithms of the penalty, and steps of the search between them; with less than the first, a profile follows
-the noise of a mesh"""
+"""Decimal logarithms of the smallest and largest penalty, and steps of the search between them; with a smaller penalty
+a profile would follow the mesh's noise"""
 SPACING = 0.75e-3
 """Distance between the points of a profile [m]"""
 PER_POINT = 10
 """Number of places per point at which the profile's spline is evaluated"""
 FEMORAL_WINDOWS = ((-15.0, 25.0), (20.0, 70.0), (60.0, 110.0))
-"""Windows of circles: ranges of the direction of the outward normal [deg], 0 straight down, > 0 posterior: the flexion
-angle at which the place is in contact"""
+"""Windows of circles: ranges of the direction of the outward normal [deg], 0 straight down, > 0 posterior. This is the
+flexion angle at which the place is in contact"""
 TIBIAL_WINDOWS = ((0.15, 0.75), (0.2, 0.8), (0.25, 0.75), (0.3, 0.7))
-"""Windows of circles: ranges of the share of the plateau's width, from posterior"""
+"""Windows of circles: ranges of the plateau's width as fractions, from posterior"""
 LEAST_PLACES = 8
-"""The least number of places to which a circle is fitted"""
+"""Smallest number of places to which a circle is fitted"""
 FEMORAL_ZONE, TIBIAL_ZONE = (-15.0, 70.0), (0.25, 0.75)
-"""What is in contact in gait: directions of a femur's normal [deg], shares of a tibia's width"""
+"""Zones in contact in gait: directions of a femur's normal [deg], fractions of a tibia's width"""
 MOST_OUTSIDE, THICKEST = 0.1, 0.012
-"""Largest share of places whose bone may lie outside of the cartilage, as meshes cross at the rims; and the largest
-plausible thickness [m]: human cartilage of the knee has some 2 mm, of the patella up to 7 mm"""
+"""Largest fraction of places where the bone may lie outside the cartilage, as meshes cross at the rims; and the largest
+plausible thickness [m]: knee cartilage has about 2 mm, that of the patella up to 7 mm"""
 FLATTEST_FEMUR = 0.35
-"""Smallest ratio of height and width of a femur's slice: a condyle has some 0.8, a plateau 0.1 to 0.2"""
+"""Smallest ratio of height to width of a femur's slice: a condyle has about 0.8, a plateau 0.1 to 0.2"""
 NOTABLE = 0.5
-"""Deviation of the slice from the profile [mm] from which on it is reported"""
+"""Deviation of the slice from the profile [mm] above which it is reported"""
 GAIT, LEAST_REACH = (0.0, 60.0), 0.5
-"""Directions of the normal [deg] that are in contact in gait, and the least share of them that a condyle has"""
+"""Directions of the normal [deg] in contact in gait, and the smallest fraction of them that a condyle covers"""
 MOST_IN_FRONT = 40.0
-"""How much further a condyle's articular side may reach in front than behind [deg]; in a knee from MRI it reaches 12 to
-120 degrees further behind, and only near the notch as much as 33 further in front"""
+"""How much further a condyle's articular side may reach in front than behind [deg]. In a knee from MRI it reaches 12 to
+120 degrees further behind; only near the notch it reaches up to 33 further in front"""
 RADII = ((12.0, math.inf), (10.0, 50.0), (9.0, 40.0))
-"""Radii over `FEMORAL_WINDOWS` that a condyle may have [mm], generously: in a knee from MRI they are 20 to 84, 15 to 26
-and 14 to 21 mm"""
+"""Generous ranges of a condyle's radii over `FEMORAL_WINDOWS` [mm]: in a knee from MRI they are 20 to 84, 15 to 26 and
+14 to 21 mm"""
 MOST_GROWTH = 1.2
-"""How many times larger than the radius near extension that of the rear may be; from MRI it is 0.2 to 0.8"""
+"""Largest ratio of the rear radius to the one near extension; from MRI it is 0.2 to 0.8"""
 WORST = 1.0
 """Largest roughness [mm] of a slice that counts as a condyle or plateau"""
 
@@ -85,7 +85,7 @@ class Smoothed(NamedTuple):
     deviations: Floats
     """Distances of the slice's points from the profile, shape (m,) [m], > 0 outside of it"""
     roughness: float
-    """RMS distance [m] that is left with the least smoothing"""
+    """RMS distance [m] with the least smoothing"""
     deviation: float
     """RMS distance [m] of all points of the slab from the profile"""
 
@@ -123,21 +123,21 @@ class FittedCircle(NamedTuple):
 
 
 class Thickness(NamedTuple):
-    """Thickness of the cartilage under a profile: the distance within the slice from its surface to the bone's."""
+    """Cartilage thickness under a profile: the distance within the slice from its surface to the bone."""
 
     along: Floats
     """Thickness at the places of the shape, shape (n,) [m]"""
     mean: float
     """Mean thickness in the contact zone [m]"""
     bone: Floats
-    """Straight pieces of the bone's cut, first and second end of each, shape (m, 2, 2) [m]"""
+    """Segments of the bone's cut, both ends of each, shape (m, 2, 2) [m]"""
 
 
 class Fit(NamedTuple):
     """Profile in the mesh's frame, with its circles, thickness of cartilage, and remarks."""
 
     femur: bool
-    """Whether it is a femur's profile, and not a tibia's"""
+    """Whether it is a femur's profile (else a tibia's)"""
     z: float
     """Place of the slice [m]"""
     slab: float
@@ -158,7 +158,7 @@ def fit(
     """Fit a femur's or a tibia's profile to the slice of a surface at `z` [m]; see `smooth` for `tolerance` [m].
 
     Raises:
-        UsageError: the slice is empty, or no femur's or tibia's; or the bone is not behind the cartilage.
+        UsageError: the slice is empty, is not a femur's or tibia's, or the bone is not behind the cartilage.
     """
     kind = "condyle of a femur" if femur else "plateau of a tibia"
 
@@ -210,10 +210,10 @@ def fit(
 
 
 def smooth(slab: Slices, chart: Chart, tolerance: float) -> Smoothed:
-    """Smooth a slice so that its RMS distance is at most its roughness and `tolerance` [m], added as squares.
+    """Smooth a slice so that its RMS distance is at most the root sum of squares of its roughness and `tolerance` [m].
 
-    A linear least-squares problem with a penalty and lower bounds, scaled so that residuals are in m. Tilt and bend
-    across the slab are unknowns, too, and are not part of the profile.
+    This is linear least squares with a penalty and lower bounds, scaled so that residuals are in m. Tilt and bend
+    across the slab are also unknown, but not part of the profile.
     """
     from scipy.interpolate import make_interp_spline
     from scipy.optimize import lsq_linear
@@ -346,7 +346,7 @@ def _thickness(shape: Shape, chart: Chart, bone: Surface, z: float) -> Thickness
 
 
 def _distances(pieces: Pieces, points: Floats) -> Floats:
-    """Distance [m] of each point from the nearest straight piece, shape (n,)."""
+    """Distance [m] of each point from the nearest segment, shape (n,)."""
     along, offset = pieces.ends - pieces.begins, points[:, None, :] - pieces.begins
     squared_length = np.maximum((along**2).sum(axis=1), 1e-30)
     share = np.clip((offset * along).sum(axis=2) / squared_length, 0.0, 1.0)

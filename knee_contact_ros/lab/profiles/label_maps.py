@@ -1,4 +1,4 @@
-"""Label maps, which have a number for every voxel: NIfTI by nibabel; NRRD and MetaImage by their text headers.
+"""Label maps, with a number for every voxel: NIfTI by nibabel; NRRD and MetaImage by their text headers.
 
 Every header says where the voxels lie in a scanner's axes. Ours are RAS: x to the right, y anterior, z superior.
 NRRD: https://teem.sourceforge.net/nrrd/format.html. MetaImage: https://itk.org/Wiki/MetaIO/Documentation; its axes are
@@ -25,7 +25,7 @@ from knee_contact_ros.system.errors import UsageError
 HEADER = 2**16
 """Largest size of a text header [B]"""
 TYPES = {"char": "i1", "uchar": "u1", "int": "i4", "uint": "u4", "float": "f4"}
-"""NumPy's types of numbers, by those of headers without `signed` and blanks; other names are NumPy's too"""
+"""NumPy types by the type names in headers, without `signed` and blanks; other names are the same in NumPy"""
 UNPACKED: dict[str, Callable[[bytes], bytes]] = {
     "raw": bytes, "gzip": gzip.decompress, "gz": gzip.decompress, "bzip2": bz2.decompress, "bz2": bz2.decompress,
     "zlib": zlib.decompress,
@@ -34,21 +34,21 @@ NUMBER = re.compile(r"[-+0-9.eE]+")
 
 
 class LabelMap(NamedTuple):
-    """Labels of voxels, and where these lie."""
+    """Labels of voxels, and where the voxels lie."""
 
     values: NDArray[Any]
     """Shape (i, j, k)"""
     affine: Floats
-    """Turns indices of voxels into a scanner's RAS axes [mm]; shape (4, 4)"""
+    """Transforms indices of voxels to a scanner's RAS axes [mm], shape (4, 4)"""
     lacks: str = ""
-    """What the header does not say of the orientation; the affine then is in the voxels' own axes. Empty: it says it"""
+    """What the header lacks to give the orientation; the affine is then in the voxels' own axes. Empty: nothing"""
 
 
 def read_label_map(path: Path) -> LabelMap:
     """Read a label map; the suffix tells its kind.
 
     Raises:
-        UsageError: it cannot be read, or has not three dimensions.
+        UsageError: the file cannot be read, or does not have three dimensions.
     """
     reader = next(reader for suffix, reader in LABEL_MAPS.items() if path.name.lower().endswith(suffix))
     try:
@@ -120,13 +120,13 @@ def _meta_image(path: Path) -> LabelMap:
 
 
 def _fields(head: bytes, mark: str) -> dict[str, str]:
-    """Entries of a header by their names in lower case."""
+    """Entries of a header by lower-case names."""
     lines = [line.split(mark, 1) for line in head.decode("latin-1").splitlines() if mark in line]
     return {key.strip().lower(): value.strip(" =") for key, value in lines}
 
 
 def _affine(directions: Any, origin: str, turn: Floats) -> Floats:
-    """Affine from directions of the voxels' axes, one after another, and an origin, that `turn` scales and turns."""
+    """Affine from the directions of the voxels' axes, in order, and an origin, both scaled and turned by `turn`."""
     affine = np.eye(4)
     affine[:3, :3], affine[:3, 3] = np.reshape(directions, (3, 3)).T, _numbers(origin)
     affine[:3] *= turn[:, None]

@@ -1,10 +1,9 @@
 """Surfaces of cartilage and bone, in m and in the axes of the femur or tibia frame, and the articular side of a slice.
 
-Trimesh or VTK reads meshes, `label_maps` label maps, and clouds of points are text. The header of a mesh from 3D Slicer
-says which way its axes point (`SPACE=RAS`), as a label map does; of other files the caller must know.
+Trimesh or VTK reads meshes, `label_maps` reads label maps, and point clouds are text. A label map, or a mesh from 3D
+Slicer, says in its header which way its axes point (`SPACE=RAS`); for other files the caller must know.
 
-Beside the slice itself, parallel ones within a slab are cut: the noise of a mesh differs from one to the next, the bone
-does not.
+Parallel slices within a slab are cut too: the noise of a mesh differs from one to the next, the bone does not.
 
 **Chart.** Coordinates in which a profile is a function g of a single number make smoothing a linear problem. Femur:
 polar, about the centre of its mean circle. g = R/r over the angle α; its curvature has the sign of v = g'' + g, so that
@@ -33,12 +32,12 @@ from knee_contact_ros.system.errors import UsageError
 Integers = NDArray[np.int64]
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
 SIZE = (0.008, 0.7)
-"""Range of the longest edge of the box around a cartilage or bone of the knee [m], generously"""
+"""Generous range of the longest edge of the box around a cartilage or bone of the knee [m]"""
 USUAL = 0.07
-"""Longest edge [m] of a usual one: the width of a knee"""
+"""Typical longest edge [m]: the width of a knee"""
 CLOUDS = (".txt", ".xyz", ".csv", ".asc", ".dat")
 INSIDE = 0.5
-"""Level of the contour around voxels that are 1, among voxels that are 0"""
+"""Level of the contour between voxels of 1 and voxels of 0"""
 BODY_AXES = "x,y,z"
 """Axes of a mesh in a body's frame"""
 SPACE = re.compile(r"SPACE=([RL][AP][SI])\b")
@@ -51,23 +50,23 @@ AXES_HINT = ("a right knee's are --axes=y,z,x in a scanner's RAS axes and --axes
 DISTANCE = 0.5e-3
 """Distance of adjacent planes of the slab [m], or a little less"""
 COVER = 0.5e-3
-"""Distance [m] behind another part of the surface beyond which a part is not articular; noise is less"""
+"""A part further than this behind another part of the surface is not articular [m]; noise is smaller"""
 LEAST_POINTS = 12
-"""The least number of points of a slice"""
+"""Smallest number of points of a slice"""
 BLOCK = 256
-"""Number of points that are compared with all pieces at once"""
+"""Number of points compared with all pieces at a time"""
 LEAST_LENGTH = 0.5e-3
-"""Length [m] above which pieces that are left out are reported"""
+"""Length [m] above which left-out pieces are reported"""
 FLEXION = np.radians(np.linspace(0.0, 60.0, 25))
 """Flexion angles [rad] of gait"""
 NEAR = 0.2e-3
-"""Height [m] above the lowest point within which points count as lowest, as noise moves single points"""
+"""Points up to this height [m] above the lowest one count as lowest, as noise moves single points"""
 STEPWISE = 1e-4
 """Step [m] to which the place of an automatic slice is rounded"""
 
 
 class Surface(NamedTuple):
-    """Mesh, or a cloud of points if there are no triangles."""
+    """Mesh, or a point cloud if there are no triangles."""
 
     path: Path
     points: Floats
@@ -79,11 +78,11 @@ class Surface(NamedTuple):
     remarks: tuple[str, ...] = ()
     """How the axes were found, as sentences"""
     known: bool = False
-    """Whether the axes follow from what the file says of itself"""
+    """Whether the axes follow from the file's header"""
 
     @property
     def axes_cure(self) -> str:
-        """Advice where the slice does not look as a condyle does, and the axes may be wrong."""
+        """Advice for a slice that does not look like a condyle because the axes may be wrong."""
         return "see --slice" if self.known else f"see --axes and --slice; {AXES_HINT}"
 
     @property
@@ -94,29 +93,29 @@ class Surface(NamedTuple):
 
 
 class Pieces(NamedTuple):
-    """Straight pieces in which a plane cuts a mesh, n of them."""
+    """The n segments in which a plane cuts a mesh."""
 
     begins: Floats
     """First ends, shape (n, 2) [m]"""
     ends: Floats
     """Second ends, shape (n, 2) [m]"""
     numbers: Any
-    """Number of the connected line to which each piece belongs, shape (n,)"""
+    """Index of the connected line of each segment, shape (n,)"""
 
 
 def read_surface(path: Path, unit: str | None = None, axes: str | None = None, label: int | None = None) -> Surface:
     """Read a mesh, a cloud of points or a label of a label map.
 
     Args:
-        path: the file; its suffix tells its kind.
-        unit: unit of the file, by default m, for label maps and meshes of 3D Slicer mm.
-        axes: the file's axes that point anterior, superior and lateral, as in `-y,z,x`; by default a right knee's
-            where the file says which way its axes point (label maps, meshes of 3D Slicer), else x,y,z.
-        label: which label of a label map; None if it has only one.
+        path: The file; its suffix gives its kind.
+        unit: Unit of the file; default m, and mm for label maps and meshes from 3D Slicer.
+        axes: The file's axes that point anterior, superior and lateral, as in `-y,z,x`. Default: a right knee's if the
+            header says which way the axes point (label maps, meshes from 3D Slicer), else x,y,z.
+        label: Label of a label map; None if it has only one.
 
     Raises:
-        UsageError: there is no such file, its kind is unknown, it cannot be read, it has no surface, its size is
-            not that of a knee, or `axes` are opposite to what its header says.
+        UsageError: the file is missing, of unknown kind, unreadable, without a surface or not of a knee's size, or
+            `axes` contradict its header.
     """
     if not path.is_file():
         raise UsageError(f"{path} is a folder" if path.is_dir() else f"{path}: there is no such file")
@@ -144,14 +143,14 @@ def read_surface(path: Path, unit: str | None = None, axes: str | None = None, l
 
 
 def _axes_in(space: str, left: bool = False) -> str:
-    """Axes of a right or left knee in a file whose x, y and z point to three sides of the body, as `RAS` or `LPS`."""
+    """Axes of a right or left knee in a file whose x, y and z point to sides of the body, as in `RAS` or `LPS`."""
     names = dict(zip(space, "xyz", strict=True))
     wanted = {"A": "P", "S": "I"} | ({"L": "R"} if left else {"R": "L"})
     return ",".join(names.get(side, f"-{names.get(back)}") for side, back in wanted.items())
 
 
 def _space_remarks(path: Path, space: str, axes: str | None) -> tuple[str, ...]:
-    """Say how a header's space and the given axes go together; refuse axes that are opposite to it."""
+    """Describe how the given axes relate to a header's space; refuse axes that contradict it."""
     right, left = _axes_in(space), _axes_in(space, left=True)
     if axes is None:
         return (f"axes {right} follow from SPACE={space} in the file's header, for a right knee; left: --axes={left}",)
@@ -164,7 +163,7 @@ def _space_remarks(path: Path, space: str, axes: str | None) -> tuple[str, ...]:
 
 
 def _axes(text: str) -> tuple[list[int], list[float]]:
-    """Columns of the file that point anterior, superior and lateral, and their signs."""
+    """Columns of the file, and their signs, that point anterior, superior and lateral."""
     names = [name.strip().lower() for name in text.split(",")]
     letters = [name.lstrip("+-") for name in names]
     if sorted(letters) != ["x", "y", "z"] or any(len(name) > 2 for name in names):
@@ -176,7 +175,7 @@ def _axes(text: str) -> tuple[list[int], list[float]]:
 
 
 def _check_size(path: Path, points: Floats, unit: str) -> None:
-    """Refuse points in a unit that makes no knee of them, and say which one does."""
+    """Refuse points whose unit does not give the size of a knee, and name the unit that does."""
     if not np.isfinite(points).all():
         raise UsageError(f"{path} has a point that is not finite")
     largest = float(np.ptp(points, axis=0).max())
@@ -208,7 +207,7 @@ def _read_mesh(path: Path, kind: str) -> tuple[Floats, Integers, str]:
 
 
 def _by_trimesh(path: Path) -> tuple[Any, Any, str]:
-    """Read STL, PLY and OBJ with Trimesh, as VTK's reader of PLY ends the process on a truncated file."""
+    """Read STL, PLY and OBJ with Trimesh; VTK's PLY reader ends the process on a truncated file."""
     import trimesh
 
     logging.getLogger("trimesh").setLevel(logging.CRITICAL)  # its lines on a damaged file are many
@@ -221,7 +220,7 @@ def _by_trimesh(path: Path) -> tuple[Any, Any, str]:
 
 
 def _by_vtk(path: Path) -> tuple[Any, Any, str]:
-    """Read VTP and VTK with VTK, as no other library reads them."""
+    """Read VTP and VTK with VTK, the only library that reads them."""
     import pyvista
 
     with pyvista.vtk_verbosity("off"):  # likewise
@@ -255,7 +254,7 @@ def _read_cloud(path: Path) -> Floats:
 def _read_label_map(path: Path, label: int | None, axes: str | None) -> tuple[Floats, Integers]:
     """Read the points [the file's unit, scanner axes] and triangles around the voxels of a label.
 
-    Of a map without orientation, for which `axes` must be given, the points are in the axes of its voxels.
+    If the map has no orientation, the points are in the axes of its voxels, and the caller must give `axes`.
     """
     import pyvista
 
@@ -283,11 +282,11 @@ def _read_label_map(path: Path, label: int | None, axes: str | None) -> tuple[Fl
 def contact_centre(surface: Surface, femur: bool, medial: bool) -> float:
     """Find the place z [m] of the slice through the contact centre of a compartment; medial is z < 0.
 
-    Femur: where its lowest points lie on average while it flexes from 0° to 60°. Tibia: the middle of the plateau, each
-    triangle counting with its area seen from above.
+    Femur: the mean place of its lowest points while it flexes from 0° to 60°. Tibia: the middle of the plateau, with
+    triangles weighted by their area seen from above.
 
     Raises:
-        UsageError: the surface has nothing on that side, or is a cloud of points.
+        UsageError: the surface has nothing on that side, or is a point cloud.
     """
     if not len(surface.triangles):
         raise UsageError(f"--slice auto needs a mesh; {surface.path} is a cloud of points: give the slice in mm")
@@ -327,19 +326,19 @@ def cut(surface: Surface, z: float) -> Pieces:
 
 
 class Chart(NamedTuple):
-    """Coordinates of a slice: a place along the profile, and the function g across it."""
+    """Coordinates of a slice: the place along the profile, and the function g across it."""
 
     femur: bool
     middle: Floats
     """Origin, shape (2,) [m]: centre of a femur's circle, middle of a tibia's plateau"""
     scale: float
-    """Length of a unit of the place, about [m]: radius of a femur's circle, half the width of a tibia's plateau"""
+    """Approximate length [m] of one unit of the place: radius of a femur's circle, or half the width of a plateau"""
     direction: float
     """Direction from a femur's centre to the middle of the profile [rad]"""
 
     @classmethod
     def around(cls, points: Floats, femur: bool) -> Chart:
-        """Make the chart for points of shape (n, 2) [m]; that of a femur about the centre of Coope's circle."""
+        """Make the chart for points of shape (n, 2) [m]; a femur's has the centre of Coope's circle as origin."""
         if not femur:
             x, y = points.T
             middle = np.array([(x.min() + x.max()) / 2.0, y.mean()])
@@ -360,7 +359,7 @@ class Chart(NamedTuple):
         return np.asarray(np.hypot(x, y) if self.femur else y)
 
     def values(self, points: Floats) -> tuple[Floats, Floats]:
-        """Values g of points, and the distances across the profile that a unit of g is there [m], shape (n,) each."""
+        """Values g of points, and the distance across the profile per unit of g there [m], shape (n,) each."""
         out = self.outwards(points)
         return (self.scale / out, out**2 / self.scale) if self.femur else (out / self.scale, 0.0 * out + self.scale)
 
@@ -381,18 +380,18 @@ class Chart(NamedTuple):
 
 
 class Slices(NamedTuple):
-    """Points of the articular side in a slice and in the slab around it."""
+    """Points of the articular side in a slice and the slab around it."""
 
     points: Floats
     """Points, shape (n, 2) [m]"""
     offsets: Floats
-    """Distances from the slice over the slab's half thickness, shape (n,), -1 to 1; 0 in the slice itself"""
+    """Distances from the slice relative to the slab's half thickness, shape (n,), -1 to 1; 0 in the slice"""
     remarks: tuple[str, ...]
     """What was left out, as sentences"""
 
     @property
     def raw(self) -> Floats:
-        """Points of the slice itself, shape (n, 2) [m]; for a cloud with few of them all points of the slab."""
+        """Points of the slice itself, shape (n, 2) [m]; for a cloud with few of them, all points of the slab."""
         own = self.offsets == 0.0
         return self.points[own] if np.count_nonzero(own) >= LEAST_POINTS else self.points
 
@@ -429,7 +428,7 @@ def slices(surface: Surface, z: float, slab: float, femur: bool) -> Slices:
 
 
 def _of_cloud(surface: Surface, z: float, slab: float) -> Slices:
-    """Select the points of a cloud within `slab` [m] of `z` [m], or all of a cloud without a third column."""
+    """Select the points of a cloud within `slab` [m] of `z` [m], or all points if there is no third column."""
     flat = not surface.points[:, 2].any()
     distance = np.zeros(len(surface.points)) if flat else surface.points[:, 2] - z
     inside = np.abs(distance) <= slab
@@ -443,7 +442,7 @@ def _of_cloud(surface: Surface, z: float, slab: float) -> Slices:
 
 
 def _articular(pieces: Pieces, chart: Chart) -> tuple[Floats, list[str]]:
-    """Select the visible points of the line of which most is visible from outside; return remarks on the rest too."""
+    """Select the visible points of the line that is most visible from outside; also return remarks on the rest."""
     if not len(pieces.begins):
         return np.empty((0, 2)), []
     seen = _seen(0.5 * (pieces.begins + pieces.ends), pieces, chart)
@@ -461,7 +460,7 @@ def _articular(pieces: Pieces, chart: Chart) -> tuple[Floats, list[str]]:
 
 
 def _seen(points: Floats, pieces: Pieces, chart: Chart) -> Any:
-    """Whether no piece lies further out than each of points of shape (n, 2) [m] by more than `COVER`, shape (n,)."""
+    """Whether no segment covers each of the points, shape (n, 2) [m], by more than `COVER` from outside; shape (n,)."""
     begin, end = chart.place(pieces.begins), chart.place(pieces.ends)
     out_begin, out_end = chart.outwards(pieces.begins), chart.outwards(pieces.ends)
     low, high = np.minimum(begin, end), np.maximum(begin, end)

@@ -1,6 +1,6 @@
-"""Figures of a report: over the gait cycle beside published ranges, over time, the knee at the peaks, uncertainty.
+"""Figures of a report: over the gait cycle with published ranges, over time, the knee at the peaks, uncertainty.
 
-Every number of a published range was read in the source that the page names with it (`report.html.jinja`).
+Every published range was read in the source that the page names with it (`report.html.jinja`).
 """
 
 from __future__ import annotations
@@ -24,23 +24,23 @@ from knee_contact_ros.view import picture
 
 MICRO = 1e6
 HUES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7B3294", "#66C2A5")
-"""Colours of runs and of uncertain inputs; after Okabe and Ito: colour-blind readers can tell them apart"""
+"""Colours of runs and of uncertain inputs, by Okabe and Ito: colour-blind readers can distinguish them"""
 DPI = 200
 STYLE: Any = {"font.size": 10, "axes.titlesize": 10, "axes.spines.top": False, "axes.spines.right": False,
          "axes.grid": True, "grid.color": "0.92", "axes.axisbelow": True, "legend.frameon": False,
          "legend.fontsize": 8.5, "figure.dpi": DPI}  # fmt: skip
 LINE, LETTERS = 0.19, 50
-"""Height of a line of the legend [in], and number of its letters"""
+"""Height of a legend line [in], and its number of letters"""
 WIDTH, CYCLE, TIME, UNCERTAIN = 4.4, 2.9, 5.2, 6.0
-"""Width of a figure, and heights of those over a cycle (without its legend), over time and of uncertainty [in]: small,
-so that their letters can be read on a telephone"""
+"""Width of a figure, and heights of figures over a cycle (without legend), over time and of uncertainty [in]: small, so
+that text stays readable on a phone"""
 KNEE = 3.0
 """Height of a knee [in]"""
 LEAST_WAY = 0.01
 """Smallest motion of the contact point [mm] for which it is drawn"""
 FEW, FEW_EVENTS, FEW_POINTS = 12, 60, 20
-"""Largest numbers of single cycles that are drawn and of gait events that are marked: more cannot be distinguished; and
-the number of points below which each is marked: a line alone may not be seen"""
+"""Largest numbers of single cycles drawn and of gait events marked, as more cannot be distinguished; and the number of
+points below which each one is marked, as a line alone may be invisible"""
 MARKS = {HEEL_STRIKE: {"color": "0.25", "linestyle": "-"}, TOE_OFF: {"color": "0.25", "linestyle": ":"}}
 AROUND, LEAST = 1.0, 1e-3
 """Time [s] that a figure of uncertainty shows on either side of the largest load or contact force, and the smallest
@@ -54,12 +54,12 @@ class Range(NamedTuple):
     """Published range of the peak of a force or depth."""
 
     what: str
-    """What was measured or computed, and in whom"""
+    """What was measured or computed, and in which people"""
     lowest: float
     """Lower end [BW] for a force, [mm] for a depth; equal to `highest` where the source has a single number"""
     highest: float
     window: tuple[float, float]
-    """Percent of the gait cycle between which the range is drawn; the sources have no times"""
+    """Part of the gait cycle [%] over which the range is drawn; the sources give no times"""
     sources: tuple[int, ...]
     """Numbers of the sources on the page"""
 
@@ -114,7 +114,7 @@ def cycles_of(run: Run, what: Quantity) -> Floats:
 
 @contextmanager
 def drawn(into: list[Figure], name: str, title: str, caption: str, height: float) -> Iterator[Any]:
-    """Yield matplotlib's figure of a height [in] to draw on, and add it to others as PNG."""
+    """Yield a matplotlib figure of a height [in] to draw on, then add it to the other figures as PNG."""
     import matplotlib as mpl
     from matplotlib.figure import Figure as Canvas
 
@@ -126,13 +126,13 @@ def drawn(into: list[Figure], name: str, title: str, caption: str, height: float
 
 
 def with_comparisons(runs: Sequence[Run]) -> list[list[Run]]:
-    """Group runs: each run that is no comparison, followed by the comparisons with it."""
+    """Group runs: each run of its own, followed by its comparisons."""
     bases = [place for place, run in enumerate(runs) if run.beside is None]
     return [[runs[place], *(other for other in runs if other.beside == place)] for place in bases]
 
 
 def is_total(parameters: Parameters) -> bool:
-    """Whether the load is that of the whole joint, and not of a single compartment."""
+    """Whether the load is that of the whole joint, not of one compartment."""
     whole = parameters.load.rule == "fixed_share" and parameters.load.share == 1.0
     return whole or parameters.load.compartment == "total"
 
@@ -148,7 +148,7 @@ def which_load(parameters: Parameters) -> str:
 
 
 def pressure_of(run: Run) -> str:
-    """Say how the pressure of a run follows from its contact law, for a caption or a cell of a table."""
+    """Describe how the pressure of a run follows from its contact law, for a caption or a table cell."""
     patch = run.model.patch if run.model else None
     if patch is None:
         return "not known"
@@ -163,7 +163,7 @@ def moves(cyclic: Sequence[Run]) -> bool:
 
 
 def over_cycle(runs: Sequence[Run], cyclic: Sequence[Run]) -> list[Figure]:
-    """Draw all figures over percent of the gait cycle; `cyclic` are those of `runs` that have gait cycles."""
+    """Draw all figures over percent of the gait cycle; `cyclic` are the `runs` with gait cycles."""
     laws = dict.fromkeys(f"{run.parameters.contact.law}: {pressure_of(run)}" for run in cyclic)
     ranges = "; ".join(dict.fromkeys(each.text for each in _ranges_of(cyclic)))
     captions = {
@@ -222,7 +222,7 @@ def over_time(runs: Sequence[Run]) -> list[Figure]:
 
 
 def knees(runs: Sequence[Run]) -> list[Figure]:
-    """Draw the knee at its peaks, for every run and its comparisons as far as their surfaces are known."""
+    """Draw the knee at its peaks, for every run and comparison with known surfaces."""
     figures = list[Figure]()
     caption = (
         "Side view; the arrow is the contact force on the femur. Dark is where the surfaces would overlap if "
@@ -247,7 +247,7 @@ def knees(runs: Sequence[Run]) -> list[Figure]:
 
 
 def _drawn_peaks(run: Run) -> list[tuple[str, int]]:
-    """Titles and ticks of the largest first and second peak of stance; without any, of the largest load or force."""
+    """Titles and ticks of the largest first and second peak of stance; without peaks, of the largest load or force."""
     peaks, of = [], run.gathered
     for which in (FIRST, SECOND):
         same = of.peaks[of.peaks["peak"] == which]
@@ -295,20 +295,20 @@ def uncertainty(runs: Sequence[Run]) -> list[Figure]:
 
 
 def _ranges_of(cyclic: Sequence[Run]) -> tuple[Range, ...]:
-    """Published ranges to show behind contact forces; none where runs of the whole joint and of a compartment mix."""
+    """Published ranges to show behind contact forces; none if whole joints and single compartments are mixed."""
     kinds = {is_total(run.parameters) for run in cyclic if not is_lateral(run.topic)}
     return () if len(kinds) != 1 else TOTAL if kinds.pop() else MEDIAL
 
 
 def _look(runs: Sequence[Run], run: Run) -> dict[str, Any]:
-    """Colour, style and width of a run's line; later ones are thinner, so that those below can be seen."""
+    """Colour, style and width of a run's line; later lines are thinner, so that earlier ones stay visible."""
     place = runs.index(run)
     style = ("-", max(3.4 - 0.6 * place, 1.2)) if run.beside is None else ("--", 1.4)
     return {"color": HUES[place % len(HUES)], "linestyle": style[0], "linewidth": style[1]}
 
 
 def _legend(canvas: Any, axis: Any) -> None:
-    """Add a legend below the axes, with each text once, and make the figure higher by the legend's height."""
+    """Add a legend below the axes, each text once, and make the figure taller by the legend's height."""
     handles, labels = axis.get_legend_handles_labels()
     once = {textwrap.fill(label, LETTERS): handle for label, handle in zip(labels, handles, strict=True)}
     columns = 2 if len(once) > 3 and max(map(len, once)) <= LETTERS // 2 else 1
@@ -319,13 +319,13 @@ def _legend(canvas: Any, axis: Any) -> None:
 
 
 def _plain(label: str) -> str:
-    """Escape a label for matplotlib, where dollars begin formulas and a leading underscore hides the entry."""
+    """Escape a label for matplotlib, where a dollar begins a formula and a leading underscore hides the entry."""
     escaped = label.replace("$", r"\$")
     return f" {escaped}" if escaped.startswith("_") else escaped
 
 
 def _panel(canvas: Any, runs: Sequence[Run], cyclic: Sequence[Run], what: Quantity) -> None:
-    """Draw a quantity of the runs `cyclic` over the gait cycle; `runs` are all of the report, for the colours."""
+    """Draw a quantity of the runs `cyclic` over the gait cycle; `runs` are all runs, which set the colours."""
     axis = canvas.subplots()
     for each in _ranges_of(cyclic) if what is FORCE else (DEPTH,) if what is DEPTHS else ():
         edge: Any = {"edgecolor": "0.5", "linewidth": 3.0} if each.lowest == each.highest else {"edgecolor": "none"}

@@ -1,4 +1,4 @@
-"""`knee-contact report`: the page with its tables, the CSV files behind it, and how all files are written."""
+"""`knee-contact report`: the page with its tables, the CSV files behind it, and the writing of all files."""
 
 from __future__ import annotations
 
@@ -32,14 +32,14 @@ PICTURES = ("knee_[0-9]*", "over_time_[0-9]*", "uncertainty_[0-9]*", *(q.figure 
 EARLIER = (*(f"{name}.png" for name in PICTURES), UNCERTAINTY)
 """Patterns of the files of an earlier report that are removed"""
 DOUBTFUL = " (implausible)"
-"""Mark of what comes from a tick that is `IMPLAUSIBLE`"""
+"""Mark of values from a tick that is `IMPLAUSIBLE`"""
 MICRO = 1e6
 UNCERTAINTY_COLUMNS = ("input", "standard_deviation", "depth_at_largest_load_um", "force_at_largest_load_N",
                        "depth_rms_um", "force_rms_N")  # fmt: skip
 # "at_largest_load": where the femoral height drives, at the largest contact force
 QUANTITIES = (("load_BW", "load [BW]", ".2f"), ("contact_force_BW", "contact force [BW]", ".2f"),
               ("penetration_depth_mm", "depth [mm]", ".3f"))  # fmt: skip
-"""Quantities that the first table shows, with their names there and the digits"""
+"""Quantities of the first table, with their names there and digits"""
 CYCLE_ROWS = (
     ("cycle [s]", "duration_s", ".3f"), ("stance [% of the cycle]", "stance_percent", ".1f"),
     ("largest contact force [BW]", "largest_contact_force_N", ".2f"),
@@ -71,7 +71,7 @@ def run_report(options: runs.ReportOptions, output: Path) -> list[Path]:
 
     Raises:
         UsageError: a file, parameter or the folder cannot be used, or a library is missing.
-        IncompleteError: the report is there, but a bag was damaged and could be taken in part only.
+        IncompleteError: the report was written, but a bag was damaged and could be read only in part.
     """
     import matplotlib as mpl
 
@@ -137,7 +137,7 @@ def contents(found: Sequence[Run]) -> dict[str, str | bytes]:
 
 
 def lead(bases: Sequence[Run]) -> str:
-    """Summarise the page in a sentence; both compartments of a knee have the same ticks and cycles, counted once."""
+    """Summarise the page in a sentence; ticks and cycles that both compartments of a knee share count once."""
     knees = [run.gathered for run in bases if not is_lateral(run.topic)]
     cycles, files = sum(len(of.spans) for of in knees), len({run.source for run in bases})
     return (
@@ -147,7 +147,7 @@ def lead(bases: Sequence[Run]) -> str:
 
 
 def what_differs(found: Sequence[Run]) -> list[str]:
-    """List the parameters that differ, a line for each: of comparisons, and of the recordings among themselves."""
+    """List the parameters that differ, a line each: in comparisons, and between the recordings."""
     changes = {
         run.name: run.differences or ["the comparison changes nothing"] for run in found if run.beside is not None
     }
@@ -159,7 +159,7 @@ def what_differs(found: Sequence[Run]) -> list[str]:
 
 
 def first_table(found: Sequence[Run]) -> Table:
-    """Compare the largest values of each run, which `solve` prints too, and the means of its peaks of stance."""
+    """Compare each run's largest values, as `solve` prints them, and the means of its peaks of stance."""
     kinds = [which for which in (FIRST, SECOND) if any((run.gathered.peaks["peak"] == which).any() for run in found)]
     columns, notes = [], ["Largest: anywhere in the recording."]
     notes += ["First and second peak: of the stances in whole gait cycles, mean ± standard deviation."] if kinds else []
@@ -185,7 +185,7 @@ def first_table(found: Sequence[Run]) -> Table:
 
 
 def cycle_summary(run: Run) -> list[tuple[str, str]]:
-    """Names of the rows of the table of cycles, with mean and spread of the characteristic values."""
+    """Rows of the table of cycles by name: mean and spread of the characteristic values."""
     weight, strides = run.weight, run.gathered.strides
     rows = [("cycles", str(len(strides)))]
     for name, key, digits in CYCLE_ROWS:
@@ -195,7 +195,7 @@ def cycle_summary(run: Run) -> list[tuple[str, str]]:
 
 
 def summary(run: Run) -> dict[str, str]:
-    """Whole run and its accuracy, by the names of the table's rows."""
+    """Rows of the table on the whole run and its accuracy, by name."""
     of, bits = run.gathered, Counter[str]()
     stamps, state, status = of.columns["stamp"], of.columns["contact_state"], of.columns["status"]
     apart, missing, time = state == ContactState.SEPARATED, of.strikes - len(of.spans), float(of.seconds.sum())
@@ -204,7 +204,7 @@ def summary(run: Run) -> dict[str, str]:
     otherwise = int(np.count_nonzero(status & ~int(Status.NOT_CONVERGED)))
 
     def told(which: Any) -> str:
-        """Time of some ticks, and its part of the whole."""
+        """Time of some ticks, and its fraction of the whole."""
         part = float(of.seconds[which].sum())
         return f"{part:.3f} s ({100.0 * part / (time or 1.0):.1f} %)"
 
@@ -232,7 +232,7 @@ def _counted(counts: Mapping[str, int]) -> str:
 
 
 def contribution_table(run: Run, of: Propagated) -> Table:
-    """List the effect of each input's standard deviation, of all together, and the numerical error."""
+    """Table with the effect of each input's standard deviation, of all together, and the numerical error."""
     rows = [
         (name, deviation, *(f"{number:.3g}" for number in numbers[:3]))
         for name, deviation, *numbers in contributions(run, of)
@@ -286,7 +286,7 @@ def tables(found: Sequence[Run]) -> dict[str, str]:
 
 
 def curves_of(run: Run) -> pd.DataFrame:
-    """Give the columns of cycles.csv: mean and standard deviation, which a single cycle has not, at every percent."""
+    """Return the columns of cycles.csv: mean and (for several cycles) standard deviation at every percent."""
     columns = {"gait_cycle_percent": PERCENT.astype(int), "cycles": len(run.gathered.spans)}
     for name, quantity in CURVES.items():
         curves = pd.DataFrame(quantity.scaled(run.gathered.curves[quantity.field], run.weight))
@@ -309,7 +309,7 @@ def _spread(values: pd.Series[float], digits: str) -> str:
 
 
 def _bounds(errors: Any, unit: str, most: float) -> str:
-    """Text of the largest and the median error bound; NaN, and one from `most` on, bound nothing."""
+    """Text of the largest and the median error bound; NaN, or `most` and more, means no bound."""
     if np.isnan(errors).all():
         return "not in this recording"
     bounds = np.nan_to_num(errors, nan=math.inf)

@@ -1,7 +1,7 @@
 """The runs of a report: recordings with answers, bags solved for it, and comparisons with other contact laws.
 
-A bag is solved into a recording first, so that all runs are read in one way. Of each run, what figures and tables need
-is gathered from all of its answers, which are held in memory meanwhile.
+A bag is solved into a recording first, so all runs are read the same way. While a run's data for figures and tables are
+gathered, all of its answers are in memory.
 """
 
 from __future__ import annotations
@@ -43,7 +43,7 @@ Source = Path | dict[str, Any]
 """Source of parameters: a file, or values by name"""
 MM, MEGA = 1e3, 1e-6
 PERCENT = np.arange(101.0)
-"""Percent of the gait cycle at which curves are given, shape (101,)"""
+"""Places of the curves in the gait cycle [%], shape (101,)"""
 
 
 class Quantity(NamedTuple):
@@ -84,7 +84,7 @@ FIELDS = [*(field for field in CURVED if field not in SPREAD), "gap", "stamp", "
           "force_error_estimate", "femoral_height", "contact_state", "fidelity", "status", "evaluations"]  # fmt: skip
 """Fields of the answers that are kept"""
 AT_EVENTS = ("load_N", "load_BW", "contact_force_N", "contact_force_BW", "penetration_depth_mm")
-"""Quantities of `CURVES` that are given at events"""
+"""Quantities of `CURVES` that are listed at events"""
 EVENT_COLUMNS = ("event", "stamp_s", "time_s", *AT_EVENTS, "text")
 PEAK_COLUMNS = ("peak", "stamp_s", "time_s", "cycle", "gait_cycle_percent", *AT_EVENTS, "contact_force_error_N",
                 "penetration_depth_error_mm")  # fmt: skip
@@ -92,7 +92,7 @@ PEAK_COLUMNS = ("peak", "stamp_s", "time_s", "cycle", "gait_cycle_percent", *AT_
 FIRST, SECOND = "first", "second"
 SECTION = "contact."
 NONE, UNKNOWN = "–", "not told"
-"""Texts for a constant that a law does not have, and for a value that is unknown as a recording has no parameters"""
+"""Texts for a constant that a law does not have, and for a value that a recording without parameters leaves unknown"""
 
 
 class ReportOptions(NamedTuple):
@@ -103,11 +103,11 @@ class ReportOptions(NamedTuple):
     labels: Sequence[str]
     """Names of the files, one each; empty: they are named by their file names"""
     parameters: Sequence[Source]
-    """Parameters for bags without answers and for recordings without parameters; the last one that has a value wins"""
+    """Parameters for bags without answers and recordings without parameters; later ones override earlier ones"""
     parameters_given: bool
-    """Whether the user gave these parameters, and they are not just the default"""
+    """Whether the user gave these parameters, as opposed to the default"""
     compare: Sequence[Path]
-    """Parameter files with whose contact law every file is computed again; empty: there is no comparison"""
+    """Parameter files whose contact law is used to compute every file again; empty: no comparison"""
     names: Names = OWN_NAMES
     """Names of topics in bags"""
     uncertainty: Path | None = None
@@ -130,7 +130,7 @@ class Gathered:
         doubts.add_all(self.columns)
         steps = np.diff(stamps, prepend=stamps[0])
         self.elapsed = stamps - stamps[0] - np.cumsum(np.minimum(steps, 0))
-        """Time [ns] since the first tick, by the stamps; where these went back, as if the run had gone on at once"""
+        """Time [ns] since the first tick by the stamps; where these go back, the run continues without a pause"""
         anew = (steps <= 0) | (steps > GAP) | ((status & Status.TIME_RESET) != 0)
         anew[0] = True
         self.seconds, self.ticks = np.where(anew, 0.0, steps / NANOSECONDS), len(stamps)
@@ -138,7 +138,7 @@ class Gathered:
         self.spans: list[Span] = []
         """Whole gait cycles, from heel strike to heel strike"""
         self.strikes = 0
-        """Number of heel strikes that another one followed, which is that of cycles if all of them were plausible"""
+        """Number of heel strikes that another one follows: that of cycles, if all cycles are plausible"""
         cycles, events = list[tuple[dict[str, Any], Floats]](), list[dict[str, Any]]()
         for begin, end in pairwise([*np.flatnonzero(anew).tolist(), len(stamps)]):
             part = {name: column[begin:end] for name, column in self.columns.items()}
@@ -181,12 +181,12 @@ class Gathered:
 
     @property
     def largest(self) -> int:
-        """Tick of the largest load, or of the largest contact force where the femoral height drives."""
+        """Tick of the largest load, or with prescribed femoral height of the largest contact force."""
         return int(np.nan_to_num(self.columns[self.driving], nan=-np.inf).argmax())
 
     @property
     def driving(self) -> str:
-        """Field that is the largest at `largest`."""
+        """Field whose largest value is at `largest`."""
         return "load" if self.doubts.inputs.driven else "contact_force"
 
 
@@ -205,7 +205,7 @@ def seconds(stamp: int) -> str:
 
 
 def _cycle(columns: Mapping[str, NDArray[Any]], span: Span) -> tuple[dict[str, Any], Floats]:
-    """Give a cycle's characteristic values, `NUMBERS`, NaN where unknown, and its curves, shape (`CURVED`, 101)."""
+    """Return a cycle's characteristic values, `NUMBERS`, NaN where unknown, and its curves, shape (`CURVED`, 101)."""
     first, last = np.searchsorted(columns["stamp"], (span.start, span.end))
     near = {name: column[max(first - 1, 0) : last + 1] for name, column in columns.items()}
     stamps, stride, unknown = near["stamp"], stride_of(span, near), np.full(len(near["stamp"]), np.nan)
@@ -226,10 +226,10 @@ def _cycle(columns: Mapping[str, NDArray[Any]], span: Span) -> tuple[dict[str, A
 
 
 def overlay(paths: Sequence[Path]) -> dict[str, Any]:
-    """Read the parameter files of a comparison: their values by dotted name, of which the last one wins.
+    """Read the parameter files of a comparison: values by dotted name, later files overriding earlier ones.
 
     Raises:
-        UsageError: a file cannot be used, is given twice, or sets nothing of the contact law.
+        UsageError: a file cannot be used, is given twice, or sets no parameter of the contact law.
     """
     everything: dict[str, Any] = {}
     refuse_twice(list(map(parameter_file, map(str, paths))), "--compare ")
@@ -245,7 +245,7 @@ def overlay(paths: Sequence[Path]) -> dict[str, Any]:
 
 
 def kept(parameters: Parameters, over: Mapping[str, Any]) -> list[str]:
-    """List the values that a run keeps although the comparison's files have others: `body_weight 931.6 (not 737)`."""
+    """List values that a run keeps although the comparison's files set others: `body_weight 931.6 (not 737)`."""
     own = files.all_values(parameters)
     return [
         f"{name} {short(own[name])} (not {short(value)})"
@@ -262,10 +262,10 @@ def short(value: Any) -> str:
 
 
 def between(several: Sequence[Parameters | None], join: str = ", ") -> list[str]:
-    """Differences of the parameters of several runs, a line for each name: `body_weight: 737.068, 931.6 N`.
+    """Differences between the parameters of several runs, a line for each name: `body_weight: 737.068, 931.6 N`.
 
-    Of a contact law these are the constants that it uses. None: parameters that nobody knows. A lateral compartment is
-    a run of its own, with its parameters under the names of the medial one's.
+    Only constants that a contact law uses count. Parameters that are None are unknown. A lateral compartment is a run
+    of its own, with its parameters under the medial names.
     """
     rows = []
     for each in several:
@@ -294,31 +294,31 @@ class Run(NamedTuple):
     name: str
     """Name of the recording"""
     label: str
-    """Label of the run: the recording's name, and of a comparison the names of its parameter files"""
+    """Label of the run: the recording's name, or for a comparison the names of its parameter files"""
     source: Path
     """Recording or bag"""
     topic: str
     """Topic of the answers"""
     parameters: Parameters
     origin: str
-    """Sentence that says who computed the answers, with which parameters"""
+    """Sentence on what computed the answers, with which parameters"""
     refused: Mapping[str, int]
     """Number of refused samples by reason"""
     damage: Sequence[str]
     """Damage of the source, as sentences"""
     gathered: Gathered
     model: KneeModel | None = None
-    """Model to draw the knee with; None: its parameters are not known, or files that they name are missing"""
+    """Model to draw the knee with; None: its parameters are unknown, or files that they name are missing"""
     beside: int | None = None
-    """Index of the run with whose inputs this comparison was computed; None: this run is no comparison"""
+    """Index of the run whose inputs this comparison uses; None: this run is not a comparison"""
     known: bool = True
-    """Whether the parameters are the recording's own, and not assumed"""
+    """Whether the parameters are the recording's own rather than assumed"""
     differences: Sequence[str] = ()
     """Differences of a comparison's contact law from that of its run, as texts"""
     kept: Sequence[str] = ()
-    """Parameters that a comparison keeps of its run although its files have other values, as texts"""
+    """Parameters that a comparison takes from its run although its files set other values, as texts"""
     uncertain: Propagated | None = None
-    """Uncertainty of depth and force, if the options ask for it"""
+    """Uncertainty of depth and force, if requested"""
 
     @property
     def weight(self) -> float:
@@ -332,12 +332,12 @@ class Run(NamedTuple):
 
     @property
     def prescribed(self) -> bool:
-        """Whether the femoral height is prescribed, and no load drives."""
+        """Whether the femoral height is prescribed instead of the load."""
         return self.parameters.drive == "displacement"
 
 
 def collect(options: ReportOptions, work: Path, bar: Bar) -> list[Run]:
-    """Gather the runs, each followed by its comparison; bags are solved into files in the folder `work`.
+    """Gather the runs, each followed by its comparisons; bags are solved into files in the folder `work`.
 
     Raises:
         UsageError: a file or its parameters cannot be used.
@@ -390,7 +390,7 @@ def collect(options: ReportOptions, work: Path, bar: Bar) -> list[Run]:
 
 
 def _stored(path: Path, options: ReportOptions) -> Provenance | None:
-    """Provenance of a recording; None for a later part, which has no parameters, if the user gave some."""
+    """Provenance of a recording; None for a later part without parameters, if the user gave some."""
     try:
         return read_provenance(path)
     except UsageError:
@@ -400,7 +400,7 @@ def _stored(path: Path, options: ReportOptions) -> Provenance | None:
 
 
 def _recorded_with(stored: Provenance) -> str:
-    """Say what a recording was made with."""
+    """Describe what a recording was made with."""
     changed = f" They changed, or the model was reset, {len(stored.changes)} times meanwhile." * bool(stored.changes)
     return f"Recorded with {stored.package} and the parameters stored in it.{changed}"
 
@@ -416,7 +416,7 @@ def _spelled(sources: Sequence[Source]) -> str:
 def _solved(
     path: Path, basis: Parameters | Provenance, names: Names, origin: str, work: Path, bar: Bar
 ) -> list[Run]:  # fmt: skip
-    """Solve a bag by way of a recording in `work`; return a run for each compartment, the medial one first."""
+    """Solve a bag into a recording in `work`; return a run for each compartment, the medial one first."""
     bar.describe(f"Solving {path.name}")
     recording = work / "solved.mcap"
     summary = solve(path, basis, recording, bar, overwrite=True, names=names)
@@ -431,7 +431,7 @@ def _solved(
 
 
 def _read(path: Path, topic: str, basis: Parameters | Provenance, bar: Bar) -> Run:
-    """Read a recording's answers; patch and pressure are read off where one known model computed all of them."""
+    """Read a recording's answers, with patch and pressure if one known model computed all of them."""
     stored = basis if isinstance(basis, Provenance) else None
     try:
         own, texts = answering(topic, parameters_in(basis), texts_of(basis))
