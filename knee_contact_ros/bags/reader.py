@@ -39,7 +39,7 @@ from knee_contact_ros.bags.mcap_file import (
 )
 from knee_contact_ros.bags.recorder import MAGIC, METADATA
 from knee_contact_ros.model.types import Rows
-from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATE, DYNAMIC_JOINT_STATES
+from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATES
 from knee_contact_ros.streams.columns import Column, decode_answers
 from knee_contact_ros.streams.topics import (
     GROUND_REACTION_FORCE,
@@ -63,11 +63,11 @@ NAMESPACE = ""
 """Key in `Names` of the namespace of relative names"""
 INPUT_TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in INPUTS}
 """Types of the topics that drive the model, by their absolute names"""
-OTHER_FORCE = {
-    JOINT_REACTION_FORCE: (GROUND_REACTION_FORCE, "knee-contact estimate-load computes joint reaction forces from its"),
-    GROUND_REACTION_FORCE: (JOINT_REACTION_FORCE, "knee-contact solve, and replay without --sensors, read its"),
+OTHER_WAYS = {
+    JOINT_STATES: f"-p knee.source:={DYNAMIC_JOINT_STATES} reads those of ros2_control",
+    JOINT_REACTION_FORCE: f"knee-contact estimate-load computes it from {GROUND_REACTION_FORCE}",
 }
-"""For each force, the other force of the same type that must not replace it, and the advice if only that is there"""
+"""For an input that is missing in a bag, another way to it than another name"""
 MCAP, SQLITE, ZSTD = ".mcap", ".db3", b"\x28\xb5\x2f\xfd"
 """Suffixes of the files of a bag; first bytes of what is compressed by zstd, as no CDR message has them"""
 MAGICS = {MCAP: MAGIC, SQLITE: b"SQLite format 3\x00"}
@@ -377,35 +377,11 @@ def _difference(definition: MessageDefinition, type_name: str) -> str:
 
 
 def _advice(connections: Iterable[Connection], topic: str) -> str:
-    """Advice for a topic that is missing under its name: an option to give, or the topics of the bag."""
-    types = {absolute(connection.topic): connection.type for connection in connections}
-    own = topic.removeprefix("/")
-    for inputs in (INPUTS, LOAD_INPUTS):
-        if own in inputs and (spaces := namespaces(types, inputs)):
-            return f"it has inputs in the namespaces {listed(spaces)}: say --namespace {spaces[0]}"
-    dynamic = [name for name, type_name in types.items() if type_name == DYNAMIC_JOINT_STATE]
-    if own == JOINT_STATES and dynamic:
-        return f"it has the joint states of ros2_control, {dynamic[0]}: say -p knee.source:={DYNAMIC_JOINT_STATES}"
-    same_type = sorted(name for name, type_name in types.items() if type_name == MESSAGE_TYPES.get(own))
-    if own in (*INPUTS, *LOAD_INPUTS) and topic not in same_type:
-        others = [name for name in same_type if name.endswith(tuple(f"/{known}" for known in MESSAGE_TYPES))]
-        if candidates := [name for name in same_type if name not in others or name.endswith(topic)]:
-            return f"of this type it has {listed(candidates)}: say --remap {own}:={candidates[0]}"
-        other, advice = OTHER_FORCE.get(own, ("", ""))
-        if theirs := [name for name in others if name.endswith(f"/{other}")]:
-            return f"{advice} {theirs[0]}"
-    return f"its topics: {listed(sorted(types)) or 'none'}"
-
-
-def namespaces(types: Mapping[str, str], inputs: Sequence[str]) -> list[str]:
-    """Namespaces, without slashes at the ends, in which all inputs have the right types.
-
-    Args:
-        types: Type of each topic of a bag, by its absolute name.
-        inputs: Relative names of the inputs.
-    """
-    spaces = sorted(name.removesuffix(inputs[0]).strip("/") for name in types if name.endswith(f"/{inputs[0]}"))
-    return [s for s in spaces if s and all(types.get(f"/{s}/{topic}") == MESSAGE_TYPES[topic] for topic in inputs)]
+    """Topics of a bag in which an input is missing, and the ways to it."""
+    own, names = topic.removeprefix("/"), sorted({absolute(connection.topic) for connection in connections})
+    ways = [f"--remap {own}:=TOPIC or --namespace NAME reads another one"] if own in (*INPUTS, *LOAD_INPUTS) else []
+    ways += [OTHER_WAYS[own]] if own in OTHER_WAYS else []
+    return "; ".join([f"its topics: {listed(names) or 'none'}", *ways])
 
 
 def _unpacked(data: bytes) -> bytes:

@@ -93,6 +93,6 @@ def test_a_block_is_as_its_messages_one_by_one(
                 if dice.random() < 0.5:
                     bag.write(NAMES[0], 5, bytes(70_000 * dice.integers(2)))
                 if dice.random() < 0.3:
-                    bag.flush()
+                    bag.file.flush()
         files.append(path.read_bytes() + path.with_name("metadata.yaml").read_bytes())
     assert files[0] == files[1]

@@ -78,7 +78,7 @@ def test_a_file_has_the_bytes_of_the_librarys_writer(
             bag.add_topic(name, MESSAGE_TYPES[topic])
         for part in parts:
             if part == "flush":
-                bag.flush()
+                bag.file.flush()
             elif isinstance(part, str):
                 bag.add_metadata(part, {"reason": "ü", "": ""})
             else:

@@ -124,12 +124,12 @@ def test_what_is_not_an_input_is_not_taken_for_one(
     walking: Path, right_bag: Path, tmp_path: Path, capsys: Said, asks: str
 ) -> None:
     sensed = asks in ("solve", "replay")
-    words = "estimate-load computes joint reaction forces from its /ground_reaction_force"
-    words = words if sensed else "solve, and replay without --sensors, read its /joint_reaction_force"
+    missing, there = ("joint_reaction_force", "ground_reaction_force")[:: 1 if sensed else -1]
+    words = rf"no topic /{missing} .*; its topics: /{there}, .*; --remap {missing}:=TOPIC or --namespace NAME reads ano"
     output = [] if "replay" in asks else ["--output", str(tmp_path / "out.mcap")]
     assert main([*asks.split(), str(walking if sensed else right_bag), *output]) == 2
     said = capsys.readouterr().err
-    assert said.endswith(f"; knee-contact {words}\n")
+    assert re.search(words, said)
     assert len(said.splitlines()) == 1
     assert not list(tmp_path.iterdir())
 

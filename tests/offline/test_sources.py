@@ -234,7 +234,7 @@ def test_what_cannot_be_read_is_told_at_the_start(angles: str, forces: str, word
 
 def test_joint_states_of_ros2_control_are_told_where_they_do_not_fit(tmp_path: Path) -> None:
     for interface, source, words in (
-        ("position", "joint_states", "say -p knee.source:=dynamic_joint_states"),
+        ("position", "joint_states", "-p knee.source:=dynamic_joint_states reads those"),
         ("encoder", "dynamic_joint_states", "joint 'knee' has no interface position; it has velocity, encoder"),
     ):
         made = (DYNAMIC_JOINT_STATE, partial(dynamic, interface=interface))

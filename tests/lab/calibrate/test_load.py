@@ -166,7 +166,7 @@ def test_topics_may_have_other_names(tmp_path: Path, capsys: pytest.CaptureFixtu
     (tmp_path / "left").mkdir()
     bag = trial(tmp_path / "left", 5, namespace="/left")
     assert run(bag, *words) == 2
-    assert "say --namespace left" in capsys.readouterr().err
+    assert "or --namespace NAME" in capsys.readouterr().err
     assert run(bag, *words, "--namespace", "left") == 0
 
 
