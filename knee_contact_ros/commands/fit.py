@@ -10,14 +10,14 @@ import click
 from knee_contact_ros.commands.options import (
     DEFAULT_PARAMETERS,
     FILE,
+    Given,
+    InBag,
     choice_option,
-    find_parameters,
     names_in_bag_options,
     number_option,
     output_option,
     overwrite_option,
-    parameter_files_option,
-    parameter_values,
+    parameter_options,
     path_option,
 )
 
@@ -112,8 +112,7 @@ def fit_profile(mesh: Path, side: str, compartment: str, tolerance: float, slab:
     "auto",
 )
 @click.option("--source", default="", help="Source of the data, which is written into the file.")
-@output_option("OUT.csv", "Table to write.", ".csv")
-@overwrite_option("Replace OUT.csv if it exists.")
+@output_option("OUT.csv", "Table to write.", ".csv", replace="Replace OUT.csv if it exists.")
 def fit_share(
     trials: tuple[str, ...], time: str, axial: str, medial: str, flexion: str, moment: str, angle_unit: str, **rest: Any
 ) -> None:
@@ -132,8 +131,7 @@ def fit_share(
 
 @click.command()
 @click.argument("data", type=FILE, nargs=-1, required=True, metavar="TABLE.csv|BAG...")
-@parameter_files_option("", f"{DEFAULT_PARAMETERS}; for a BAG the defaults of the load node")
-@parameter_values
+@parameter_options("", f"{DEFAULT_PARAMETERS}; for a BAG the defaults of the load node")
 @click.option(
     "--free",
     multiple=True,
@@ -166,16 +164,9 @@ def fit_share(
     show_default=True,
     help="Number of starting points of the search, to find other minima.",
 )
-@output_option("OUT.yaml", "Parameter file to write.", ".yaml")
-@overwrite_option("Replace OUT.yaml if it exists.")
+@output_option("OUT.yaml", "Parameter file to write.", ".yaml", replace="Replace OUT.yaml if it exists.")
 @names_in_bag_options()
-def calibrate(
-    data: tuple[Path, ...],
-    parameter_files: tuple[Path, ...],
-    parameter_values: tuple[str, ...],
-    without: bool,
-    **rest: Any,
-) -> None:
+def calibrate(data: tuple[Path, ...], given: Given, without: bool, in_bag: InBag, **rest: Any) -> None:
     """Fit parameters to measurements.
 
     Give TABLE.csv to fit parameters of the contact. It has the columns time [s], flexion_angle [rad], load [N], and one
@@ -190,7 +181,6 @@ def calibrate(
     file; give it to --params after the other files.
     """
     from knee_contact_ros.lab.calibrate import bags_in, run_calibrate
-    from knee_contact_ros.parameters.ros_files import parameters_of
 
-    files = find_parameters(parameter_files, None if bags_in(list(data)) else DEFAULT_PARAMETERS)
-    run_calibrate(data, files, parameters_of(parameter_values), with_intervals=not without, **rest)
+    files = given.files(None if bags_in(list(data)) else DEFAULT_PARAMETERS)
+    run_calibrate(data, files, given.values(), with_intervals=not without, **in_bag._asdict(), **rest)

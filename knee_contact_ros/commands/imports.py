@@ -12,7 +12,6 @@ from knee_contact_ros.commands.options import (
     choice_option,
     number_option,
     output_option,
-    overwrite_option,
     path_option,
 )
 
@@ -81,8 +80,9 @@ sensor_map_option = path_option(
     "--work", type=Output(folder=True), metavar="DIR", help="New folder in which --setup keeps logs and all results."
 )
 @choice_option("--side", ["right", "left", "both"], "Side of the knee. both: one bag for each.", None)
-@output_option("BAG", "rosbag2 folder to write. With --side both: BAG_right and BAG_left.")
-@overwrite_option("Replace a bag of that name.")
+@output_option(
+    "BAG", "rosbag2 folder to write. With --side both: BAG_right and BAG_left.", replace="Replace a bag of that name."
+)
 @anyway_option
 def import_opensim(**options: Any) -> None:
     """Make a gait bag from results of OpenSim, or run OpenSim first.
@@ -99,8 +99,7 @@ def import_opensim(**options: Any) -> None:
 @click.command("import-csv")
 @files_argument
 @sensor_map_option
-@output_option("BAG", "rosbag2 folder to write.")
-@overwrite_option("Replace a bag of that name.")
+@output_option("BAG", "rosbag2 folder to write.", replace="Replace a bag of that name.")
 @anyway_option
 def import_csv(**options: Any) -> None:
     """Make a gait bag from the files of a laboratory.
@@ -117,8 +116,7 @@ def import_csv(**options: Any) -> None:
 @click.command()
 @files_argument
 @sensor_map_option
-@output_option("OUT.yaml", "Parameter file to write.", ".yaml")
-@overwrite_option("Replace OUT.yaml if it exists.")
+@output_option("OUT.yaml", "Parameter file to write.", ".yaml", replace="Replace OUT.yaml if it exists.")
 @number_option(
     "--longest-lag",
     0.01,

@@ -13,11 +13,12 @@ import click
 
 from knee_contact_ros.commands.options import (
     FILE,
+    Given,
+    InBag,
     Output,
-    find_parameters,
     names_in_bag_options,
     number_option,
-    parameter_files,
+    parameter_files_option,
     path_option,
 )
 from knee_contact_ros.system.errors import UsageError
@@ -30,7 +31,7 @@ CLOCK, NUMBER = "--clock", re.compile(r"[-+]?[\d.]+(e[-+]?\d+)?")
 
 @click.command()
 @path_option("--bag", "BAG", "[default: the right leg's gait]")
-@parameter_files
+@parameter_files_option()
 @click.option(
     "--from-sensors",
     is_flag=True,
@@ -73,8 +74,8 @@ def demo(
 
     if load_files and not from_sensors:
         raise click.UsageError("--load-params is for --from-sensors")
-    of_load = find_parameters(load_files, LOAD_FILE) if from_sensors else []
-    run_demo(bag, find_parameters(parameter_files), of_load, companion, output, rate)
+    of_load = Given(load_files).files(LOAD_FILE) if from_sensors else []
+    run_demo(bag, Given(parameter_files).files(), of_load, companion, output, rate)
 
 
 def check_ros() -> None:
@@ -182,7 +183,7 @@ class OptionalClockRate(click.Command):
 @click.option(
     "--sensors", is_flag=True, help="Publish /ground_reaction_force for the load node instead of /joint_reaction_force."
 )
-def replay(bag: Path, remaps: tuple[str, ...], namespace: str, sensors: bool, **timing: Any) -> None:
+def replay(bag: Path, in_bag: InBag, sensors: bool, **timing: Any) -> None:
     """Publish the inputs of a bag at the times of their stamps.
 
     BAG is an .mcap file, a .db3 file or a rosbag2 folder with the topics /joint_states and /joint_reaction_force. On a
@@ -190,12 +191,12 @@ def replay(bag: Path, remaps: tuple[str, ...], namespace: str, sensors: bool, **
     rate.
     """
     check_ros()
-    from knee_contact_ros.bags.reader import names_in_bag, others_beside
+    from knee_contact_ros.bags.reader import others_beside
     from knee_contact_ros.commands.replay import Timing, has_inputs, run_replay
     from knee_contact_ros.streams.topics import INPUTS, LOAD_INPUTS
     from knee_contact_ros.system.terminal import warn
 
     warn(others_beside(bag))
     inputs = LOAD_INPUTS if sensors else INPUTS
-    inside = namespace if has_inputs(bag, namespace, inputs) else ""
-    run_replay(bag, Timing(**timing), names_in_bag(remaps, inside, inputs), inputs, namespace)
+    inside = in_bag if has_inputs(bag, in_bag.namespace, inputs) else in_bag._replace(namespace="")
+    run_replay(bag, Timing(**timing), inside.names(*inputs), inputs, in_bag.namespace)

@@ -13,15 +13,14 @@ import click
 from knee_contact_ros.commands.options import (
     DEFAULT_PARAMETERS,
     FILE,
+    Given,
+    InBag,
     Output,
-    find_parameters,
     input_path,
     names_in_bag_options,
     output_option,
     overwrite_option,
-    parameter_files,
-    parameter_files_option,
-    parameter_values,
+    parameter_options,
     path_option,
 )
 from knee_contact_ros.system.errors import IncompleteError, ToldError, UsageError
@@ -69,23 +68,14 @@ def as_one(bags: Sequence[Path]) -> Iterator[Path]:
 
 @click.command()
 @click.argument("bags", type=FILE, nargs=-1, metavar="[BAG]...")
-@parameter_files
-@parameter_values
+@parameter_options()
 @path_option(
     "--subject", "FILE", "Subject file: body mass, profile, cartilage thickness and bag. --params and -p override it."
 )
-@output_option("OUT.mcap", "Recording to write.", ".mcap")
-@overwrite_option("Replace OUT.mcap if it exists.")
+@output_option("OUT.mcap", "Recording to write.", ".mcap", replace="Replace OUT.mcap if it exists.")
 @names_in_bag_options()
 def solve(
-    bags: tuple[Path, ...],
-    parameter_files: tuple[Path, ...],
-    parameter_values: tuple[str, ...],
-    subject: Path | None,
-    output: Path,
-    overwrite: bool,
-    remaps: tuple[str, ...],
-    namespace: str,
+    bags: tuple[Path, ...], given: Given, subject: Path | None, output: Path, overwrite: bool, in_bag: InBag
 ) -> None:
     """Compute a bag offline.
 
@@ -95,11 +85,10 @@ def solve(
     read, says what is missing, and ends with code 1. Several bags, for example one from each machine, are read as one.
     """
     from knee_contact_ros.bags.provenance import Provenance, weight_of
-    from knee_contact_ros.bags.reader import names_in_bag, others_beside
+    from knee_contact_ros.bags.reader import others_beside
     from knee_contact_ros.commands.tables import show_summary
     from knee_contact_ros.offline.solve import Subject, basis_of, parameters_in, weight_doubt
     from knee_contact_ros.offline.solve import solve as solve_bag
-    from knee_contact_ros.parameters.ros_files import parameters_of
     from knee_contact_ros.system.errors import in_a_line
     from knee_contact_ros.system.terminal import progress, warn
 
@@ -108,14 +97,12 @@ def solve(
     if not bags:
         raise UsageError("no BAG: give a BAG, or a --subject file that names one")
     with as_one(bags) as bag:
-        basis = basis_of(bag, parameter_files or None, parameters_of(parameter_values), person, namespace)
-        names = names_in_bag(remaps, namespace)
+        basis = basis_of(bag, given.parameter_files or None, given.values(), person, in_bag.namespace)
         with progress("Solving") as advance:
-            summary = solve_bag(bag, basis, output, advance, overwrite, names)
-        given = (subject, *parameter_files) if subject else parameter_files or (DEFAULT_PARAMETERS,)
-        files = ", ".join(map(str, given))
-        source = f"those in {bag.name}, made with {basis.package}" if isinstance(basis, Provenance) else files
-        rows = {"parameters": ", ".join([source, *parameter_values])}
+            summary = solve_bag(bag, basis, output, advance, overwrite, in_bag.names())
+        files = (subject, *given.parameter_files) if subject else given.parameter_files or (DEFAULT_PARAMETERS,)
+        sources = [f"those in {bag.name}, made with {basis.package}"] if isinstance(basis, Provenance) else files
+        rows = {"parameters": ", ".join(map(str, [*sources, *given.parameter_values]))}
         parameters = parameters_in(basis)
         if parameters.load.rule == "fixed_share":
             rows["load"] = f"{parameters.load.share:.4g} of the axial force (load.share)"
@@ -134,44 +121,30 @@ def solve(
 
 @click.command()
 @click.argument("bag", type=FILE)
-@parameter_files_option(": load/insole, load/inverse_dynamics, load/gait2354", "the knee and a vertical force")
-@parameter_values
-@output_option("OUT.mcap", "Bag to write.", ".mcap")
-@overwrite_option("Replace OUT.mcap if it exists.")
+@parameter_options(": load/insole, load/inverse_dynamics, load/gait2354", "the knee and a vertical force")
+@output_option("OUT.mcap", "Bag to write.", ".mcap", replace="Replace OUT.mcap if it exists.")
 @names_in_bag_options()
-def estimate_load(
-    bag: Path,
-    parameter_files: tuple[Path, ...],
-    parameter_values: tuple[str, ...],
-    output: Path,
-    overwrite: bool,
-    remaps: tuple[str, ...],
-    namespace: str,
-) -> None:
+def estimate_load(bag: Path, given: Given, output: Path, overwrite: bool, in_bag: InBag) -> None:
     """Estimate the joint reaction force of a bag, offline.
 
     BAG holds a leg's sensors on /joint_states and /ground_reaction_force. OUT.mcap gets these topics,
     /joint_reaction_force and /load_estimate, with the same numbers as the node's. Next, run `knee-contact solve
     OUT.mcap`. For research only: muscles are not measured.
     """
-    from knee_contact_ros.bags.reader import names_in_bag, others_beside
+    from knee_contact_ros.bags.reader import others_beside
     from knee_contact_ros.commands.tables import show_load
     from knee_contact_ros.offline.estimate_load import estimate_load as estimate
     from knee_contact_ros.offline.estimate_load import load_parameters_for
     from knee_contact_ros.offline.solve import weight_doubt
-    from knee_contact_ros.parameters.ros_files import parameters_of
     from knee_contact_ros.streams.topics import LOAD_INPUTS
     from knee_contact_ros.system.errors import in_a_line
     from knee_contact_ros.system.terminal import progress, warn
 
-    parameters, without, doubts = load_parameters_for(
-        bag, find_parameters(parameter_files, None), parameters_of(parameter_values), namespace
-    )
-    names = names_in_bag(remaps, namespace, LOAD_INPUTS)
+    parameters, without, doubts = load_parameters_for(bag, given.files(None), given.values(), in_bag.namespace)
     with progress("Estimating") as advance:
-        summary = estimate(bag, parameters, output, advance, overwrite, names)
-    given = ", ".join([*(map(str, parameter_files) if parameter_files else [without]), *parameter_values])
-    rows = {"parameters": given, "body weight": f"{parameters.person.constants.weight:.7g} N"}
+        summary = estimate(bag, parameters, output, advance, overwrite, in_bag.names(*LOAD_INPUTS))
+    sources = ", ".join(map(str, [*(given.parameter_files or [without]), *given.parameter_values]))
+    rows = {"parameters": sources, "body weight": f"{parameters.person.constants.weight:.7g} N"}
     show_load(summary, parameters, rows, str(output))
     warn([*others_beside(bag), *weight_doubt(bag, parameters), *doubts])
     if summary.damage:
@@ -199,8 +172,7 @@ def recover(source: Path, output: Path, overwrite: bool) -> None:
 
 @click.command()
 @click.argument("sources", nargs=-1, required=True, metavar="FILE...")
-@parameter_files
-@parameter_values
+@parameter_options()
 @click.option("--save", type=Output(".rrd"), metavar="OUT.rrd", help="Write a Rerun file instead of opening a window.")
 @overwrite_option("Replace OUT.rrd if it exists.")
 @click.option("--serve", is_flag=True, help="Serve the scene to browsers and viewers on this machine instead.")
@@ -208,15 +180,7 @@ def recover(source: Path, output: Path, overwrite: bool) -> None:
     "--port", type=click.IntRange(1024, 65534), default=9876, show_default=True,
     help="Port for --serve. The next port is used too.",
 )  # fmt: skip
-def view(
-    sources: tuple[str, ...],
-    parameter_files: tuple[Path, ...],
-    parameter_values: tuple[str, ...],
-    save: Path | None,
-    overwrite: bool,
-    serve: bool,
-    port: int,
-) -> None:
+def view(sources: tuple[str, ...], given: Given, save: Path | None, overwrite: bool, serve: bool, port: int) -> None:
     """Show recordings in Rerun.
 
     FILE is a recording with answers, or a bag with inputs, which is computed first. A recording of this package is
@@ -231,12 +195,10 @@ def view(
     from knee_contact_ros.bags.reader import others_beside
     from knee_contact_ros.commands.view import run_view
     from knee_contact_ros.parameters.files import load_parameters
-    from knee_contact_ros.parameters.ros_files import parameters_of
     from knee_contact_ros.system.terminal import warn
 
     warn(sentence for source in sources for sentence in others_beside(Path(source)))
-    parameters = load_parameters([*find_parameters(parameter_files), parameters_of(parameter_values)])
-    run_view(sources, parameters, save, overwrite, serve, port)
+    run_view(sources, load_parameters([*given.files(), given.values()]), save, overwrite, serve, port)
 
 
 @click.command()
@@ -267,9 +229,8 @@ def table(bag: Path, output: Path, topic: str) -> None:
 
 
 @click.command()
-@parameter_files
-@parameter_values
-def warm(parameter_files: tuple[Path, ...], parameter_values: tuple[str, ...]) -> None:
+@parameter_options()
+def warm(given: Given) -> None:
     """Compile the model ahead of its first use.
 
     Installing the package does this already. One compiled model serves every kind of knee; --params and -p are only
@@ -280,12 +241,10 @@ def warm(parameter_files: tuple[Path, ...], parameter_values: tuple[str, ...]) -
     from knee_contact_ros.model.compiler import compiled_run, folders, kept_files
     from knee_contact_ros.model.ticks import run
     from knee_contact_ros.parameters.build import load_model
-    from knee_contact_ros.parameters.ros_files import parameters_of
-    from knee_contact_ros.system.errors import IncompleteError, UsageError
     from knee_contact_ros.system.terminal import say
 
-    if parameter_files or parameter_values:
-        load_model([*find_parameters(parameter_files), parameters_of(parameter_values)], compiled=False)
+    if any(given):
+        load_model([*given.files(), given.values()], compiled=False)
     before, compiled, after = kept_files(), compiled_run(), kept_files()
     if compiled and after:
         say("was there already" if set(before) == set(after) else "compiled")

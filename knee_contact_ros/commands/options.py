@@ -4,15 +4,18 @@ from __future__ import annotations
 
 import stat
 from collections.abc import Callable, Sequence
-from functools import reduce
+from functools import reduce, update_wrapper
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import click
 
 from knee_contact_ros.system import files
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import checked_output
+
+if TYPE_CHECKING:
+    from knee_contact_ros.bags.reader import Names
 
 DEFAULT_PARAMETERS = files.DEFAULT_PARAMETERS
 Function = TypeVar("Function", bound=Callable[..., Any])
@@ -67,9 +70,13 @@ def path_option(name: str, metavar: str, text: str, *own: str, **more: Any) -> C
     return click.option(name, *own, type=FILE, metavar=metavar, help=text, **more)
 
 
-def output_option(metavar: str, text: str, *suffixes: str) -> Callable[[Function], Function]:
-    """Make the option `--output`, whose name must end with one of `suffixes`, if there are any."""
-    return click.option("--output", type=Output(*suffixes), required=True, metavar=metavar, help=text)
+def output_option(metavar: str, text: str, *suffixes: str, replace: str = "") -> Callable[[Function], Function]:
+    """Make the option `--output`, whose name must end with one of `suffixes`, if there are any.
+
+    With the help text `replace` the option `--overwrite` follows.
+    """
+    output = click.option("--output", type=Output(*suffixes), required=True, metavar=metavar, help=text)
+    return together(output, overwrite_option(replace)) if replace else output
 
 
 def overwrite_option(text: str) -> Callable[[Function], Function]:
@@ -91,7 +98,73 @@ def number_option(
     return click.option(name, type=kind, default=default, show_default=True, metavar=metavar, help=text)
 
 
-def parameter_files_option(own: str, default: str) -> Callable[[Function], Function]:
+class Given(NamedTuple):
+    """Parameters as the options `--params` and `-p` give them."""
+
+    parameter_files: tuple[Path, ...]
+    """Names of parameter files"""
+    parameter_values: tuple[str, ...] = ()
+    """Values as NAME:=VALUE"""
+
+    def files(self, default: str | None = DEFAULT_PARAMETERS) -> list[Path]:
+        """Find the parameter files, as given or in the package's config folder; the `default` if there are none."""
+        names = self.parameter_files or ([default] if default else [])
+        return [files.parameter_file(str(name)) for name in names]
+
+    def values(self) -> dict[str, Any]:
+        """Read the values, by the names of the parameters.
+
+        Raises:
+            UsageError: one of them is no value; see `parameters_of`.
+        """
+        from knee_contact_ros.parameters.ros_files import parameters_of
+
+        return parameters_of(self.parameter_values)
+
+
+class InBag(NamedTuple):
+    """Names in a bag as the options `--remap` and `--namespace` give them."""
+
+    remaps: tuple[str, ...]
+    namespace: str
+
+    def names(self, *inputs: str) -> Names:
+        """Return the names of the `inputs` in the bag, by default those of the contact node.
+
+        Raises:
+            UsageError: a rule is none; see `names_in_bag`.
+        """
+        from knee_contact_ros.bags.reader import names_in_bag
+
+        return names_in_bag(*self, *([inputs] if inputs else []))
+
+
+def together(*options: Callable[[Function], Function]) -> Callable[[Function], Function]:
+    """Combine several options into one decorator; the help text lists them in this order."""
+    return lambda function: reduce(lambda decorated, option: option(decorated), reversed(options), function)
+
+
+def gathered(name: str, kind: Any, *options: Callable[[Function], Function]) -> Callable[[Function], Function]:
+    """Combine several options into one decorator; the command gets their values as one argument, a tuple of a `kind`.
+
+    The names of the options are those of its fields.
+    """
+    decorate: Any = together(*options)
+
+    def decorated(function: Function) -> Any:
+        def command(**values: Any) -> None:
+            one = kind(*(values.pop(field) for field in kind._fields))
+            function(**values, **{name: one})
+
+        update_wrapper(command, function)
+        return decorate(command)
+
+    return decorated
+
+
+def parameter_files_option(
+    own: str = ", for example osteoarthritis", default: str = DEFAULT_PARAMETERS
+) -> Callable[[Function], Function]:
     """Make the option `--params`; the help text names the package's `own` files and the `default`."""
     return click.option(
         "--params",
@@ -104,27 +177,27 @@ def parameter_files_option(own: str, default: str) -> Callable[[Function], Funct
     )
 
 
-parameter_files = parameter_files_option(", for example osteoarthritis", DEFAULT_PARAMETERS)
-parameter_values = click.option(
-    "-p",
-    "parameter_values",
-    multiple=True,
-    metavar="NAME:=VALUE",
-    help="Set a parameter, for example -p knee.joint_name:=knee_r. It overrides the files. Can be given several times.",
-)
-
-
-def together(*options: Callable[[Function], Function]) -> Callable[[Function], Function]:
-    """Combine several options into one decorator; the help text lists them in this order."""
-    return lambda function: reduce(lambda decorated, option: option(decorated), reversed(options), function)
+def parameter_options(*texts: str) -> Callable[[Function], Function]:
+    """Make the options `--params` (`texts`: see `parameter_files_option`) and `-p`; a command gets them as `given`."""
+    value = click.option(
+        "-p",
+        "parameter_values",
+        multiple=True,
+        metavar="NAME:=VALUE",
+        help="Set a parameter, for example -p knee.joint_name:=knee_r. It overrides the files. Can be given several "
+        "times.",
+    )
+    return gathered("given", Given, parameter_files_option(*texts), value)
 
 
 def names_in_bag_options(
     of_namespace: str = "Read the inputs from /NAME/... in the bag, and the parameters that a node in that namespace "
     "reads.",
 ) -> Callable[[Function], Function]:
-    """Make the options of names in a bag; the help text of `--namespace` is given."""
-    return together(
+    """Make the options of names in a bag, which a command gets as `in_bag`; the help text of `--namespace` is given."""
+    return gathered(
+        "in_bag",
+        InBag,
         click.option(
             "--remap",
             "remaps",
@@ -135,9 +208,3 @@ def names_in_bag_options(
         ),
         click.option("--namespace", default="", metavar="NAME", help=of_namespace),
     )
-
-
-def find_parameters(names: tuple[Path, ...], default: str | None = DEFAULT_PARAMETERS) -> list[Path]:
-    """Find parameter files, as given or in the package's config folder; the `default` if there are no `names`."""
-    defaults = [default] if default else []
-    return [files.parameter_file(str(name)) for name in names or defaults]

@@ -10,11 +10,11 @@ import click
 
 from knee_contact_ros.commands.options import (
     FILE,
+    Given,
+    InBag,
     Output,
-    find_parameters,
     names_in_bag_options,
-    parameter_files,
-    parameter_values,
+    parameter_options,
     together,
 )
 from knee_contact_ros.system.files import require
@@ -72,8 +72,7 @@ def sensitivity(study: Path, output: str, workers: int | None, scheduler: str) -
 
 @click.command()
 @click.argument("bag", type=FILE)
-@parameter_files
-@parameter_values
+@parameter_options()
 @names_in_bag_options()
 @click.option(
     "--worth",
@@ -89,7 +88,7 @@ def sensitivity(study: Path, output: str, workers: int | None, scheduler: str) -
     metavar="FILE.png",
     help="Picture to write. An earlier one is replaced.",
 )
-def trade(bag: Path, worth: float | None, picture: Path, remaps: tuple[str, ...], namespace: str, **knee: Any) -> None:
+def trade(bag: Path, given: Given, in_bag: InBag, worth: float | None, picture: Path) -> None:
     """Show what accuracy costs on your own bag and knee.
 
     It computes BAG at every fidelity.level, with tolerances from 1e-3 to 1e-9 m. It prints and draws the largest errors
@@ -98,18 +97,17 @@ def trade(bag: Path, worth: float | None, picture: Path, remaps: tuple[str, ...]
     """
     from knee_contact_ros.lab.trade import draw, measure, show
     from knee_contact_ros.offline.notebooks import solve
-    from knee_contact_ros.parameters.ros_files import parameters_of
     from knee_contact_ros.system.files import split
     from knee_contact_ros.system.output_files import refuse_impossible
     from knee_contact_ros.system.terminal import progress, say, warn
 
     require("trade", "matplotlib")
     refuse_impossible(picture)
-    remap = dict(split(rule, "--remap") for rule in remaps)
+    remap = dict(split(rule, "--remap") for rule in in_bag.remaps)
     with warnings.catch_warnings(record=True) as doubts:
         warnings.simplefilter("always")
-        values = parameters_of(knee["parameter_values"])
-        results = solve(bag, knee["parameter_files"] or None, values, remap=remap, namespace=namespace)
+        files = given.parameter_files or None
+        results = solve(bag, files, given.values(), remap=remap, namespace=in_bag.namespace)
     with progress("Measuring") as advance:
         found = measure(results, worth, advance)
     show(found)
@@ -128,8 +126,7 @@ def trade(bag: Path, worth: float | None, picture: Path, remaps: tuple[str, ...]
     metavar="DIR",
     help="Folder for the page, its figures and data. Those of an earlier report are replaced.",
 )
-@parameter_files
-@parameter_values
+@parameter_options()
 @click.option(
     "--compare",
     "compare",
@@ -148,17 +145,7 @@ def trade(bag: Path, worth: float | None, picture: Path, remaps: tuple[str, ...]
 )
 @click.option("--label", "labels", multiple=True, metavar="TEXT", help="Name of a FILE. Once for each, in their order.")
 @names_in_bag_options()
-def report(
-    files: tuple[Path, ...],
-    output: Path,
-    parameter_files: tuple[Path, ...],
-    parameter_values: tuple[str, ...],
-    compare: tuple[Path, ...],
-    uncertainty: Path | None,
-    labels: tuple[str, ...],
-    remaps: tuple[str, ...],
-    namespace: str,
-) -> None:
+def report(files: tuple[Path, ...], output: Path, given: Given, in_bag: InBag, **options: Any) -> None:
     """Write a report: figures and tables that need no viewer.
 
     It writes one page (report.html, which needs no other file), figures (PNG) and data (CSV). A FILE is a recording of
@@ -166,20 +153,23 @@ def report(
     the extra report.
     """
     require("report", "matplotlib", "jinja2", "pandas")
-    from knee_contact_ros.bags.reader import names_in_bag, others_beside
+    from knee_contact_ros.bags.reader import others_beside
     from knee_contact_ros.lab.report.page import run_report
     from knee_contact_ros.lab.report.runs import ReportOptions
     from knee_contact_ros.parameters.files import values_set_in
-    from knee_contact_ros.parameters.ros_files import parameters_of
     from knee_contact_ros.system.terminal import say, warn
 
-    values = parameters_of(parameter_values)
-    sources: list[Path | dict[str, Any]] = [*find_parameters(parameter_files), *([values] if values else [])]
-    if namespace:
-        sets = [values_set_in(path, namespace=namespace) for path in find_parameters(parameter_files)]
+    values = given.values()
+    sources: list[Path | dict[str, Any]] = [*given.files(), *([values] if values else [])]
+    if in_bag.namespace:
+        sets = [values_set_in(path, namespace=in_bag.namespace) for path in given.files()]
         sources = [{name: value for each in [*sets, values] for name, value in each.items()}]
-    given, names = bool(parameter_files or values), names_in_bag(remaps, namespace)
-    compared = find_parameters(compare, None)
-    for path in run_report(ReportOptions(files, labels, sources, given, compared, names, uncertainty), output):
+    compare = Given(options.pop("compare")).files(None)
+    for path in run_report(
+        ReportOptions(
+            files, parameters=sources, parameters_given=any(given), compare=compare, names=in_bag.names(), **options
+        ),
+        output,
+    ):
         say(str(path))
     warn(sentence for path in files for sentence in others_beside(path))

@@ -32,15 +32,11 @@ def naming(values: dict[str, str], path: Path | str) -> dict[str, Any]:
 
 
 @pytest.mark.parametrize("parameter", NAMED)
-def test_what_is_no_file_is_not_waited_for(parameter: str, tmp_path: Path) -> None:
+def test_what_is_no_file_or_too_large_is_refused_by_the_parameter(parameter: str, tmp_path: Path) -> None:
     os.mkfifo(tmp_path / "pipe")
-    for path in (tmp_path / "pipe", "/dev/zero", tmp_path, "a\0b", "~nobody_of_this_name/x.csv"):
+    for no_file in (tmp_path / "pipe", "/dev/zero", tmp_path, "a\0b", "~nobody_of_this_name/x.csv"):
         with pytest.raises(UsageError, match=f"parameter {parameter}: cannot read"):
-            knee_contact_ros.load_model(naming(NAMED[parameter], path))
-
-
-@pytest.mark.parametrize("parameter", NAMED)
-def test_a_curve_has_so_many_points_at_most(parameter: str, tmp_path: Path) -> None:
+            knee_contact_ros.load_model(naming(NAMED[parameter], no_file))
     path = tmp_path / "curve.csv"
     path.write_text("".join(f"{number * 1e-6:g},0\n" for number in range(MOST_POINTS + 1)))
     words = f"parameter {parameter}: .* has {MOST_POINTS + 1} points; at most {MOST_POINTS} are allowed"

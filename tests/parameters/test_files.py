@@ -1,0 +1,322 @@
+"""Parameters of both nodes, from files and mappings: what is read, and what is refused in one line."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import knee_contact_ros
+from knee_contact_ros.joint_reaction.estimator import LEVELS
+from knee_contact_ros.parameters.files import check_file, flat_parameters, load_parameters, variations_of
+from knee_contact_ros.parameters.schema import LoadParameters, NodeSection, Parameters, allowed_levels, has_both
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.files import shipped_parameter_files
+
+
+def test_mappings_may_be_nested_dotted_or_a_files_content() -> None:
+    forms: list[dict[str, Any]] = [
+        {"contact": {"damping": 10.0}},
+        {"contact.damping": 10.0},
+        {"/**": {"ros__parameters": {"contact": {"damping": 10.0}}}},
+        {"knee_contact": {"ros__parameters": {"contact.damping": 10.0}}},
+        {
+            "/**": {"ros__parameters": {"contact.damping": 3.0}},
+            "/left/knee_contact": {"ros__parameters": {"contact.damping": 10}},
+        },
+    ]
+    found = [load_parameters(form, namespace="left" if "/left/knee_contact" in form else "") for form in forms]
+    assert all(parameters.contact.damping == 10.0 for parameters in found)
+
+
+def test_files_are_read_as_ros_reads_them(tmp_path: Path) -> None:
+    path = tmp_path / "p.yaml"
+    path.write_text(
+        "knee_contact:\n  ros__parameters:\n    use_sim_time: true\n"
+        "    contact: {stiffness: 7.9e7, damping: 5000}\n    fidelity.tolerance: 1e-8\n    rerun: {mode: off}\n"
+    )
+    parameters = load_parameters(path)
+    assert (parameters.contact.stiffness, parameters.contact.damping) == (7.9e7, 5000.0)
+    assert parameters.fidelity.tolerance == 1e-8
+    assert parameters.rerun.mode == "off"
+
+
+def test_osteoarthritis_changes_the_law_and_its_layers_alone(config: Path) -> None:
+    """Of a person's knee, whose parameters were given before."""
+    person = {
+        "body_weight": 931.6, "femur.mass": 11.8, "femur.radius": 0.031, "load.share": 0.7, "contact.stiffness": 6.0e7,
+        "fidelity.tolerance": 1.0e-8, "contact.layer_depth": 1.0e-3, "contact.damp_first_layer": True,
+    }  # fmt: skip
+    one, other = (
+        flat_parameters(load_parameters([person, *files])) for files in ([], [config / "osteoarthritis.yaml"])
+    )
+    assert {name: other[name] for name in one if one[name] != other[name]} == {
+        "contact.law": "two_layer_viscoelastic", "contact.layer_depth": 5.0e-4, "contact.damp_first_layer": False,
+    }  # fmt: skip
+
+
+BOTH = {"load.compartment": "both", "lateral.contact.damping": 2e3}
+VARIED: list[dict[str, Any]] = [
+    {}, {"contact.damping": 10}, {"contact.damping": 1e3, "femur.mass": 8.0, "body_weight": 700.0, "load.share": 0.6},
+    {"lateral.contact.damping": 1.0, "contact.damping": 2.0}, {"lateral.femur.radius": 0.03}, {"femur.radius": 0.03},
+    {"load.compartment": "both", "contact.damping": 3e3}, {"load.compartment": "total"}, {"fidelity.budget": 300},
+    {"load.compartment": "both", "drive": "displacement"}, {"contact.damping": -1.0}, {"contact.damping": "5"},
+    {"femur.mass": 8.0, "contact.damping": float("nan")}, {"contact.dampin": 1.0}, {"contact": 1.0}, {"drive": "x"},
+    {"tibia.slope": 0.1, "tibia.geometry": "circle"}, {"tibia.geometry": "circle", "tibia.radius": 0.02},
+    {"lateral.tibia.geometry": "circle", "tibia.radius": 0.02}, {"fidelity.force_tolerance": 1e-10},
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("common", [{}, BOTH, {"contact.law": "hertz"}], ids=["one", "both", "law"])
+def test_variations_are_what_is_loaded_and_leave_the_common_ones_as_they_were(common: dict[str, Any]) -> None:
+    """Lateral values of a knee that has no lateral compartment mean nothing, and need not follow the medial ones."""
+    base = load_parameters(common)
+    before, varied = base.model_dump_json(), variations_of(base)
+    for values in VARIED:
+        found = [
+            told(lambda values=values: varied(values)),
+            told(lambda values=values: load_parameters([base, values])),
+        ]
+        assert found[0] == found[1], values
+    assert base.model_dump_json() == before
+
+
+def told(made: Callable[[], Parameters]) -> str:
+    """All that makes an answer of some parameters, or why there are none."""
+    try:
+        parameters = made()
+    except UsageError as error:
+        return str(error)
+    return parameters.model_dump_json(exclude=None if has_both(parameters) else {"lateral"})
+
+
+def test_healthy_is_the_papers_table(config: Path) -> None:
+    assert load_parameters(config / "healthy.yaml") == load_parameters({})
+
+
+def test_a_name_means_a_file_here_or_one_of_the_packages_own(
+    config: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    shipped = load_parameters(config / "osteoarthritis.yaml")
+    assert load_parameters("osteoarthritis") == load_parameters("osteoarthritis.yaml") == shipped
+    (tmp_path / "osteoarthritis").mkdir()  # of reports, say
+    assert load_parameters("osteoarthritis") == shipped
+    Path("osteoarthritis.yaml").write_text("knee_contact:\n  ros__parameters: {body_weight: 600.0}")
+    assert load_parameters("osteoarthritis").body_weight == 600.0
+    assert load_parameters(["mri_femur", {"femur.scale": 1.1}, {"body_weight": 500.0}]).femur.scale == 1.1
+    assert load_parameters([shipped, {"femur.mass": 8.0}]).contact == shipped.contact
+    # A profile of one file that another leaves behind is no mistake.
+    assert load_parameters(["mri_femur", {"femur.geometry": "circle"}]).femur.geometry == "circle"
+
+
+def test_files_from_a_spreadsheet_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "translation.csv"
+    path.write_bytes(b"\xef\xbb\xbfflexion_angle,x\r\n  # a remark\r\n0.0,0.0\r\n 1.0, 0.002\r\n")
+    model = knee_contact_ros.load_model({"translation.mechanism": "table", "translation.table": str(path)})
+    assert model.pair.mechanism.translation(1.0)[0] == 0.002
+
+
+HIP, ANKLE = {"hip.joint_name": "hip"}, {"ankle.joint_name": "ankle"}
+FULL, ON_FOOT = {"ground.components": "full"}, {"ground.axes": "foot"}
+
+
+def load(values: Any) -> LoadParameters:
+    return load_parameters(values, LoadParameters)
+
+
+@pytest.mark.parametrize(
+    ("inputs", "allowed"),
+    [
+        ({}, 1),
+        (FULL, 1),
+        (HIP | ANKLE, 1),
+        (FULL | HIP, 2),
+        (FULL | ANKLE, 1),  # where the shank stands in upright axes, only the hip tells
+        (FULL | HIP | ANKLE, 3),
+        (FULL | ON_FOOT | HIP, 1),  # where the foot stands, only the ankle tells
+        (FULL | ON_FOOT | ANKLE, 3),
+        (FULL | ON_FOOT | HIP | ANKLE, 3),
+    ],
+)
+def test_inputs_allow_levels_and_auto_is_the_last_of_them(inputs: dict[str, Any], allowed: int) -> None:
+    parameters = load(inputs)
+    assert allowed_levels(parameters) == list(LEVELS)[:allowed]
+    assert parameters.chosen_level == list(LEVELS)[allowed - 1]
+    for number, level in enumerate(LEVELS):
+        if number < allowed:
+            assert load(inputs | {"level": level}).chosen_level == level
+            continue
+        with pytest.raises(UsageError, match=f"^parameter level: '{level}' is not allowed; it needs ground") as caught:
+            load(inputs | {"level": level})
+        assert str(caught.value).endswith(f"These inputs allow {', '.join(list(LEVELS)[:allowed])}")
+
+
+def test_shipped_files_load_and_say_their_level(config: Path) -> None:
+    names = {f"load/{path.stem}": path for path in shipped_parameter_files("load")}
+    assert set(names) == {"load/gait2354", "load/insole", "load/inverse_dynamics"}
+    for name, path in names.items():
+        first, level = path.read_text().splitlines()[0], load(name).chosen_level
+        assert first.startswith(f"# Level {level}: "), name
+        assert load(path) == load(config / "load" / path.name) == load(name)
+    assert load("load/insole") == load({})  # what it says are the defaults, said aloud
+
+
+def test_a_file_has_sections_for_both_nodes(tmp_path: Path) -> None:
+    path = tmp_path / "leg.yaml"
+    path.write_text(
+        "/**/knee_load:\n  ros__parameters:\n    person: {mass: 60.0}\n    hip.joint_name: hip\n"
+        "/**/knee_contact:\n  ros__parameters:\n    body_weight: 588.4\n"
+        "/**:\n  ros__parameters:\n    pairing.wait: 0.5\n    use_sim_time: true\n"
+    )
+    check_file(path, LoadParameters)
+    check_file(path, Parameters)
+    ours, others = load(path), load_parameters(path)
+    assert (ours.person.mass, ours.hip.joint_name, ours.pairing.wait) == (60.0, "hip", 0.5)
+    assert (others.body_weight, others.pairing.wait) == (588.4, 0.5)
+
+
+CIRCLE = {"tibia.geometry": "circle"}
+REFUSED: dict[type[NodeSection], list[tuple[dict[str, Any], str]]] = {
+    Parameters: [
+        ({"contact.damping": -1.0}, r"contact\.damping: -1\.0 is not allowed; it should be greater than or equal to 0"),
+        ({"contact.damping": "5000"}, r"contact\.damping: '5000' is not allowed; it should be a valid number"),
+        ({"contact.damping": float("nan")}, "nan is not allowed; it should be a finite number"),
+        ({"contact.law": "hook"}, r"contact\.law: 'hook' is not allowed; allowed: .*hertz, kelvin_voigt"),
+        ({"contact.allow_tension": 1}, "1 is not allowed; it should be a valid boolean"),
+        ({"contact.poissons_ratio": 0.5}, "less than 0.5"),
+        ({"record.max_size": 0.01}, r"max_size: 0\.01 is not allowed; allowed: 0 \(off\) or a number >= 0\.1"),
+        ({"fidelity.force_tolerance": 1e-10}, r"0 \(off\) or a number >= 1e-09"),
+        ({"fidelity.budget": 5}, r"0 \(a hundred thousand\) or an integer >= 100"),
+        ({"knee.flexion_sign": 2.0}, r"2\.0 is not allowed; allowed: 1\.0, -1\.0"),
+        ({"contact.dampin": 1.0}, r"unknown parameter contact\.dampin; did you mean contact\.damping\?"),
+        ({"zzz": 1.0}, r"unknown parameter zzz; known are knee\.joint_name.*, lateral\.\* \("),
+        ({"femur.geometry": "profile"}, r"femur\.profile is empty"),
+        ({"translation.mechanism": "table"}, r"translation\.table is empty"),
+        (CIRCLE | {"tibia.slope": 0.1}, r"tibia\.slope: 0\.1 is not allowed; only .* plane"),
+        (CIRCLE | {"tibia.radius": 0.034}, r"tibia\.radius: 0\.034 .* exceed femur\.radius, 0\.034"),
+        ({"contact.stiffness_from": "material", "contact.exponent": 1.0}, r"contact\.exponent: 1 .* needs 1\.5"),
+        ({"contact.law": "elastic_foundation", "contact.tibial_radius": 0.03}, r"tibial_radius: 0\.03 .* 0\.034"),
+        ({"femur.scale": 1.1}, r"femur\.scale: 1\.1 is not allowed; only femur\.geometry profile"),
+    ],
+    LoadParameters: [
+        ({"level": "muscles"}, r"level: 'muscles' is not allowed; .*auto, ground_force, knee_moment, ankle_moment"),
+        ({"knee.joint_name": ""}, r"knee\.joint_name: '' is not allowed"),
+        ({"hip.joint_name": "knee"}, r"parameter knee\.joint_name: knee, knee are not different joints"),
+        ({"ankle.assisted": True}, r"ankle\.assisted: True is not allowed; ankle\.joint_name is empty"),
+        ({"hip.assisted": True}, r"unknown parameter hip\.assisted"),
+        ({"frame.tibia": ""}, r"frame\.tibia: '' is not allowed"),
+        ({"frame.ground": "/plate"}, r"frame\.ground: '/plate' is not allowed; .*without a slash before it"),
+        ({"person.height": 175.0}, r"person\.height: 175\.0 is not allowed; .*2\.5"),
+        ({"standard_deviation": 0.001}, r"standard_deviation: 0\.001 .* 0 \(as measured for the level\) or a num"),
+    ],
+}
+OURS, LOAD = r"\(healthy, .*osteoarthritis.*\)", r"\(load/gait2354, load/insole, load/inverse_dynamics\)"
+NO_SOURCES: tuple[Any, ...] = (None, "", 3, [None], ["healthy", ""])
+MISSING: dict[type[NodeSection], list[tuple[Any, str]]] = {
+    Parameters: [
+        ("nowhere.yaml", r"nowhere\.yaml: cannot read the parameter file"),
+        ("osteoarthritic", rf"^osteoarthritic: .* {OURS}; did you mean osteoarthritis\?$"),
+        ("xyz", r"own \([^)]*\)$"),
+        *((one, r"^parameters: .* is not allowed; a parameter file's name, a mapping of") for one in NO_SOURCES),
+        (
+            ["healthy", {"femur.profile": "x.csv"}],
+            r"femur\.profile: 'x\.csv' is not used; set femur\.geometry to profile",
+        ),
+    ],
+    LoadParameters: [
+        ("inverse_dynamic", rf"{LOAD}; did you mean load/inverse_dynamics\?$"),
+        ("load/insol", rf"{LOAD}; did you mean load/insole\?$"),
+        ("xyz", rf"the package's own {LOAD}$"),
+    ],
+}
+ALL = [(schema, *each) for table in (REFUSED, MISSING) for schema, cases in table.items() for each in cases]
+
+
+@pytest.mark.parametrize(("schema", "source", "words"), ALL)
+def test_what_is_not_allowed_is_refused_in_one_line(schema: type[NodeSection], source: Any, words: str) -> None:
+    with pytest.raises(UsageError, match=words) as caught:
+        load_parameters(source, schema)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ("a: [", "not a YAML file"),
+        ("- 1", "must map node names"),
+        ("other_node:\n  ros__parameters: {x: 1}", "no parameters for node knee_contact; found other_node"),
+        ("/**:\n  ros__parameters: {contact: {damping: -1.0}}", "contact.damping"),
+        ("\xff", "unknown|map node names|YAML"),
+        ("/**:\n  ros__parameters:\n    femur.mass: 8\n    femur: {mass: 9.5}", r"femur\.mass is given twice$"),
+        ("/**/knee_contact:\n  ros__parameters: [1]", r"ros__parameters must map names to values, got \[1\]"),
+        ("/**/knee_contact:\n  ros__parameters: 5", "ros__parameters must map names to values, got 5"),
+    ],
+)
+def test_bad_files_are_refused_by_name(tmp_path: Path, content: str, words: str) -> None:
+    path = tmp_path / "bad.yaml"
+    path.write_text(content)
+    with pytest.raises(UsageError, match=words) as caught:
+        load_parameters(path)
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+LEFT, LEG = "/left/knee_contact:\n  ros__parameters: {tibia.geometry: circle}\n", "/l/knee_load:\n  ros__parameters: "
+
+
+@pytest.mark.parametrize(
+    ("schema", "content", "words"),
+    [
+        (Parameters, "other_node:\n  ros__parameters: {x: 1}", ""),
+        (Parameters, LEFT + "/right/knee_contact:\n  ros__parameters: {tibia.slope: 0.1}\n", ""),
+        (Parameters, LEFT + "/**:\n  ros__parameters: {tibia.slope: 0.1}\n", r"parameter tibia\.slope: 0\.1 is not al"),
+        (Parameters, "/**:\n  ros__parameters: {tibia.slop: 0.1}\n", r"unknown parameter tibia\.slop"),
+        (LoadParameters, LEG + "{knee.joint_name: k}\n/r/knee_load:\n  ros__parameters: {knee.joint_name: q}\n", ""),
+        (LoadParameters, LEG + "{level: ankle_moment}\n", "parameter level: 'ankle_moment' is not allowed"),
+        (LoadParameters, "/**:\n  ros__parameters: {body_weight: 588.4}\n", "unknown parameter body_weight; "),
+    ],
+)
+def test_knees_may_share_a_file(tmp_path: Path, schema: type[NodeSection], content: str, words: str) -> None:
+    """What one knee has need not go with what another one has, but with what all have."""
+    path = tmp_path / "knees.yaml"
+    path.write_text(content)
+    if not words:
+        check_file(path, schema)
+        return
+    with pytest.raises(UsageError, match=rf"knees\.yaml: {words}"):
+        check_file(path, schema)
+
+
+PROFILE = {"femur.geometry": "profile", "femur.profile": "{}"}
+TABLE = {"translation.mechanism": "table", "translation.table": "{}"}
+PLATEAU = {"tibia.geometry": "profile", "tibia.profile": "{}"}
+
+
+@pytest.mark.parametrize(
+    ("values", "content", "words"),
+    [
+        (PROFILE, "1,2\nx,y\n", "two columns x, y of numbers"),
+        (PROFILE, "x,y\n-9.3,18.3\n1,2\n3,4\n5,1\n", "must be in m"),
+        (PROFILE, "x,y\n0.1,0.2\n", "at least 4"),
+        (PROFILE, "", "at least 4"),
+        (PROFILE, None, "cannot read .*: No such file"),
+        (PLATEAU, "x,y\n0.0,0.0\n0.01,0.0\n0.005,0.0\n0.02,0.0\n", r"parameter tibia\.profile: .*curve\.csv: "),
+        (TABLE, "flexion_angle,x\n0.0,0.0\n0.5\n", "two columns flexion_angle, x of numbers"),
+        (TABLE, "0.0,0.0\n0.5,4.5\n", "0.1 m"),
+        (TABLE, "0.5,0.0\n0.0,0.001\n", "increase"),
+        (TABLE, "0.0,0.0\n", "2"),
+        (TABLE, "0,0.0\n30,0.0045\n60,0.0053\n", "reaches 60 rad; flexion angles must be in rad, not deg"),
+    ],
+)
+def test_bad_curves_are_refused(tmp_path: Path, values: dict[str, str], content: str | None, words: str) -> None:
+    path = tmp_path / "curve.csv"
+    if content is not None:
+        path.write_text(content)
+    with pytest.raises(UsageError, match=words) as caught:
+        knee_contact_ros.load_model({name: value.format(path) for name, value in values.items()})
+    assert str(caught.value).startswith(f"parameter {list(values)[1]}: ")
+    assert str(path) in str(caught.value)
+    assert "\n" not in str(caught.value)
