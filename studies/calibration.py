@@ -24,8 +24,8 @@ from benchmarks.gait import gait
 from benchmarks.report import Section, machine, save
 from knee_contact_ros import calibrate
 from knee_contact_ros.lab.calibrate import Calibration
-from knee_contact_ros.lab.calibrate.contact import fittable, measured_from, problem_of
 from knee_contact_ros.lab.calibrate.fit import Fit, scaled, unknowns_of
+from knee_contact_ros.lab.calibrate.problems import fittable, measured_from, problem_of
 from knee_contact_ros.parameters.files import load_parameters
 from studies.reference import LAWS, Knee, Solution, solve
 

@@ -154,7 +154,7 @@ def report(files: tuple[Path, ...], output: Path, given: Given, in_bag: InBag, *
     """
     require("report", "matplotlib", "jinja2", "pandas")
     from knee_contact_ros.bags.reader import others_beside
-    from knee_contact_ros.lab.report.page import run_report
+    from knee_contact_ros.lab.report import run_report
     from knee_contact_ros.lab.report.runs import ReportOptions
     from knee_contact_ros.parameters.files import values_set_in
     from knee_contact_ros.system.terminal import say, warn

@@ -43,7 +43,7 @@ MEMORY, SECONDS, PATIENCE = 3 * 2**30, 20, 60
 PROCESSES = multiprocessing.get_context("forkserver")
 PROCESSES.set_forkserver_preload([
     f"knee_contact_ros.{name}" for name in (
-        "commands.main", "lab.report.figures", "lab.report.page", "bags.recover", "offline.solve",
+        "commands.main", "lab.report", "bags.recover", "offline.solve",
         "offline.estimate_load", *["commands.view"][:HAS_VIEWER])
 ])  # fmt: skip
 

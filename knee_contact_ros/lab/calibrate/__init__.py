@@ -18,7 +18,7 @@ from rich.table import Table
 
 from knee_contact_ros import __version__
 from knee_contact_ros.bags.reader import MAGICS, names_in_bag
-from knee_contact_ros.lab.calibrate import contact, load
+from knee_contact_ros.lab.calibrate import problems
 from knee_contact_ros.lab.calibrate.fit import (
     LINEAR,
     LOSSES,
@@ -44,7 +44,7 @@ from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded, split
 from knee_contact_ros.system.output_files import refuse_existing, refuse_impossible, write_complete
 from knee_contact_ros.system.terminal import WIDTH, progress, say, shown, warn
 
-UNITS = contact.ANSWERS | {load.AXIAL_FORCE: "N"}
+UNITS = problems.ANSWERS | {problems.AXIAL_FORCE: "N"}
 """Units of all columns that can be measured"""
 ROUNDS = 3
 """Largest number of times that intervals are computed: again whenever a better fit is found meanwhile"""
@@ -215,20 +215,20 @@ def _problem(
     sources = [*(given if isinstance(given, list | tuple) else [given]), dict(values)]
     if bags:
         person = parameters_for(bags[0], sources, namespace, LoadParameters)
-        unknowns = unknowns_of(free, load.FITTABLE, person, f"bag {bags[0]}")
+        unknowns = unknowns_of(free, problems.FITTABLE, person, f"bag {bags[0]}")
         names = names_in_bag(remaps, namespace, (*LOAD_INPUTS, JOINT_REACTION_FORCE))
         with progress("Reading") as advance:
-            return load.load_problem_of(person, load.referenced(bags, person, names, advance), unknowns)
+            return problems.load_problem_of(person, problems.referenced(bags, person, names, advance), unknowns)
     if remaps or namespace:
         raise UsageError("--remap or --namespace: a table has columns, and no topics")
     knee = load_parameters(sources)
     data = data[0] if isinstance(data, list | tuple) and len(data) == 1 else data
     if isinstance(data, str | PathLike):
-        measured = contact.read_measured(Path(expanded(str(data))), knee.drive)
+        measured = problems.read_measured(Path(expanded(str(data))), knee.drive)
     else:
-        measured = contact.measured_from(data, knee.drive)
-    unknowns = unknowns_of(free, contact.fittable(), knee, measured.source)
-    return contact.problem_of(knee, measured, unknowns, compiled)
+        measured = problems.measured_from(data, knee.drive)
+    unknowns = unknowns_of(free, problems.fittable(), knee, measured.source)
+    return problems.problem_of(knee, measured, unknowns, compiled)
 
 
 def run_calibrate(

@@ -14,8 +14,8 @@ from typing import Any
 import numpy as np
 
 from knee_contact_ros.lab.checks import outside, refuse
-from knee_contact_ros.lab.profiles.fit import GAIT, SLAB, TOLERANCE, Fit, concave, fit
-from knee_contact_ros.lab.profiles.surfaces import Surface, circle, contact_centre, read_surface
+from knee_contact_ros.lab.profiles.fit import GAIT, SLAB, TOLERANCE, Fit, circle, concave, contact_centre, fit
+from knee_contact_ros.lab.profiles.surfaces import Surface, read_surface
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import require

@@ -1,22 +1,24 @@
-"""Surfaces of cartilage and bone, in m and in the axes of the femur or tibia frame, and the articular side of a slice.
+"""Surfaces of cartilage and bone from files, in m and in the axes of the femur or tibia frame.
 
-Trimesh or VTK reads meshes, `label_maps` reads label maps, and point clouds are text. A label map, or a mesh from 3D
-Slicer, says in its header which way its axes point (`SPACE=RAS`); for other files the caller must know.
+Trimesh or VTK reads meshes, and point clouds are text. A label map, or a mesh from 3D Slicer, says in its header which
+way its axes point (`SPACE=RAS`); for other files the caller must know.
 
-Parallel slices within a slab are cut too: the noise of a mesh differs from one to the next, the bone does not.
-
-**Chart.** Coordinates in which a profile is a function g of a single number make smoothing a linear problem. Femur:
-polar, about the centre of its mean circle. g = R/r over the angle α; its curvature has the sign of v = g'' + g, so that
-v > 0 is convexity, and v is constant for a circle about the centre. Tibia: height over x. g = y/L over x/L, and v = g''
-is free.
+**Label maps** hold a number for every voxel: nibabel reads NIfTI, NRRD and MetaImage are read by their text headers.
+Every header says where the voxels lie in a scanner's axes. Ours are RAS: x to the right, y anterior, z superior.
+NRRD: https://teem.sourceforge.net/nrrd/format.html. MetaImage: https://itk.org/Wiki/MetaIO/Documentation; its axes are
+LPS, and a row of its TransformMatrix is the direction of an axis of the voxels.
 """
 
 from __future__ import annotations
 
+import bz2
+import gzip
 import logging
 import math
 import re
 import warnings
+import zlib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -24,7 +26,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.lab.checks import outside, refuse
-from knee_contact_ros.lab.profiles.label_maps import LABEL_MAPS, read_label_map
 from knee_contact_ros.lab.tables import some
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.system.errors import UsageError
@@ -44,25 +45,17 @@ SPACE = re.compile(r"SPACE=([RL][AP][SI])\b")
 """What 3D Slicer writes into the header of a mesh: the sides to which its x, y and z point"""
 HEADER = 1024
 """Number of bytes at the beginning of a file that are searched for it"""
-TURNED = "are front and back exchanged (then turn over two axes, as --axes=-x,y,-z; one alone makes a mirror image)?"
 AXES_HINT = ("a right knee's are --axes=y,z,x in a scanner's RAS axes and --axes=-y,z,-x in LPS, a left one's have the "
              "other sign of x")  # fmt: skip
-DISTANCE = 0.5e-3
-"""Distance of adjacent planes of the slab [m], or a little less"""
-COVER = 0.5e-3
-"""A part further than this behind another part of the surface is not articular [m]; noise is smaller"""
-LEAST_POINTS = 12
-"""Smallest number of points of a slice"""
-BLOCK = 256
-"""Number of points compared with all pieces at a time"""
-LEAST_LENGTH = 0.5e-3
-"""Length [m] above which left-out pieces are reported"""
-FLEXION = np.radians(np.linspace(0.0, 60.0, 25))
-"""Flexion angles [rad] of gait"""
-NEAR = 0.2e-3
-"""Points up to this height [m] above the lowest one count as lowest, as noise moves single points"""
-STEPWISE = 1e-4
-"""Step [m] to which the place of an automatic slice is rounded"""
+MAP_HEADER = 2**16
+"""Largest size of a text header of a label map [B]"""
+TYPES = {"char": "i1", "uchar": "u1", "int": "i4", "uint": "u4", "float": "f4"}
+"""NumPy types by the type names in headers, without `signed` and blanks; other names are the same in NumPy"""
+UNPACKED: dict[str, Callable[[bytes], bytes]] = {
+    "raw": bytes, "gzip": gzip.decompress, "gz": gzip.decompress, "bzip2": bz2.decompress, "bz2": bz2.decompress,
+    "zlib": zlib.decompress,
+}  # fmt: skip
+NUMBER = re.compile(r"[-+0-9.eE]+")
 
 
 class Surface(NamedTuple):
@@ -90,17 +83,6 @@ class Surface(NamedTuple):
         """Text of the surface's extent along z [mm]."""
         low, high = 1e3 * self.points[:, 2].min(), 1e3 * self.points[:, 2].max()
         return f"z = {low:.1f} to {high:.1f} mm"
-
-
-class Pieces(NamedTuple):
-    """The n segments in which a plane cuts a mesh."""
-
-    begins: Floats
-    """First ends, shape (n, 2) [m]"""
-    ends: Floats
-    """Second ends, shape (n, 2) [m]"""
-    numbers: Any
-    """Index of the connected line of each segment, shape (n,)"""
 
 
 def read_surface(path: Path, unit: str | None = None, axes: str | None = None, label: int | None = None) -> Surface:
@@ -279,217 +261,124 @@ def _read_label_map(path: Path, label: int | None, axes: str | None) -> tuple[Fl
     return points, np.asarray(mesh.regular_faces, np.int64)
 
 
-def contact_centre(surface: Surface, femur: bool, medial: bool) -> float:
-    """Find the place z [m] of the slice through the contact centre of a compartment; medial is z < 0.
+class LabelMap(NamedTuple):
+    """Labels of voxels, and where the voxels lie."""
 
-    Femur: the mean place of its lowest points while it flexes from 0° to 60°. Tibia: the middle of the plateau, with
-    triangles weighted by their area seen from above.
-
-    Raises:
-        UsageError: the surface has nothing on that side, or is a point cloud.
-    """
-    if not len(surface.triangles):
-        raise UsageError(f"--slice auto needs a mesh; {surface.path} is a cloud of points: give the slice in mm")
-    side = surface.points[:, 2] * (-1.0 if medial else 1.0) > 0.0
-    if np.count_nonzero(side) < LEAST_POINTS:
-        name = "medial side, z < 0" if medial else "lateral side, z > 0"
-        raise UsageError(
-            f"--slice auto: {surface.path} has nothing on the {name}; it reaches from {surface.lateral_range} (see "
-            "--compartment and --axes)"
-        )
-    if femur:
-        points, places = surface.points[side], []
-        for angle in FLEXION:
-            height = np.sin(angle) * points[:, 0] + np.cos(angle) * points[:, 1]
-            places.append(points[height <= height.min() + NEAR, 2].mean())
-        z = np.mean(places)
-    else:
-        corners = surface.points[surface.triangles[side[surface.triangles].all(axis=1)]]
-        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        z = np.average(corners[:, :, 2].mean(axis=1), weights=np.abs(normal[:, 1]) + 1e-30)
-    return float(np.round(float(z) / STEPWISE) * STEPWISE)
+    values: NDArray[Any]
+    """Shape (i, j, k)"""
+    affine: Floats
+    """Transforms indices of voxels to a scanner's RAS axes [mm], shape (4, 4)"""
+    lacks: str = ""
+    """What the header lacks to give the orientation; the affine is then in the voxels' own axes. Empty: nothing"""
 
 
-def cut(surface: Surface, z: float) -> Pieces:
-    """Cut a mesh with the plane at `z` [m]."""
-    import pyvista
-
-    triangles: Any = surface.triangles
-    mesh: Any = pyvista.PolyData.from_regular_faces(surface.points, triangles)
-    line = mesh.slice(normal="z", origin=(0.0, 0.0, z))
-    if line.n_cells == 0:
-        return Pieces(np.empty((0, 2)), np.empty((0, 2)), np.empty(0, np.int64))
-    line = line.clean().connectivity("all")
-    ends = line.lines.reshape(-1, 3)[:, 1:]
-    points = np.asarray(line.points, np.float64)[:, :2]
-    return Pieces(points[ends[:, 0]], points[ends[:, 1]], np.asarray(line.cell_data["RegionId"]))
-
-
-class Chart(NamedTuple):
-    """Coordinates of a slice: the place along the profile, and the function g across it."""
-
-    femur: bool
-    middle: Floats
-    """Origin, shape (2,) [m]: centre of a femur's circle, middle of a tibia's plateau"""
-    scale: float
-    """Approximate length [m] of one unit of the place: radius of a femur's circle, or half the width of a plateau"""
-    direction: float
-    """Direction from a femur's centre to the middle of the profile [rad]"""
-
-    @classmethod
-    def around(cls, points: Floats, femur: bool) -> Chart:
-        """Make the chart for points of shape (n, 2) [m]; a femur's has the centre of Coope's circle as origin."""
-        if not femur:
-            x, y = points.T
-            middle = np.array([(x.min() + x.max()) / 2.0, y.mean()])
-            return cls(False, middle, max(float(np.ptp(x)) / 2.0, 1e-9), 0.0)
-        centre, radius = circle(points)
-        x, y = (points - centre).mean(axis=0)
-        return cls(True, centre, radius, math.atan2(y, x))
-
-    def place(self, points: Floats) -> Floats:
-        """Places along the profile from posterior to anterior, shape (n,): angles [rad], or half widths."""
-        x, y = (points - self.middle).T
-        angle = (np.arctan2(y, x) - self.direction + math.pi) % math.tau - math.pi
-        return np.asarray(angle if self.femur else x / self.scale)
-
-    def outwards(self, points: Floats) -> Floats:
-        """Distances of points towards the joint [m], shape (n,): from a femur's centre, or heights."""
-        x, y = (points - self.middle).T
-        return np.asarray(np.hypot(x, y) if self.femur else y)
-
-    def values(self, points: Floats) -> tuple[Floats, Floats]:
-        """Values g of points, and the distance across the profile per unit of g there [m], shape (n,) each."""
-        out = self.outwards(points)
-        return (self.scale / out, out**2 / self.scale) if self.femur else (out / self.scale, 0.0 * out + self.scale)
-
-    def columns(self, grid: Floats, v: Floats) -> Floats:
-        """Columns g: the two straight lines, for which v = 0, and one for each column of v, shape (grid, 2 + n)."""
-        if not self.femur:
-            return np.column_stack([np.ones_like(grid), grid, _integral(grid, _integral(grid, v))])
-        sine, cosine = np.sin(grid)[:, None], np.cos(grid)[:, None]  # g'' + g = v: the integral of sin(α - β) v(β)
-        curved = sine * _integral(grid, cosine * v) - cosine * _integral(grid, sine * v)
-        return np.column_stack([cosine, sine, curved])
-
-    def curve(self, grid: Floats, g: Floats) -> Floats:
-        """Points of the profile, shape (grid, 2) [m], from g on a grid of places."""
-        if not self.femur:
-            return self.middle + self.scale * np.column_stack([grid, g])
-        angle = grid + self.direction
-        return np.asarray(self.middle + (self.scale / g)[:, None] * np.column_stack([np.cos(angle), np.sin(angle)]))
-
-
-class Slices(NamedTuple):
-    """Points of the articular side in a slice and the slab around it."""
-
-    points: Floats
-    """Points, shape (n, 2) [m]"""
-    offsets: Floats
-    """Distances from the slice relative to the slab's half thickness, shape (n,), -1 to 1; 0 in the slice"""
-    remarks: tuple[str, ...]
-    """What was left out, as sentences"""
-
-    @property
-    def raw(self) -> Floats:
-        """Points of the slice itself, shape (n, 2) [m]; for a cloud with few of them, all points of the slab."""
-        own = self.offsets == 0.0
-        return self.points[own] if np.count_nonzero(own) >= LEAST_POINTS else self.points
-
-
-def slices(surface: Surface, z: float, slab: float, femur: bool) -> Slices:
-    """Select the articular side of a surface within `slab` [m] of the plane at `z` [m].
+def read_label_map(path: Path) -> LabelMap:
+    """Read a label map; the suffix tells its kind.
 
     Raises:
-        UsageError: the plane misses the surface or hardly touches it.
+        UsageError: the file cannot be read, or does not have three dimensions.
     """
-    if not len(surface.triangles):
-        return _of_cloud(surface, z, slab)
-    middle = cut(surface, z)
-    if len(middle.begins) < LEAST_POINTS:
-        what = "misses" if not len(middle.begins) else "hardly touches"
-        raise UsageError(
-            f"--slice {1e3 * z:g} {what} {surface.path}, which reaches from {surface.lateral_range}; or see --axes"
-        )
-    points, remarks = _articular(middle, Chart.around(np.concatenate([middle.begins, middle.ends]), femur))
-    chart = Chart.around(points, femur)
-    places = chart.place(points)
-    found, offsets = [points], [np.zeros(len(points))]
-    planes = math.ceil(slab / DISTANCE)
-    for step in range(1, planes + 1):
-        beside = [_articular(cut(surface, z + side * slab * step / planes), chart)[0] for side in (-1.0, 1.0)]
-        if min(map(len, beside)) < LEAST_POINTS:
-            remarks = [*remarks, f"the slab of {1e3 * slab:g} mm reaches beyond the surface"]
-            break
-        for side, piece in zip((-1.0, 1.0), beside, strict=True):
-            at = chart.place(piece)
-            found.append(piece[(at >= places.min()) & (at <= places.max())])
-            offsets.append(np.full(len(found[-1]), side * step / planes))
-    return Slices(np.concatenate(found), np.concatenate(offsets), tuple(remarks))
+    reader = next(reader for suffix, reader in LABEL_MAPS.items() if path.name.lower().endswith(suffix))
+    try:
+        found = reader(path)
+    except Exception as error:  # nibabel raises its own, EOFError, zlib's and more
+        raise UsageError(f"{path} cannot be read: {' '.join(str(error).split())[:200]}") from None
+    values = found.values
+    values = values.reshape(values.shape[:3]) if values.ndim > 3 and set(values.shape[3:]) == {1} else values
+    if values.ndim != 3 or not values.size or abs(np.linalg.det(found.affine)) < 1e-12:
+        raise UsageError(f"{path}: its voxels have the shape {values.shape}; a map of three dimensions is needed")
+    return found._replace(values=values)
 
 
-def _of_cloud(surface: Surface, z: float, slab: float) -> Slices:
-    """Select the points of a cloud within `slab` [m] of `z` [m], or all points if there is no third column."""
-    flat = not surface.points[:, 2].any()
-    distance = np.zeros(len(surface.points)) if flat else surface.points[:, 2] - z
-    inside = np.abs(distance) <= slab
-    if np.count_nonzero(inside) < LEAST_POINTS:
-        raise UsageError(
-            f"--slice {1e3 * z:g}: only {np.count_nonzero(inside)} points of {surface.path} lie within "
-            f"{1e3 * slab:g} mm of it (--slab); it reaches from {surface.lateral_range}"
-        )
-    remark = "all points of a cloud are used: it must hold the articular side only"
-    return Slices(surface.points[inside, :2], distance[inside] / (slab or 1.0), (remark,))
+def _nifti(path: Path) -> LabelMap:
+    import nibabel
+
+    image: Any = nibabel.load(path)
+    affine = np.array(image.affine, np.float64)
+    if image.header["sform_code"] or image.header["qform_code"]:
+        return LabelMap(np.asarray(image.dataobj), affine)
+    affine[0] *= -1.0  # nibabel turns the first axis over, as Analyze's files have it
+    return LabelMap(np.asarray(image.dataobj), affine, "its sform and qform codes are 0")
 
 
-def _articular(pieces: Pieces, chart: Chart) -> tuple[Floats, list[str]]:
-    """Select the visible points of the line that is most visible from outside; also return remarks on the rest."""
-    if not len(pieces.begins):
-        return np.empty((0, 2)), []
-    seen = _seen(0.5 * (pieces.begins + pieces.ends), pieces, chart)
-    lengths = np.hypot(*(pieces.ends - pieces.begins).T)
-    visible = np.bincount(pieces.numbers, weights=lengths * seen)
-    best = int(visible.argmax())
-    chosen = (pieces.numbers == best) & seen
-    points = np.unique(np.concatenate([pieces.begins[chosen], pieces.ends[chosen]]), axis=0)
-    if lengths.sum() - visible[best] <= LEAST_LENGTH:
-        return points, []
-    return points, [
-        f"{1e3 * visible[best]:.1f} of {1e3 * lengths.sum():.1f} mm of the slice are used, the outer side of one "
-        f"of {len(visible)} pieces; the rest lies behind it, or is apart from it"
-    ]
+def _nrrd(path: Path) -> LabelMap:
+    content = path.read_bytes()
+    end = re.search(rb"\r?\n\r?\n", content[:MAP_HEADER])
+    head, data = (content[: end.start()], content[end.end() :]) if end else (content[:MAP_HEADER], b"")
+    if not head.startswith(b"NRRD"):
+        raise ValueError("it does not begin with NRRD")
+    fields = _fields(head, ":")
+    if fields.get("dimension") != "3" or fields.get("byte skip", "0") != "0" or fields.get("line skip", "0") != "0":
+        raise ValueError("a map has dimension 3, without byte skip and line skip")
+    if name := fields.get("data file") or fields.get("datafile"):
+        data = (path.parent / name).read_bytes()
+    values = _voxels(data, fields["type"], fields["sizes"], fields["encoding"], fields.get("endian") == "big")
+    space, directions = fields.get("space", ""), fields.get("space directions", "none")
+    letters = (space if len(space) == 3 else "".join(word[:1] for word in space.split("-"))).upper()
+    if not re.fullmatch("[RL][AP][SI]", letters) or "none" in directions:
+        spacing = _numbers(fields.get("spacings", "1 1 1"))
+        return LabelMap(values, np.diag([*spacing, 1.0]), "it has no space directions")
+    unit = (re.findall('"(.*?)"', fields.get("space units", "")) or ["mm"])[0]
+    turn = {"mm": 1.0, "cm": 10.0, "m": 1e3}[unit] * np.array([1.0 if each in "RAS" else -1.0 for each in letters])
+    return LabelMap(values, _affine(_numbers(directions), fields.get("space origin", "0 0 0"), turn))
 
 
-def _seen(points: Floats, pieces: Pieces, chart: Chart) -> Any:
-    """Whether no segment covers each of the points, shape (n, 2) [m], by more than `COVER` from outside; shape (n,)."""
-    begin, end = chart.place(pieces.begins), chart.place(pieces.ends)
-    out_begin, out_end = chart.outwards(pieces.begins), chart.outwards(pieces.ends)
-    low, high = np.minimum(begin, end), np.maximum(begin, end)
-    usual = high - low < (math.pi if chart.femur else math.inf)  # a piece round the back of a femur covers nothing
-    rise = (out_end - out_begin) / np.where(end == begin, 1.0, end - begin)
-    seen = []
-    for first in range(0, len(points), BLOCK):  # of many points at once, the table would be large
-        part = points[first : first + BLOCK]
-        place, out = chart.place(part)[:, None], chart.outwards(part)[:, None]
-        covers = (low <= place) & (place <= high) & usual & (out_begin + rise * (place - begin) > out + COVER)
-        seen.append(~covers.any(axis=1))
-    return np.concatenate(seen)
+def _meta_image(path: Path) -> LabelMap:
+    head, key, rest = path.read_bytes().partition(b"ElementDataFile")
+    if not key:
+        raise ValueError("it has no ElementDataFile")
+    line, _, data = rest.partition(b"\n")
+    fields, name = _fields(head[:MAP_HEADER], "="), line.decode().strip(" =\r")
+    if name.upper() != "LOCAL":
+        data = (path.parent / name).read_bytes()
+
+    def first(names: str, default: str) -> str:
+        return next((fields[name] for name in names.split() if name in fields), default)
+
+    kind = fields["elementtype"].lower().removeprefix("met_").replace("_", "")
+    encoding = "zlib" if first("compresseddata", "").lower() == "true" else "raw"
+    big = first("binarydatabyteordermsb elementbyteordermsb", "").lower() == "true"
+    values = _voxels(data, kind, fields["dimsize"], encoding, big)
+    spacing = np.array(_numbers(fields.get("elementspacing", "1 1 1")))
+    matrix = _numbers(first("transformmatrix rotation orientation", ""))
+    if not matrix:
+        return LabelMap(values, np.diag([*spacing, 1.0]), "it has no TransformMatrix")
+    directions = np.reshape(matrix, (3, 3)) * spacing[:, None]
+    return LabelMap(values, _affine(directions, first("offset position origin", "0 0 0"), np.array([-1.0, -1.0, 1.0])))
 
 
-def _integral(grid: Floats, columns: Floats) -> Floats:
-    """Integrate each column from the beginning of the grid, by trapezoids; shape (grid, n)."""
-    from scipy.integrate import cumulative_trapezoid
+def _fields(head: bytes, mark: str) -> dict[str, str]:
+    """Entries of a header by lower-case names."""
+    lines = [line.split(mark, 1) for line in head.decode("latin-1").splitlines() if mark in line]
+    return {key.strip().lower(): value.strip(" =") for key, value in lines}
 
-    return np.asarray(cumulative_trapezoid(columns, grid, axis=0, initial=0.0))
+
+def _affine(directions: Any, origin: str, turn: Floats) -> Floats:
+    """Affine from the directions of the voxels' axes, in order, and an origin, both scaled and turned by `turn`."""
+    affine = np.eye(4)
+    affine[:3, :3], affine[:3, 3] = np.reshape(directions, (3, 3)).T, _numbers(origin)
+    affine[:3] *= turn[:, None]
+    return affine
 
 
-def circle(points: Floats) -> tuple[Floats, float]:
-    """Fit a circle to points of shape (n, 2) [m] by least squares; return its centre, shape (2,), and radius [m].
+def _numbers(text: str) -> list[float]:
+    return [float(number) for number in NUMBER.findall(text)]
 
-    Coope's linear form: (x² + y²) = 2 a x + 2 b y + c. I. D. Coope 1993, J Optim Theory Appl 76:381-388.
-    """
-    middle = points.mean(axis=0)
-    local = points - middle
-    rows = np.column_stack([2.0 * local, np.ones(len(local))])
-    solution = np.linalg.lstsq(rows, (local**2).sum(axis=1), rcond=None)[0]
-    centre = solution[:2]
-    return centre + middle, math.sqrt(max(float(solution[2] + centre @ centre), 0.0))
+
+def _voxels(data: bytes, kind: str, sizes: str, encoding: str, big: bool) -> NDArray[Any]:
+    """Decode the numbers of voxels, the first axis fastest."""
+    kind = kind.replace("unsigned ", "u").replace("signed ", "").removesuffix(" int").removesuffix("_t")
+    dtype = np.dtype(TYPES.get(kind, kind.replace(" ", ""))).newbyteorder(">" if big else "<")
+    shape = tuple(int(size) for size in _numbers(sizes))
+    if encoding in {"text", "txt", "ascii"}:
+        return np.array(data.split(), dtype).reshape(shape, order="F")
+    data = UNPACKED[encoding](data)
+    if len(data) < math.prod(shape) * dtype.itemsize:
+        raise ValueError(f"it has {len(data)} of {math.prod(shape) * dtype.itemsize} B")
+    return np.frombuffer(data, dtype, math.prod(shape)).reshape(shape, order="F")
+
+
+LABEL_MAPS = {
+    ".nii": _nifti, ".nii.gz": _nifti, ".nrrd": _nrrd, ".nhdr": _nrrd, ".mha": _meta_image, ".mhd": _meta_image,
+}  # fmt: skip
+"""Reader by the suffix of a file"""

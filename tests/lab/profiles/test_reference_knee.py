@@ -10,8 +10,8 @@ import pytest
 from knee_contact_ros import load_model
 from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
 from knee_contact_ros.lab.profiles import csv
-from knee_contact_ros.lab.profiles.fit import Fit, concave, fit
-from knee_contact_ros.lab.profiles.surfaces import Surface, contact_centre, read_surface
+from knee_contact_ros.lab.profiles.fit import Fit, concave, contact_centre, fit
+from knee_contact_ros.lab.profiles.surfaces import Surface, read_surface
 from knee_contact_ros.model.types import Floats
 
 pytest.importorskip("pyvista", reason="needs the extra mesh")

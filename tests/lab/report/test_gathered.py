@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from knee_contact_ros.lab.report import summary
 from knee_contact_ros.lab.report.figures import over_cycle
-from knee_contact_ros.lab.report.page import summary
 from knee_contact_ros.lab.report.runs import FIELDS, PERCENT, Gathered, Run
 from knee_contact_ros.model.readouts import SPREAD
 from knee_contact_ros.parameters.schema import Parameters

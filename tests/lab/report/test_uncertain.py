@@ -9,8 +9,8 @@ import pytest
 
 import knee_contact_ros
 from knee_contact_ros.commands.main import main
+from knee_contact_ros.lab.report import UNCERTAINTY_COLUMNS
 from knee_contact_ros.lab.report.figures import ALL_OF_THEM, NUMERICAL
-from knee_contact_ros.lab.report.page import UNCERTAINTY_COLUMNS
 from tests.lab.report.pages import check_html, page_of, rows_of, text_of
 from tests.offline.test_solve import make_bag
 
