@@ -48,10 +48,10 @@ def sweep(study: Path, output: str, workers: int | None, scheduler: str) -> None
     Parquet dataset. Run it again to continue a study that was stopped, or that has grown.
     """
     require("sweep", "pyarrow", "distributed", "fsspec")
-    from knee_contact_ros.lab.study import Study, compute_all, read_study
+    from knee_contact_ros.lab.study import Study, read_study, run_study
     from knee_contact_ros.system.terminal import say
 
-    compute_all(read_study(study, Study), output, workers or 0, scheduler)
+    run_study(read_study(study, Study), output, workers or 0, scheduler)
     say(f"table: {output} (pandas.read_parquet)")
 
 

@@ -32,7 +32,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, ValidationError, ValidationInfo, field_validator
 
-from knee_contact_ros.lab.study import Design, Floats, Shards, Spaced, Study, compute_all, groups_of, read_study
+from knee_contact_ros.lab.study import Design, Floats, Shards, Spaced, Study, groups_of, read_study, run_study
 from knee_contact_ros.lab.sweep import LATERAL, OUTCOMES, Cohort, sweep
 from knee_contact_ros.offline.notebooks import Name
 from knee_contact_ros.parameters.files import Source, first_error
@@ -475,7 +475,7 @@ def run_sensitivity(study_file: Path, output: str, workers: int, scheduler: str)
     import pandas as pd
 
     study, folder = read_study(study_file, SensitivityStudy), output.rstrip("/") or output
-    compute_all(study, f"{folder}/{CASES}", workers, scheduler)
+    run_study(study, f"{folder}/{CASES}", workers, scheduler)
     with progress("Analysing"):
         combinations, shards = gather(study, Shards(f"{folder}/{CASES}")), Shards(folder)
         tables = [tidy(each.analysed).assign(**each.columns)[[*each.columns, *AFTER]] for each in combinations]

@@ -647,56 +647,40 @@ def computed_by(client: Any, blocks: Iterator[Block]) -> Iterator[tuple[Block, A
         raise IncompleteError(f"bag {block.bag}: a worker failed: {failure}; {REST}") from None
 
 
-class Done(NamedTuple):
-    """Numbers of cases of a study that were there before, were computed and failed."""
-
-    there: int
-    """Cases that were computed before, or are the same as another case"""
-    computed: int
-    """Cases that were computed now"""
-    failed: int
-    """Cases among those computed now that have no outcome"""
-    damage: tuple[str, ...]
-    """Unreadable parts of the bags, a sentence each"""
-
-
-def run_study(
-    study: Study, output: str, *, workers: int = 0, scheduler: str = "", advance: Callable[[int, int], None]
-) -> Done:
-    """Compute the missing cases of a study.
+def run_study(study: Study, output: str, workers: int = 0, scheduler: str = "") -> tuple[int, int, int]:
+    """Compute the missing cases of a study, with a bar, and say how many there were.
 
     Args:
         study: The study.
         output: Folder of the results, local or as fsspec spells it.
         workers: Processes on this machine; 0: one for each processor.
         scheduler: Address of a scheduler whose workers compute instead, as `tcp://host:8786`.
-        advance: Called with the number of finished cases and the number of all cases.
+
+    Returns:
+        Numbers of cases: those that were there before or are the same as another one, those computed now, and of these
+        the ones without an outcome.
 
     Raises:
         UsageError: bag, parameters, folder or scheduler cannot be used.
         IncompleteError: a disk is full, or workers died repeatedly.
     """
-    groups, shards = groups_of(study), Shards(output)
-    known, count, failed, damage = set(shards.read().index), 0, 0, dict[str, None]()
-    if study.series and set(shards.names()) - set(shards.names(SERIES)):
-        raise UsageError(f"output {output}: holds cases without their series; use a new folder")
-    blocks = blocks_of(study, groups, known)
-    if first := next(blocks, None):
-        with workers_of(workers, scheduler) as client:
-            for block, (table, series, without, damaged) in computed_by(client, itertools.chain([first], blocks)):
-                name = f"cases-{_digest(' '.join(block.keys))}.parquet"
-                if study.series:
-                    shards.put(f"{SERIES}/{name}", series)
-                shards.put(name, table)
-                count, failed = count + len(block.keys), failed + without
-                damage |= dict.fromkeys(damaged)
-                advance(count, study.number)
-    return Done(study.number - count, count, failed, tuple(damage))
-
-
-def compute_all(study: Study, output: str, workers: int, scheduler: str) -> None:
-    """Compute the missing cases of a study with a progress bar, and print how many; see `run_study`."""
+    count, failed, damage, shards = 0, 0, dict[str, None](), Shards(output)
     with progress("Computing") as advance:
-        done = run_study(study, output, workers=workers, scheduler=scheduler, advance=advance)
-    warn(f"damaged, and computed as far as it can be read: {sentence}" for sentence in done.damage)
-    say(f"{study.number} cases: {done.computed} computed, {done.there} were there already, {done.failed} failed")
+        groups, known = groups_of(study), set(shards.read().index)
+        if study.series and set(shards.names()) - set(shards.names(SERIES)):
+            raise UsageError(f"output {output}: holds cases without their series; use a new folder")
+        blocks = blocks_of(study, groups, known)
+        if first := next(blocks, None):
+            with workers_of(workers, scheduler) as client:
+                for block, (table, series, without, damaged) in computed_by(client, itertools.chain([first], blocks)):
+                    name = f"cases-{_digest(' '.join(block.keys))}.parquet"
+                    if study.series:
+                        shards.put(f"{SERIES}/{name}", series)
+                    shards.put(name, table)
+                    count, failed = count + len(block.keys), failed + without
+                    damage |= dict.fromkeys(damaged)
+                    advance(count, study.number)
+    warn(f"damaged, and computed as far as it can be read: {sentence}" for sentence in damage)
+    there = study.number - count
+    say(f"{study.number} cases: {count} computed, {there} were there already, {failed} failed")
+    return there, count, failed

@@ -111,42 +111,6 @@ def deviations_of(given: Mapping[str, Any] | Name, parameters: Parameters) -> tu
     return tuple(found)
 
 
-class Given(NamedTuple):
-    """A recording and its knee, whose inputs and parameters may be off."""
-
-    knees: Knees
-    """Inputs of all ticks (`recording`), and the parameters of the recording (`parameters`)"""
-    rows: tuple[Rows, ...]
-    """Answers of each compartment, arrays of shape (n,)"""
-    compiled: bool | None
-    """Whether to use the compiled model; None: if it is faster, compilation included"""
-
-    def answers(self, moved: Mapping[Deviation, float], replays: int = 1) -> list[Rows]:
-        """Return the answers of each compartment for inputs and parameters that are off by a number of deviations each.
-
-        A lateral parameter that follows its medial one has the same error, unless it is in `moved` itself. Without
-        errors the answers are those of the recording, bit for bit. For many `replays`, the model is compiled.
-
-        Raises:
-            UsageError: a parameter leaves its range, or an input the range of a knee.
-        """
-        recording, parameters = self.knees.recording, self.knees.parameters
-        inputs, values = dict[str, Any](), dict[str, float]()
-        for deviation, times in moved.items():
-            if deviation.name in STREAMS:
-                field, _ = STREAMS[deviation.name]
-                inputs[field] = deviation.moved(getattr(recording, field), times)
-            else:
-                values[deviation.name] = deviation.moved(float(attrgetter(deviation.name)(parameters)), times)
-        knees = Knees(recording._replace(**inputs), parameters, self.knees.files)
-        ticks = replays * sum(map(len, self.rows))
-        compiled = worth_compiling(ticks) if self.compiled is None else self.compiled
-        found = compute(knees, [values], series=True, compiled=compiled)
-        if found.failed[0]:
-            raise UsageError(found.failed[0])
-        return [rows[0] for rows in found.series]
-
-
 class Propagated(NamedTuple):
     """Standard deviations of a compartment's depth and force, arrays of shape (n,)."""
 
@@ -224,18 +188,30 @@ def propagated(
         )
     files = {name: texts[parameter] for parameter, name in curve_files(parameters).items()}
     recording, rows = read_recording(bag, basis, texts, names, compiled=compiled)
-    given = Given(Knees(recording, parameters, files), rows, compiled)
+    replays = 2 * len(deviations) * sum(map(len, rows))
+    compiled = worth_compiling(replays) if compiled is None else compiled
+
+    def answers(moved: Deviation, times: float) -> Sequence[Rows]:
+        """Answers of each compartment to one input that is off by so many deviations; `rows` if it leaves its range.
+
+        All parameters are named, as a named lateral one does not follow its medial one: it has its own deviation.
+        """
+        values = {
+            each.name: each.moved(float(attrgetter(each.name)(parameters)), times * (each == moved))
+            for each in deviations if each.name not in STREAMS
+        }  # fmt: skip
+        field = STREAMS[moved.name][0] if moved.name in STREAMS else ""
+        inputs = recording._replace(**{field: moved.moved(getattr(recording, field), times)}) if field else recording
+        try:
+            found = compute(Knees(inputs, parameters, files), [values], series=True, compiled=compiled)
+        except UsageError:  # an input
+            return rows
+        return rows if found.failed[0] else [several[0] for several in found.series]
+
     found = [Propagated(each, {}) for each in rows]
     for done, deviation in enumerate(deviations, start=1):
-        ends: list[Sequence[Rows]] = []
-        for times in (-1.0, 1.0):
-            # All are named, as a named lateral parameter does not follow its medial one: it has its own deviation.
-            moved = {other: times * (other == deviation) for other in deviations}
-            try:
-                ends.append(given.answers(moved, 2 * len(deviations)))
-            except UsageError:
-                ends.append(rows)  # the difference is that of the other side
-        width = 2.0 - sum(end is rows for end in ends)
+        ends = [answers(deviation, times) for times in (-1.0, 1.0)]
+        width = 2.0 - sum(end is rows for end in ends)  # where one is `rows`, the difference is that of the other side
         if not width:
             raise UsageError(
                 f"uncertainty: {deviation.name}: {deviation.text} exceeds the allowed range in both directions"
@@ -244,19 +220,17 @@ def propagated(
             depth, force = ((above[name] - below[name]) / width for name in DEPTH_AND_FORCE)
             one.parts[deviation] = depth, force
         advance(done, len(deviations))
-    return Uncertainty(found[0], found[1] if len(found) > 1 else None, given)
+    return Uncertainty(found[0], found[1] if len(found) > 1 else None)
 
 
 @dataclass(frozen=True)
 class Uncertainty:
-    """Result of `uncertainty`: standard deviations of each compartment's answers, and the inputs they come from."""
+    """Result of `uncertainty`: standard deviations of each compartment's answers."""
 
     medial: Propagated
     """Standard deviations of the medial compartment, or of the only one"""
     lateral: Propagated | None
     """Standard deviations of the lateral compartment, where both are modelled"""
-    given: Given
-    """Inputs and parameters of the recording"""
 
     def __repr__(self) -> str:
         lateral = f"\n  lateral {self.lateral!r}" if self.lateral else ""

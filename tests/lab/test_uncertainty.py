@@ -13,8 +13,7 @@ import pytest
 import knee_contact_ros
 from knee_contact_ros import UsageError
 from knee_contact_ros.bags.provenance import Change, read_provenance
-from knee_contact_ros.lab.uncertainty import Deviation, Given, Propagated, deviations_of, factor, propagated
-from knee_contact_ros.model.types import FLAT, Rows
+from knee_contact_ros.lab.uncertainty import Deviation, Propagated, deviations_of, factor, propagated
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from tests.helpers.bags import write_rosbag2
@@ -71,31 +70,9 @@ def test_what_cannot_be_is_refused_in_a_line(params: dict[str, Any], name: str, 
         deviations_of({name: size}, load_parameters(params))
 
 
-def given(bag: Path, source: Any) -> Given:
-    return propagated(bag, load_parameters(source), {"flexion_angle": 0.01}, compiled=False).given
-
-
-def assert_same(one: Rows, other: Rows) -> None:
-    """In all but the status, of which the pairing has told its part, and the latency."""
-    for name in set(FLAT.names or ()) - {"status", "latency"}:
-        np.testing.assert_array_equal(one.view(FLAT)[name], other.view(FLAT)[name], err_msg=name)
-
-
 @pytest.fixture(scope="module")
 def short_bag(right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_rosbag2(tmp_path_factory.mktemp("short") / "bag", raw_inputs(right_bag)[: 2 * SHORT])
-
-
-@pytest.mark.parametrize(
-    "knee",
-    [["healthy", "both_compartments"], {"load.compartment": "moment_balance", "load.compartment_spacing": 0.2}],
-    ids=str,
-)  # fmt: skip
-def test_off_by_nothing_are_the_bits_of_solve(knee: Any, short_bag: Path) -> None:
-    taken = given(short_bag, knee)
-    assert len(taken.knees.recording.axial) == len(taken.rows[0]) >= SHORT - 1
-    for again, rows in zip(taken.answers({}), taken.rows, strict=True):
-        assert_same(again, rows)
 
 
 def test_a_recording_whose_parameters_changed_is_refused_and_so_are_wrong_arguments(
