@@ -1,1 +1,1 @@
-"""The joint reaction force of the knee from what a leg's sensors tell: angles, ground force, assistance."""
+"""The joint reaction force of the knee from a leg's sensors: angles, ground force, assistance."""

@@ -1,12 +1,11 @@
-"""The compartment's part of a joint reaction.
+"""The load of a compartment, as its part of the joint reaction.
 
 The joint reaction acts on the tibia, in the tibia frame (x anterior, y superior, z to the right; left legs are mirrored
 to this): an axial compression F = -F_y and a frontal moment M_x. Two compartments a spacing 2d apart, the medial one
-at z = -d, carry both if the medial one takes (d F - M_x) / 2d.
+at z = -d, carry both if the medial one bears (d F - M_x) / 2d.
 
-An instrumented implant shows that the medial share is not constant: it depends on flexion and on the axial load. A
-table of measured shares is interpolated between its points (bilinear), and held at its edges beyond them: nothing is
-extrapolated, and the shares stay between 0 and 1 as they are at the points.
+In an instrumented implant the medial share was not constant: it depends on flexion and axial load. A table of measured
+shares is interpolated bilinearly; beyond its edges the edge values are kept. So shares stay between 0 and 1.
 """
 
 from __future__ import annotations
@@ -21,11 +20,11 @@ from numpy.typing import NDArray
 RULES = ("total", "fixed_share", "moment_balance", "measured_share")
 """Names of the rules by which a compartment's load follows from the joint reaction; see `LoadRule`"""
 SPLITS = RULES[1:]
-"""Names of the rules that leave a load to the lateral compartment"""
+"""Names of the rules that also give the lateral compartment a load"""
 LARGEST_LOAD_IN_BW = 30.0
 """Largest axial load of a knee [BW]; larger numbers must be in N"""
 LOADED = 0.5
-"""Axial compression [BW] from which a leg is taken to stand; below it a share says little"""
+"""Axial compression [BW] above which a leg counts as standing; below it a share says little"""
 BOTH = "both"
 """Value of `load.compartment` for medial and lateral contact at once; a rule of `SPLITS` gives the medial load"""
 
@@ -42,10 +41,10 @@ class ShareTable(NamedTuple):
 
     @staticmethod
     def of(rows: NDArray[np.float64]) -> ShareTable:
-        """Make a table of rows of flexion angle [rad], axial load [BW] and share, shape (k, 3), one at least.
+        """Make a table from rows of flexion angle [rad], axial load [BW] and share, shape (k, 3), at least one.
 
         Raises:
-            ValueError: an angle lacks a load, or a value is none that a knee has, as a load in N.
+            ValueError: an angle lacks a load, or a value is impossible for a knee, such as a load in N.
         """
         least, most = rows[:, 1].min(), rows[:, 1].max()
         if least < 0.0 or most > LARGEST_LOAD_IN_BW:
@@ -92,7 +91,7 @@ class MeasuredShare:
         return min(max(constant + by_angle * right + (by_load + by_both * right) * up, 0.0), 1.0)
 
     def beyond(self, axial: Any, flexion: Any) -> Any:
-        """Whether load or flexion lie beyond the table, so that its edge is taken: numbers, or arrays of one shape."""
+        """Whether load or flexion lie beyond the table, so that its edge is used: numbers, or arrays of one shape."""
         flexions, loads, _ = self._places
         load = axial / self._body_weight
         return (flexion < flexions[0]) | (flexion > flexions[-1]) | (load < loads[0]) | (load > loads[-1])
@@ -116,7 +115,7 @@ class LoadRule:
     share: float
     """Medial share, for fixed_share"""
     spacing: float
-    """Distance of the compartments [m], for moment_balance"""
+    """Distance between the compartments [m], for moment_balance"""
     table: MeasuredShare | None
     """Medial share by load and flexion, for measured_share; None for the other rules"""
     body_weight: float
@@ -125,7 +124,7 @@ class LoadRule:
     def __call__(self, axial: Any, moment: Any, flexion: Any) -> Any:
         """Load of the compartment [N] from axial compression [N], frontal moment [N m] and flexion angle [rad].
 
-        Takes numbers or arrays of one shape; the results are the same bits.
+        Takes numbers or arrays of one shape, with the same bits.
         """
         if self.table:
             return self.table.share(axial, flexion) * axial
@@ -135,7 +134,7 @@ class LoadRule:
 
     @property
     def by_moment(self) -> bool:
-        """Whether it needs the moment, and may give a compartment a share above 1 or below 0."""
+        """Whether the rule needs the moment, and may give a share above 1 or below 0."""
         return self.name == "moment_balance"
 
     @property

@@ -1,4 +1,4 @@
-"""Estimate the joint reaction of a knee from what the sensors of the leg measure, sample by sample."""
+"""Estimate the joint reaction of a knee from the leg's sensors, sample by sample."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from knee_contact_ros.joint_reaction.muscles import Lag, Person, Reaction, react
 
 
 class Level(IntEnum):
-    """Inputs from which the joint reaction is estimated; the values are those of `LoadEstimate.msg`."""
+    """Inputs of the estimate; the values are those of `LoadEstimate.msg`."""
 
     GROUND_FORCE = 0
     KNEE_MOMENT = 1
@@ -32,11 +32,11 @@ class Level(IntEnum):
 
 
 Dynamics = Callable[[Leg, Joints, Motion, Ground], NetMoments]
-"""Computes the net moments at knee and ankle from what was sensed; what it cannot know is not a number"""
+"""Computes the net moments at knee and ankle from the sensors; NaN stands for what it cannot know"""
 
 
 class Deviation(NamedTuple):
-    """Standard deviation of an axial force, from an error that is always there and one that grows with the force."""
+    """Standard deviation of an axial force, from a constant error and one that grows with the force."""
 
     floor: float
     """Constant error, relative to the body weight"""
@@ -44,12 +44,12 @@ class Deviation(NamedTuple):
     """Growing error, relative to the axial force"""
 
     def at(self, axial: float, weight: float) -> float:
-        """Give the standard deviation [N] of an axial force [N] for a body weight [N]."""
+        """Return the standard deviation [N] of an axial force [N] for a body weight [N]."""
         return math.hypot(self.floor * weight, self.part * axial)
 
 
 class EstimationLevel(NamedTuple):
-    """A level: its dynamics, and the error of its axial force for the knees of two men.
+    """A level: its dynamics, and the error of its axial force in the knees of two men.
 
     docs/explanation/validation.md says how it was measured. In OpenSim's walk the errors are larger.
     """
@@ -63,21 +63,21 @@ class EstimationLevel(NamedTuple):
 
 
 KNEE_LEVER = 0.6
-"""Part of the lever of a body that stands upright above a bent knee, as trunk and momentum carry the rest. Between 0.5
-and 0.7 the error on the two measured knees is within 3 % of its least"""
+"""Lever of the body at a bent knee, relative to that of a body upright above it; trunk and momentum carry the rest.
+Between 0.5 and 0.7 the error on the two measured knees is within 3 % of its minimum"""
 SWING = 0.5
-"""Part of the shank's inertia that the knee's own acceleration shows, as the thigh, which is not measured, turns the
-other way; the knee moments of the two measured walkers in swing ask for 0.4 and 0.2, their loads for 0.5"""
+"""Fraction of the shank's inertia that acts on the knee's own acceleration, as the thigh, which is not measured, turns
+the other way. The two measured walkers' knee moments in swing fit 0.4 and 0.2, their loads 0.5"""
 
 
 def ground_force_alone(leg: Leg, joints: Joints, motion: Motion, ground: Ground) -> NetMoments:
     """Compute the moment at the knee from the vertical ground force and the knee angle alone.
 
-    The shank carries the ground force. Extensors hold a body whose weight lies above the foot while the knee is bent:
-    with thigh and shank of about one length the knee is off the line between hip and ankle by half a flexion's sine of
-    a shank. As far as the foot does not bear the body, muscles swing and stop the shank: hamstrings do so before the
-    heel strikes. These are crude rules, and the only ones that need no other sensor. What muscles do beyond them is
-    `Person.floor`.
+    The shank carries the ground force. Extensors hold up a body whose weight is above the foot while the knee is bent:
+    with thigh and shank of similar length, the knee is off the line from hip to ankle by the sine of half the flexion
+    times the shank's length. To the extent that the foot does not bear the body, muscles swing and stop the shank; the
+    hamstrings do so before heel strike. These rules are crude, but they need no other sensor. `Person.floor` covers
+    further muscle forces.
     """
     vertical = max(ground.force[1], 0.0)
     standing = vertical * KNEE_LEVER * leg.shank_length * math.sin(max(0.5 * joints.flexion, 0.0))
@@ -87,7 +87,7 @@ def ground_force_alone(leg: Leg, joints: Joints, motion: Motion, ground: Ground)
 
 
 def knee_moment_alone(leg: Leg, joints: Joints, motion: Motion, ground: Ground) -> NetMoments:
-    """Compute the moment at the knee by inverse dynamics of foot and shank as one body; that of the calf is not known.
+    """Compute the moment at the knee by inverse dynamics of foot and shank as one body; the calf's is unknown.
 
     The foot is at a right angle to the shank; where the hip is not measured, flat on the ground.
     """
@@ -103,24 +103,24 @@ LEVELS = {
     "knee_moment": EstimationLevel(Level.KNEE_MOMENT, knee_moment_alone, *OF_MOMENTS),
     "ankle_moment": EstimationLevel(Level.ANKLE_MOMENT, net_moments, *OF_MOMENTS),
 }
-"""The levels by name, from the one that needs the fewest sensors to the one that knows most"""
+"""The levels by name, from the one with the fewest sensors to the one with the most"""
 
 
 LARGEST_ANGLE = math.pi
-"""Largest joint angle [rad]; larger ones are usually degrees that were taken for radians"""
+"""Largest joint angle [rad]; larger ones are usually degrees read as radians"""
 LARGEST_REACTION = 10.0
-"""Largest compression of the knee [body weights]: an instrumented hip measured 8.7 as the person stumbled (Bergmann et
-al. 1993, doi:10.1016/0021-9290(93)90058-M), and knees bear less"""
+"""Largest compression of the knee [body weights]: an instrumented hip measured 8.7 while stumbling (Bergmann et al.
+1993, doi:10.1016/0021-9290(93)90058-M), and knees bear less"""
 LARGEST_PULL = 1.0
-"""Largest force [body weights] by which a swinging leg pulls at its knee"""
+"""Largest force [body weights] with which a swinging leg pulls at its knee"""
 LARGEST_UPSIDE_DOWN = 0.25
-"""Largest force [body weights] by which the ground may seem to pull at the foot, as sensors drift"""
+"""Largest force [body weights] with which the ground may seem to pull at the foot, as sensors drift"""
 LIGHTEST = 150.0
-"""Body weight [N] below which the number must be in kg: the weight of 15 kg"""
+"""Body weight [N] below which the number must be in kg: it is the weight of 15 kg"""
 STIFF = math.radians(3.5)
-"""Range of motion [rad] below which a joint does not move, or its angles in rad were taken for degrees"""
+"""Range of motion [rad] below which a joint does not move, or its angles in rad were read as degrees"""
 LEAST_PEAK, MOST_PEAK = 0.75, 8.0
-"""Plausible range of load peaks [BW]: measured ones are from 1.07 on two legs to some 6 in stumbling (OrthoLoad)"""
+"""Plausible range of load peaks [BW]: measured ones are from 1.07 on two legs to about 6 in stumbling (OrthoLoad)"""
 
 
 def weight_doubt(weight: float) -> str:
@@ -165,22 +165,22 @@ PACKING = struct.Struct("<" + "".join(CODES[kind.__name__] for kind in get_type_
 
 
 LOADED, MOST_BENT = 0.3, 0.85
-"""Ground force [body weights] from which a knee is loaded, and the largest flexion [rad] of a loaded knee in level
-walking: 36 to 38 degrees in the two measured walkers, and here 49 degrees. In stairs, sit to stand and squats knees are
-loaded at 60 to 100 degrees"""
+"""Ground force [body weights] above which a knee is loaded, and the largest flexion [rad] of a loaded knee in level
+walking: the two measured walkers had 36 to 38 degrees; the limit is 49 degrees. On stairs, in sit to stand and in
+squats knees are loaded at 60 to 100 degrees"""
 MOST_WALKING = 1.6
 """Largest ground force [body weights] of walking; running has 2 and more"""
 UNLOADED, TOO_LONG = 0.05, 3.0
-"""Ground force [body weights] below which a foot bears nothing, and for how long [s] it does so at most in walking"""
+"""Ground force [body weights] below which a foot bears nothing, and longest such time [s] in walking"""
 STRIDE = 1.5
-"""Duration [s] of a slow stride: for so long a sample of another movement counts"""
+"""Duration [s] of a slow stride, for which a sample of another movement counts"""
 
 
 class Movement:
-    """Finds movements for which no constants were measured: all but level walking and standing."""
+    """Finds movements for which no constants were measured: everything but level walking and standing."""
 
     def __init__(self, weight: float) -> None:
-        """Begin with nothing seen of a person of a body weight [N]."""
+        """Begin without samples of a person of a body weight [N]."""
         self._weight = weight
         self._other_until: int | None = None
         self._bore = 0
@@ -189,7 +189,7 @@ class Movement:
     def is_other(self, stamp: int, flexion: float, vertical: float) -> bool:
         """Whether a sample at a stamp [ns], with flexion [rad] and ground force [N], is of another movement.
 
-        A foot that bears nothing for longer than in walking counts, too: sitting, cycling, or a sensor that is off.
+        A foot that bears nothing for longer than in walking counts too: sitting, cycling, or a sensor that is off.
         """
         force = vertical / self._weight
         if self._last is None or not 0 <= stamp - self._last <= TOO_LONG / NANOSECOND:  # after a pause as at first
@@ -217,13 +217,13 @@ class Estimator:
         self.configure(level, person, calibrated, deviation)
 
     def configure(self, level: str, person: Person, calibrated: bool, deviation: float) -> None:
-        """Continue with another level or person; the muscles go on from the forces that they have.
+        """Continue with another level or person; the muscles keep their present forces.
 
         Args:
             level: Name in `LEVELS`.
             person: Constants of the person.
             calibrated: Whether they were fitted to a measured knee of this person.
-            deviation: Standard deviation relative to the body weight, whatever the force is; 0: that of the level.
+            deviation: Standard deviation relative to the body weight, for any force; 0: that of the level.
         """
         self._level, self._person, self._calibrated = LEVELS[level], person, calibrated
         self._leg = leg_of(person.mass, person.height)
@@ -246,14 +246,14 @@ class Estimator:
         )  # fmt: skip
 
     def forget(self) -> None:
-        """Forget the forces that the muscles have."""
+        """Forget the present muscle forces."""
         self._lag.forget()
 
     def react(self, stamp: int, joints: Joints, ground: Ground, net: NetMoments, status: int) -> tuple[Reaction, int]:
         """Compute the joint reaction at a stamp [ns] from net moments, and the status with `IMPLAUSIBLE`.
 
-        An implausible sample is answered as if muscles pulled at once. It leaves no trace in their forces, and no held
-        one does.
+        For an implausible sample the muscles act without delay. Neither it nor a held sample changes their forces
+        later.
         """
         person = self._person
         reaction = reaction_of(person, joints, net, ground.force[1])

@@ -1,8 +1,8 @@
-"""What the sensors of a leg measure, how the leg moves, and the net moments that hold it.
+"""Measurements of a leg's sensors, the leg's motion, and the net moments that hold it.
 
 Proportions: Winter (2009), Biomechanics and Motor Control of Human Movement, 4th ed., figure 4.1 and table 4.1
 (doi:10.1002/9780470549148): lengths relative to the height, masses to the body's mass, the rest to the segment's
-length. For a single person they may be wrong by a tenth. Inverse dynamics: Newton-Euler equations of foot and shank
+length. For one person they may be off by a tenth. Inverse dynamics: Newton-Euler equations of foot and shank
 in the sagittal plane, from the ground up (chapter 5 there). The hip is assumed to move at a constant velocity: its
 own acceleration, at most a few m/s^2 in walking, is left out.
 """
@@ -20,7 +20,7 @@ Vector = tuple[float, float, float]
 
 
 class Joints(NamedTuple):
-    """Angles of the leg's joints, and torques of actuators there; an angle that is not measured is not a number."""
+    """Angles of the leg's joints, and torques of actuators there; an angle that is not measured is NaN."""
 
     flexion: float
     """Angle of the knee [rad], positive in flexion"""
@@ -40,7 +40,7 @@ class Ground(NamedTuple):
     force: Vector
     """Force [N]"""
     torque: Vector
-    """Torque about the ankle joint [N m]; not a number where it is not measured"""
+    """Torque about the ankle joint [N m]; NaN where it is not measured"""
 
 
 UNKNOWN = float("nan")
@@ -57,16 +57,16 @@ SHANK_CENTRE, SHANK_GYRATION, FOOT_GYRATION = 0.433, 0.302, 0.475
 """Distance of the shank's centre of mass from the knee, and radii of gyration about the centres of mass, relative to
 the segment's length; that of the foot is from the ankle to the head of the second metatarsal"""
 KNEE_OFFSET = 0.008
-"""Distance by which the knee lies lateral of the ankle in stance, relative to the height: 13.7 and 15.3 mm on average
-in both legs of the gait2354 model as its trial walks (1.80 m). With it the frontal moment there is wrong by 3 to 4 N m,
-without it by 8 to 9 N m"""
+"""Lateral distance from ankle to knee in stance, relative to the height: 13.7 and 15.3 mm on average in the two legs of
+the gait2354 model in its trial (1.80 m). With it the frontal moment there is off by 3 to 4 N m, without it by 8 to
+9 N m"""
 FOOT_CENTRE = 0.5
 """Position of the foot's centre of mass between the ankle (0) and the head of the second metatarsal (1), which lies on
 the ground half a foot's length ahead"""
 
 
 class Leg(NamedTuple):
-    """Lengths, masses and inertias of thigh, shank and foot, and what they carry."""
+    """Lengths, masses and inertias of thigh, shank and foot, and the body weight."""
 
     body_weight: float
     """Weight of the person [N]"""
@@ -75,7 +75,7 @@ class Leg(NamedTuple):
     shank_length: float
     """Distance from knee to ankle [m]"""
     knee_offset: float
-    """Distance by which the knee lies lateral of the ankle [m]"""
+    """Lateral distance from the ankle to the knee [m]"""
     shank_mass: float
     """Mass of the shank [kg]"""
     shank_centre: float
@@ -118,10 +118,10 @@ def leg_of(mass: float, height: float) -> Leg:
 NANOSECOND = 1e-9
 """Duration [s] of a nanosecond"""
 FEWEST = 4
-"""The least number of samples in the window from which a motion is computed"""
+"""Smallest number of samples in the window for computing a motion"""
 MOST = 1000
-"""The largest number of samples in the window (7 us): it is divided into so many cells, and of the samples in a cell
-the last one counts"""
+"""Largest number of samples in the window (7 us), which is divided into as many cells; only the last sample of a cell
+counts"""
 
 
 class Turning(NamedTuple):
@@ -148,12 +148,12 @@ STILL = Motion(STANDING, STANDING, STANDING)
 class MotionFilter:
     """Fits a parabola to the last angles by least squares, and gives its slope at their middle and its curvature.
 
-    So both are half a window late. A window of twice the length has a sixth of the noise in the curvature. The bits
-    depend only on stamps and angles in the window, which is divided into cells of the clock.
+    So both are late by half a window. A window of twice the length reduces noise in the curvature to a sixth. The bits
+    depend only on the stamps and angles in the window, which is divided into cells of the clock.
     """
 
     def __init__(self, window: float) -> None:
-        """Take the duration [s] of the samples that the parabola is fitted to; 0: the joints count as still."""
+        """Set the duration [s] of the window that the parabola is fitted to; 0: the joints count as still."""
         self._window = round(window / NANOSECOND)
         self._cell = -(-self._window // (MOST - 1))
         self._stamps, self._angles = np.empty(2 * MOST, np.int64), np.empty((2 * MOST, 3))
@@ -164,13 +164,13 @@ class MotionFilter:
         self._begin, self._end, self._last, self._motion = 0, 0, -1, STILL
 
     def now(self, stamp: int) -> Motion:
-        """Give the motion at a stamp [ns] not before that of the last angles; still if these are too old by then."""
+        """Return the motion at a stamp [ns] not before the last angles; still if these are too old by then."""
         return self._motion if stamp - self._last <= self._window else STILL
 
     def see(self, stamp: int, joints: Joints) -> Motion:
-        """Take the angles measured at a stamp [ns], and give the motion; still until there are enough samples.
+        """Add the angles measured at a stamp [ns], and return the motion; still until there are enough samples.
 
-        A stamp that is not later than the last one makes the filter forget all angles before.
+        A stamp that is not later than the last one makes the filter forget all earlier angles.
         """
         if self._window == 0:
             return STILL
@@ -207,7 +207,7 @@ class MotionFilter:
 
 
 class NetMoments(NamedTuple):
-    """Net moments of muscles and actuators, and the force and the moment that the knee transmits without muscles."""
+    """Net moments of muscles and actuators, and the force and moment that the knee transmits without muscles."""
 
     extension: float
     """Net moment at the knee [N m], positive when it extends"""
@@ -216,14 +216,14 @@ class NetMoments(NamedTuple):
     compression: float
     """Force along the tibia at the knee without muscles [N], positive in compression"""
     frontal: float
-    """Moment about the tibia's x axis that the femur exerts on the tibia at the knee, without muscles [N m]
+    """Moment of the femur on the tibia about the tibia's x axis at the knee, without muscles [N m]
 
     z to the right is lateral: the sensors of a left leg are mirrored to this, as its joint reaction is.
     """
 
 
 def cross(arm: complex, force: complex) -> float:
-    """Give the z component of a cross product: the moment [N m] of a force [N] on an arm [m].
+    """Return the z component of a cross product: the moment [N m] of a force [N] on an arm [m].
 
     A vector in the sagittal plane is a complex number here: x forward, y up.
     """
@@ -231,7 +231,7 @@ def cross(arm: complex, force: complex) -> float:
 
 
 def swung(arm: complex, turning: Turning) -> complex:
-    """Give the acceleration [m/s^2] of an arm's end, relative to its beginning, as it turns about that."""
+    """Return the acceleration [m/s^2] of an arm's end relative to its beginning, about which it turns."""
     return arm * complex(-turning.rate * turning.rate, turning.acceleration)
 
 
@@ -240,9 +240,9 @@ UPWARDS = complex(0.0, GRAVITY)
 
 
 def inclination(joints: Joints) -> float:
-    """Give the angle [rad] of the shank to the vertical, positive when the ankle is ahead of the knee.
+    """Return the angle [rad] of the shank to the vertical, positive when the ankle is ahead of the knee.
 
-    It follows from the hip; where that is not measured, from the ankle, with the foot flat on the ground.
+    It follows from the hip angle or, if that is not measured, from the ankle angle with the foot flat on the ground.
     """
     return joints.hip - joints.flexion if math.isfinite(joints.hip) else -joints.ankle
 
@@ -252,9 +252,9 @@ def net_moments(leg: Leg, joints: Joints, motion: Motion, ground: Ground) -> Net
 
     Args:
         leg: Lengths, masses and inertias of the person's leg.
-        joints: Angles, of which hip or ankle must be measured. Without the ankle the foot is at a right angle to the
-            shank, and turns with it.
-        motion: How the joints turn; it counts only where the hip is measured.
+        joints: Angles; hip or ankle must be measured. Without the ankle the foot is at a right angle to the shank, and
+            turns with it.
+        motion: How the joints turn; used only if the hip is measured.
         ground: Force and torque of the ground on the foot; the torque must be measured.
     """
     shank = inclination(joints)

@@ -1,16 +1,16 @@
 """Forces of the muscles that balance net moments at knee and ankle, and the joint reaction with them.
 
-One moment does not determine several forces, so there is a rule: the gastrocnemius bears a fixed share of the
-plantarflexion moment. Extensors and flexors each pull with at least half of a floor, by which antagonists pull without
-need (tone, and co-contraction that grows with the ground force). Beyond that, only the side that is needed pulls. A
-muscle's force follows with a first-order lag (electromechanical delay, activation dynamics: Thelen 2003,
-doi:10.1115/1.1531112; its time constant is what fits two instrumented knees, docs/explanation/validation.md).
+One moment does not determine several forces, so rules do. The gastrocnemius bears a fixed share of the plantarflexion
+moment. Extensors and flexors each pull with at least half of a floor, which models antagonists (tone, and
+co-contraction that grows with the ground force). Beyond that, only the side that is needed pulls. A muscle's force
+follows with a first-order lag (electromechanical delay, activation dynamics: Thelen 2003, doi:10.1115/1.1531112; its
+time constant was fitted to two instrumented knees, docs/explanation/validation.md).
 
 Moment arms are polynomials [m] of angles [rad], fitted to the musculoskeletal model gait2354 (Delp et al. 1990,
 doi:10.1109/10.102791; knee: Yamaguchi & Zajac 1989, doi:10.1016/0021-9290(89)90179-6) from -10 to 110 degrees of
 flexion and -30 to 25 degrees of dorsiflexion; the muscles of a group are weighted by their maximum isometric forces.
 RMS errors of the fit: 1.1, 0.2, 0.7 and 0.1 mm; `python -m studies.moment_arms MODEL` repeats it. People differ by a
-tenth and more.
+tenth or more.
 """
 
 from __future__ import annotations
@@ -38,7 +38,7 @@ sum over gastrocnemius, soleus and tibialis posterior (2500, 4000 and 3600 N at 
 
 
 def arm(coefficients: tuple[float, ...], angle: float) -> float:
-    """Give a muscle's moment arm [m] at the knee at a flexion [rad]; that of `ACHILLES` at a dorsiflexion [rad]."""
+    """Return a muscle's moment arm [m] at the knee at a flexion [rad]; for `ACHILLES` at a dorsiflexion [rad]."""
     least, most = (LEAST_DORSIFLEXION, MOST_DORSIFLEXION) if coefficients is ACHILLES else (LEAST_FLEXION, MOST_FLEXION)
     within, value = min(max(angle, least), most), 0.0
     for coefficient in reversed(coefficients):
@@ -67,7 +67,7 @@ def muscles_of(extension_moment: float, flexion: float, gastrocnemius: float, fl
         extension_moment: Net moment of the muscles at the knee [N m].
         flexion: Flexion angle [rad].
         gastrocnemius: Force of the gastrocnemius [N].
-        floor: The least force [N] of extensors and flexors together.
+        floor: Smallest force [N] of extensors and flexors together.
         scale: Ratio of the person's moment arms to the published ones.
     """
     extensor, flexor, calf = (scale * arm(muscle, flexion) for muscle in (QUADRICEPS, HAMSTRINGS, GASTROCNEMIUS))
@@ -90,11 +90,11 @@ class Person(NamedTuple):
     moment_arm_scale: float
     """Ratio of the person's moment arms to the published ones"""
     co_contraction: float
-    """The part of the least muscle force that grows with the vertical ground force, relative to that"""
+    """Part of the smallest muscle force that grows with the vertical ground force, relative to that"""
     tone: float
-    """The constant part of the least muscle force, relative to the body weight"""
+    """Constant part of the smallest muscle force, relative to the body weight"""
     electromechanical_delay: float
-    """Time constant [s] with which a muscle's force follows what is needed; 0: at once"""
+    """Time constant [s] with which a muscle's force follows the required one; 0: without delay"""
 
     @property
     def weight(self) -> float:
@@ -102,19 +102,19 @@ class Person(NamedTuple):
         return self.mass * GRAVITY
 
     def floor(self, vertical: float) -> float:
-        """Give the least force [N] of extensors and flexors together, at a vertical ground force [N]."""
+        """Return the smallest force [N] of extensors and flexors together, at a vertical ground force [N]."""
         return self.co_contraction * max(vertical, 0.0) + self.tone * self.weight
 
 
 class Lag:
-    """First-order lag of the muscle forces behind what is needed of them.
+    """First-order lag of the muscle forces behind the required ones.
 
-    Exact for a need that is linear in time between two samples, so it is stable at any rate and after any gap, and the
-    forces stay between those that were needed.
+    It is exact if the required force is linear in time between two samples. So it is stable at any rate and after any
+    gap, and the forces stay within the range of the required ones.
     """
 
     def __init__(self) -> None:
-        """Begin without a past: the first forces are those that are needed."""
+        """Begin without a past: the first forces are the required ones."""
         self._last: tuple[int, Muscles, Muscles] | None = None
 
     def forget(self) -> None:
@@ -122,9 +122,9 @@ class Lag:
         self._last = None
 
     def at(self, stamp: int, needed: Muscles, time_constant: float, sure: bool = True) -> Muscles:
-        """Give the forces at a stamp [ns] for those that are needed then, and a time constant [s].
+        """Return the forces at a stamp [ns] for the forces required then, and a time constant [s].
 
-        A stamp that is not later than the last one begins anew. What is not `sure` leaves no trace.
+        A stamp that is not later than the last one restarts the lag. A sample that is not `sure` does not change it.
         """
         forces = needed
         if self._last and stamp > self._last[0] and time_constant > 0.0:
@@ -148,11 +148,11 @@ class Reaction(NamedTuple):
     extension: float
     """Net moment of the muscles at the knee [N m], positive when they extend it"""
     plantarflexion: float
-    """Net moment of the muscles at the ankle [N m], positive when they plantarflex it; not a number if not known"""
+    """Net moment of the muscles at the ankle [N m], positive when they plantarflex it; NaN if unknown"""
 
 
 def reaction_of(person: Person, joints: Joints, net: NetMoments, vertical: float) -> Reaction:
-    """Compute the joint reaction of a knee whose muscles pull at once with what is needed.
+    """Compute the joint reaction of a knee whose muscles pull with the required forces without delay.
 
     Args:
         person: Constants of the person.

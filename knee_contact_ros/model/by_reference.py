@@ -1,7 +1,7 @@
-"""Numba's type of named tuples that compiled code takes by their address.
+"""A Numba type for named tuples that compiled code takes by address.
 
-Numba would pass each field as an argument of its own, of arrays even each size: nearly every function of a tick takes
-the knee, which has 90 of them. By its address, the model compiles in nine tenths of the time and is as quick.
+Numba would pass each field as a separate argument, and of an array also each size: the knee, which nearly every
+function of a tick takes, has 90 of them. By address, the model compiles in nine tenths of the time and runs as fast.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from numba.extending import NativeValue, register_model, typeof_impl, unbox
 
 
 class ByReference(types.NamedTuple):  # type: ignore[misc, name-defined]  # Numba is not typed
-    """A named tuple of which compiled code has the address; it lies on the stack of the entry's caller."""
+    """A named tuple that compiled code takes by address; it lies on the stack of the entry's caller."""
 
     @property
     def plain(self) -> Any:
@@ -43,7 +43,7 @@ def _field(_context: Any, builder: Any, kind: Any, address: Any, name: str) -> A
 
 
 def take_by_reference(values: Iterable[Any]) -> None:
-    """Have compiled code take the named tuples among values, and those in them, by reference."""
+    """Make compiled code take the named tuples among values, and those inside them, by reference."""
     for value in values:
         if hasattr(value, "_fields"):
             take_by_reference(value)

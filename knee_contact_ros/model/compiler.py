@@ -1,13 +1,14 @@
-"""The compiled tick: Numba compiles the marked functions as they stand, once, and the result is kept in a file.
+"""The compiled tick: Numba compiles the marked functions once, unchanged, and the result is kept in a file.
 
-A marked function runs as it stands, too: numbers, named tuples and arrays in and out, no closures, no exceptions,
-`math` and no NumPy functions. So both give the same bits. To mark one compiles nothing, and imports no Numba.
+A marked function also runs as plain Python: it takes and returns numbers, named tuples and arrays, and uses no
+closures, no exceptions and no NumPy functions, only `math`. So both give the same bits. Marking compiles nothing, and
+does not import Numba.
 
-The file lies beside the model, in `__pycache__/compiled`, if this user can write there (installation, `knee-contact
-warm`), else in `$XDG_CACHE_HOME/knee_contact_ros` or `~/.cache/knee_contact_ros`. Its name has digests of the sources,
-of the compiler and of the processor. It holds a digest and a pickle, and a pickle can do anything: a file is read only
-if this user or root has written it, in a folder of theirs, and nobody else can. Keeping can only help: whatever is
-wrong with it costs one line and a compilation.
+The file is stored with the model, in `__pycache__/compiled`, if this user can write there (installation,
+`knee-contact warm`), else in `$XDG_CACHE_HOME/knee_contact_ros` or `~/.cache/knee_contact_ros`. Its name has digests of
+the sources, the compiler and the processor. It contains a digest and a pickle. A pickle can run any code, so a file is
+read only if this user or root wrote it, in a folder of theirs, and nobody else can write it. If anything is wrong with
+the file, the cost is one line and a compilation.
 """
 
 from __future__ import annotations
@@ -28,9 +29,9 @@ from types import FunctionType
 from typing import Any, TypeVar, cast
 
 TICK, LOADING, COMPILING = 0.3e-3, 0.7, 7.0
-"""Processor time [s] of a plain tick, of loading what is kept, with the import of Numba, and of compiling"""
+"""Processor time [s] of an uncompiled tick, of loading the kept file (with Numba's import), and of compiling"""
 FILES, SUFFIX, DIGEST = 8, ".kernel", hashlib.sha256().digest_size
-"""Number of files that stay in a folder, the newest, also of other processors; how names end; size of a digest"""
+"""Number of newest files that stay in a folder, also those of other processors; suffix of names; size of a digest"""
 NOT_NEEDED = ("WithLifting", "InlineClosureLikes", "InlineInlinables", "InlineOverloads", "LiteralUnroll",
               "LiteralPropagationSubPipelinePass", "NopythonRewrites")  # fmt: skip
 """Numba's passes for contexts, closures, literals, arrays as a whole, and what Numba itself would inline"""
@@ -53,13 +54,13 @@ def in_kernel(function: _Function) -> _Function:
 
 
 def inlined(function: _Function) -> _Function:
-    """Mark a function that nearly every tick calls, from few places: passing arguments would take longer."""
+    """Mark a function that nearly every tick calls, from few places; passing its arguments would take longer."""
     INLINED.append(function)
     return in_kernel(function)
 
 
 def worth_compiling(ticks: int | None) -> bool:
-    """Whether the compiled model computes so many ticks sooner; None, an unknown number: whether it is kept."""
+    """Whether compiling is faster for a number of ticks; None (unknown): whether the compiled model is kept."""
     if compiled_run.cache_info().currsize:
         return compiled_run() is not None
     plain = COMPILING if ticks is None else ticks * TICK
@@ -68,14 +69,14 @@ def worth_compiling(ticks: int | None) -> bool:
 
 @cache
 def compiled_run() -> Callable[..., None] | None:
-    """Give the compiled `ticks.run`, ready for its first call; None, with a warning, if Numba cannot be used."""
+    """Return the compiled `ticks.run`, ready for its first call; None, with a warning, if Numba cannot be used."""
     from knee_contact_ros.model import knee, ticks
 
     return compiled(ticks.run, knee.example_call())
 
 
 def kept_files() -> list[Path]:
-    """Give the files in which the compiled model is kept, for any processor; Numba is not imported."""
+    """Return the files in which the compiled model is kept, for any processor, without importing Numba."""
     from knee_contact_ros.model import ticks
 
     return [path for folder in folders(ticks.run) for path in folder.glob(f"{stamp(ticks.run)}-*{SUFFIX}")]
@@ -115,7 +116,7 @@ def compiled(entry: Callable[..., Any], example: Sequence[Any]) -> Callable[...,
 
 
 def twin(entry: Callable[..., Any]) -> Any:
-    """Give Numba's form of a marked function, not compiled yet; inside it are such forms of those that it calls."""
+    """Return Numba's form of a marked function, not compiled yet; it calls Numba's forms of other marked functions."""
     from numba import njit
     from numba.types import unliteral
 
@@ -133,9 +134,9 @@ def twin(entry: Callable[..., Any]) -> Any:
 
 @contextmanager
 def _remembered_types() -> Iterator[None]:
-    """Let Numba find out once what a call with some types means, and not for each of some thousand calls again.
+    """Let Numba resolve a call with the same types once, instead of again for each of some thousand calls.
 
-    Nor need Python look for unused objects meanwhile: together this takes a third of the time off.
+    Python's garbage collector is off meanwhile. Together this saves a third of the time.
     """
     from numba.core.types.functions import BaseFunction
 
@@ -159,12 +160,12 @@ def _remembered_types() -> Iterator[None]:
 
 
 def _of_any_value(unliteral: Any, template: Any, arguments: Sequence[Any], keywords: dict[str, Any]) -> Any:
-    """Give what a call in compiled code means; Numba would compile a function again for each constant argument."""
+    """Return how a call in compiled code is resolved; Numba would compile a function again for each constant."""
     return template([unliteral(one) for one in arguments], keywords)
 
 
 def _reached(entry: Any) -> list[FunctionType]:
-    """Give a marked function and all marked functions that it may call."""
+    """Return a marked function and all marked functions that it may call."""
     reached = [entry]
     for function in reached:  # it grows meanwhile
         named = [function.__globals__.get(name) for name in function.__code__.co_names]
@@ -174,10 +175,10 @@ def _reached(entry: Any) -> list[FunctionType]:
 
 @cache
 def _pipeline(inner: bool) -> Any:
-    """Give a compiler, in Numba's sense, that has LLVM optimise all functions once, together with the entry.
+    """Return a compiler, in Numba's sense, with which LLVM optimises all functions once, together with the entry.
 
-    Numba would have LLVM optimise each function with all that it calls, and make machine code of it: as long again. And
-    as nobody else calls the functions inside, LLVM may leave out arguments that are not used, and merge callers.
+    Numba alone would let LLVM optimise and translate each function with all that it calls, which doubles the time. As
+    nothing else calls the inner functions, LLVM may also drop unused arguments and merge callers.
     """
     from llvmlite.binding import Linkage
     from numba.core.codegen import JITCodeLibrary
@@ -230,7 +231,7 @@ def _pipeline(inner: bool) -> Any:
 
 
 def folders(entry: Callable[..., Any]) -> list[Path]:
-    """Give the folders in which a compiled function may be kept, the first choice first."""
+    """Return the folders in which a compiled function may be kept, the first choice first."""
     beside = Path(entry.__code__.co_filename).parent / "__pycache__" / "compiled"
     caches = Path(os.environ.get("XDG_CACHE_HOME", "")), Path(os.path.expanduser("~/.cache"))  # noqa: PTH111
     return [beside, *[path / "knee_contact_ros" for path in caches if path.is_absolute()][:1]]  # there may be no home
@@ -238,9 +239,9 @@ def folders(entry: Callable[..., Any]) -> list[Path]:
 
 @cache
 def stamp(entry: Callable[..., Any]) -> str:
-    """Give a digest of all that compiled code depends on but the processor; Numba is not imported for it.
+    """Return a digest of everything but the processor that compiled code depends on, without importing Numba.
 
-    The sources are all files beside those of the functions, as constants may come from any of them.
+    The sources are all files in the folders of the functions, as constants may come from any of them.
     """
     beside = sorted({Path(function.__code__.co_filename).parent for function in _reached(entry)})
     files = [path for folder in beside for path in sorted(folder.glob("*.py"))]
@@ -256,7 +257,7 @@ def _digest(*parts: Any) -> str:
 
 
 def _done(step: Callable[[Path], None], path: Path, doubts: list[str]) -> bool:
-    """Whether a step succeeds with a file; if not, a further doubt says why."""
+    """Whether a step with a file succeeds; if not, the reason is added to the doubts."""
     try:
         step(path)
         return True
@@ -270,7 +271,7 @@ def _said(error: Exception) -> str:
 
 
 def _load(made: Any, path: Path) -> None:
-    """Load into Numba's form of a function what was compiled of it."""
+    """Load compiled code into Numba's form of a function."""
     from numba.core.compiler import CompileResult
 
     _refuse_others(path.parent.lstat())
@@ -286,7 +287,7 @@ def _load(made: Any, path: Path) -> None:
 
 
 def _write(content: bytes, path: Path) -> None:
-    """Write a file, which others see only when it is complete, and remove those that nobody uses any more."""
+    """Write a file, which appears only when complete, and remove files that are no longer used."""
     path.parent.mkdir(mode=0o755, parents=True, exist_ok=True)
     _refuse_others(path.parent.lstat())
     part = path.with_name(f"{path.name}.{os.urandom(8).hex()}")
@@ -302,7 +303,7 @@ def _write(content: bytes, path: Path) -> None:
 
 
 def _refuse_others(status: os.stat_result) -> None:
-    """Refuse a file or folder that another user can write, except for the system administrator."""
+    """Refuse a file or folder that another user than root can write."""
     if status.st_uid not in (os.geteuid(), 0):
         raise OSError("it belongs to another user, or its folder does")
     if status.st_mode & (stat.S_IWGRP | stat.S_IWOTH):

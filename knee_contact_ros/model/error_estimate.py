@@ -1,9 +1,9 @@
-"""The accumulated error of the steps, carried along by the linearised contact: its expected value and its covariance.
+"""The accumulated error of the steps, propagated through the linearised contact: its expected value and covariance.
 
-Each step adds its estimated error to the expected one and a part of it to the covariance (the estimate of an error is
-itself in error), in the energy norm of the contact. Both are then propagated as the contact moves: spring, dashpot,
-flight and events map them in closed form, so that expected errors may cancel, and variances never do. The constants
-are held to random scenes against an independent reference (`studies.honesty`).
+Each step adds its estimated error to the expected error, and a part of it to the covariance, because the estimate is
+itself uncertain; sizes are in the energy norm of the contact. Spring, dashpot, flight and events then map both in
+closed form. Expected errors may cancel; variances never do. The constants are checked in random scenes against an
+independent reference (`studies.honesty`).
 """
 
 from __future__ import annotations
@@ -15,28 +15,28 @@ from typing import NamedTuple
 from knee_contact_ros.model.compiler import in_kernel, inlined
 
 HORIZON = 0.1
-"""How long [s] a velocity error counts where neither spring nor dashpot holds it back."""
+"""Time [s] for which a velocity error counts where neither spring nor dashpot limits it"""
 EXPECTED, SPREAD = 1.25, 3.0
-"""The published estimate is so many times the expected error plus so many standard deviations"""
+"""The published estimate is the first factor times the expected error plus the second times the standard deviation"""
 STEPWISE = 1.6
-"""Expected error of a step over its estimate: steps of one kind err alike, and estimates of them are small alike"""
+"""Ratio of a step's expected error to its estimate: steps of one kind have similar errors, all estimated too small"""
 UNKNOWN, UNKNOWN_IMPLICIT = 2.0, 4.5
-"""Standard deviation of the size of a step's error over its estimate; an implicit step's order lies between two"""
+"""Standard deviation of a step's error relative to its estimate; an implicit step's order lies between two"""
 SWAPPED = 0.5
 """Part of a step's estimated error that may be one of the height instead of the velocity, or the reverse"""
 ALIKE = 0.1
-"""Part of the former that is the same in all steps, so that errors add up and not their squares"""
+"""Part of that swap that is the same in all steps, so that errors add up instead of their squares"""
 LARGEST_ERROR = 1e7
 """Bound of any error of height [m] and velocity [m/s]"""
 TINY = sys.float_info.min
-"""Smallest divisor, in place of 0 where nothing presses"""
+"""Smallest divisor, instead of 0 where nothing presses"""
 SLOW = 4.0
 """Square of the angle [rad] of an oscillation, or of rate times duration of a decay, up to which Magnus' series is
 used"""
 BENT = 1e-3
-"""Part of the depth up to which an error meets a linear contact"""
+"""Fraction of the depth up to which the contact is linear for an error"""
 NEAR_ZERO = 1.0
-"""Square of the angle [rad] of an oscillation, or of rate times duration of a decay, up to which a series is quicker"""
+"""Square of the angle [rad] of an oscillation, or of rate times duration of a decay, up to which a series is faster"""
 CURVATURE = 0.5
 """Force error by the nonlinearity of the contact law, over stiffness times error times the error's part of the depth"""
 
@@ -74,9 +74,9 @@ def mapped(error: Error, a: float, b: float, c: float, d: float) -> Error:
 def over_step(error: Error, begin: float, middle: float, end: float, damping: float, mass: float, h: float) -> Error:
     """Return the error after a step over which the stiffness changes, given at its begin, middle and end [N/m].
 
-    The 4th order of Magnus' series (Blanes et al. 2009, doi:10.1016/j.physrep.2008.11.001), its second term halved to
-    both sides of the first: a swing's period depends on its size, and an error of the size adds up in the phase. Where
-    the series is too short, the exponential of the middle stiffness.
+    This is Magnus' series to 4th order (Blanes et al. 2009, doi:10.1016/j.physrep.2008.11.001), with half of the second
+    term on each side of the first. It matters because an oscillation's period depends on its size, so an error of the
+    size accumulates in the phase. Where the series would not converge, the exponential of the middle stiffness is used.
     """
     per_mass = 1.0 / mass
     spring, drag = (begin + 4.0 * middle + end) * (per_mass / 6.0), damping * per_mass
@@ -135,8 +135,8 @@ def with_bound(error: Error, height: float, velocity: float) -> Error:
 def with_uncorrelated_bound(error: Error, height: float, velocity: float) -> Error:
     """Return the error with bounds of further errors [m], [m/s] that are added to its uncorrelated parts.
 
-    A femur that is late has large errors of height and velocity, which depend on each other; the further error is one
-    of the small part that does not follow from the other error.
+    A femur that is late has large but dependent errors of height and velocity. The further error belongs to the small
+    part of each that does not follow from the other.
     """
     hh, hv, vv = max(error.hh, 0.0), error.hv, max(error.vv, 0.0)
     if velocity > 0.0:
@@ -152,7 +152,7 @@ def with_uncorrelated_bound(error: Error, height: float, velocity: float) -> Err
 
 @in_kernel
 def bounded(error: Error) -> Error:
-    """Return the error, limited to `LARGEST_ERROR`; what is not a number becomes that."""
+    """Return the error, limited to `LARGEST_ERROR`; NaN becomes that too."""
     h = abs(error.height) + math.sqrt(max(error.hh, 0.0))
     v = abs(error.velocity) + math.sqrt(max(error.vv, 0.0))
     if h <= LARGEST_ERROR and v <= LARGEST_ERROR:
@@ -172,7 +172,7 @@ def pushed_by(push: float, stiffness: float, damping: float, mass: float, h: flo
 
 @in_kernel
 def holding(stiffness: float, damping: float, mass: float) -> float:
-    """Return the rate [1/s] at which a contact limits an error of the velocity: over it, it is one of the height."""
+    """Return the rate [1/s] at which a contact limits a velocity error, which divided by it becomes a height error."""
     return max(math.sqrt(max(stiffness, 0.0) / mass), damping / mass, 1.0 / HORIZON)
 
 
@@ -180,8 +180,9 @@ def holding(stiffness: float, damping: float, mass: float) -> float:
 def reach(error: Error, held: float) -> float:
     """Return the published error estimate [m] of the height.
 
-    In a contact that limits velocity errors at a rate `held` [1/s] (see `holding`), both errors turn into each other,
-    at a phase that is not well known; in flight (infinite) an error of the velocity has no effect on the height yet.
+    In a contact that limits velocity errors at a rate `held` [1/s] (see `holding`), height and velocity errors turn
+    into each other at a poorly known phase. In flight (`held` infinite) a velocity error has not affected the height
+    yet.
     """
     swing = error.velocity / held
     expected = math.sqrt(error.height * error.height + swing * swing)
@@ -222,9 +223,9 @@ def curved(error: Error, depth: float, stiffness: float, damping: float, mass: f
 
 @in_kernel
 def eigenvalues(stiffness: float, damping: float, mass: float) -> tuple[float, float]:
-    """Return the rate at which the linearised contact forgets, and its spectral radius [1/s].
+    """Return the decay rate and the spectral radius [1/s] of the linearised contact.
 
-    They are the real part of its slower eigenvalue and the modulus of its faster one.
+    They are the real part of its slower eigenvalue, without sign, and the modulus of its faster one.
     """
     half_rate = 0.5 * damping / mass
     discriminant = half_rate * half_rate - stiffness / mass
@@ -238,9 +239,9 @@ def eigenvalues(stiffness: float, damping: float, mass: float) -> tuple[float, f
 def saltation(error: Error, rate: float, jump: float, off: float, mass: float, longest: float) -> Error:
     """Return the error after a boundary that is met at a `rate` [m/s] of the depth, where the force jumps [N].
 
-    A femur that is too high meets it late, and misses the jump for that time (the saltation matrix of the event), but
-    not for longer than `longest` [s]. The step ends `off` [m] beside the boundary, because of rounding, which matters
-    where the contact is hard.
+    A femur that is too high meets the boundary late, and misses the jump for that time (the saltation matrix of the
+    event), but at most for `longest` [s]. Because of rounding the step ends `off` [m] from the boundary, which matters
+    in a hard contact.
     """
     if jump == 0.0:
         return error

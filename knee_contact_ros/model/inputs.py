@@ -1,6 +1,6 @@
-"""What angle and load of a knee can be: what goes beyond points to a unit, a sign, an offset or an axis.
+"""Plausible angles and loads of a knee: values beyond them point to a wrong unit, sign, offset or axis.
 
-Nothing is refused here: somebody may model a rat. Each finding is one sentence, with the values and the likely cause.
+Nothing is refused here: the user may model a rat. Each finding is one sentence with the values and the likely cause.
 """
 
 from __future__ import annotations
@@ -14,11 +14,11 @@ from numpy.typing import NDArray
 from knee_contact_ros.model.types import EXTENDS, FLEXES, NANOSECOND
 
 ONE_SIDED_TICKS, ONE_SIDED_TIME = 100, 1.0
-"""Number of ticks, and time [s], from which a sign, or a load that is never there, cannot be a swing phase"""
+"""Number of ticks and time [s] after which a wrong sign, or a missing load, cannot be a swing phase"""
 PULLING = -50.0
-"""Mean load [N] that is too low even for an unloaded knee"""
+"""Mean load [N] below which even an unloaded knee is not plausible"""
 TIMES_MORE = 2.0
-"""Ratio of the ranges to both sides of 0, or of two forces, from which it is clear which of them is the larger one"""
+"""Ratio of two ranges or forces above which one clearly is the larger"""
 CLEAR = math.radians(20.0)
 """Angle [rad] that a knee reaches in flexion in every step, and never in extension"""
 WIDEST = math.radians(180.0)
@@ -26,36 +26,36 @@ WIDEST = math.radians(180.0)
 BENT = math.radians(110.0)
 """Mean flexion [rad] under load that no gait has"""
 OFTEN = 0.1
-"""Least part of the ticks under load from which their mean angle is judged"""
+"""Smallest fraction of ticks under load for their mean angle to be judged"""
 LEAST_LOAD = 10.0
-"""Load [N] that a knee which moves exceeds, if only by the weight of the shank"""
+"""Load [N] that a moving knee exceeds, if only by the weight of the shank"""
 PERCENT, SWINGS, STRAIGHT = 0.3, math.radians(40.0), math.radians(25.0)
-"""Peak load [BW] that no gait has, but the same load in percent of body weight; flexion [rad] above which a walking leg
-swings, and below which it may stand"""
+"""Peak load [BW] that is too small for gait, as if a load in percent were read as newtons; flexion [rad] above which a
+walking leg swings, and below which it may stand"""
 MOST_WEIGHTS = 10.0
 """Load [BW] beyond that of any knee in gait"""
 HEAVIEST = 2000.0
 """Body weight [N] that is taken for the largest plausible load where none is known"""
 STANDS = 0.5
-"""Load [BW] from which a leg is taken to stand; where the body weight is unknown, that of `USUAL`"""
+"""Load [BW] above which a leg counts as standing; an unknown body weight is replaced by `USUAL`"""
 USUAL = 735.0
-"""Body weight [N] of a usual person"""
+"""Body weight [N] of a typical person"""
 SLOWEST = 0.5
-"""Time step [s] from which on nothing of a gait is left"""
+"""Time step [s] that is too long to show a gait"""
 CARRIES = 100.0
-"""Mean force [N] along another axis than the tibia's that is worth a question"""
+"""Mean force [N] along another axis than the tibia's above which there is a warning"""
 Floats = NDArray[np.float64]
 Integers = NDArray[np.int64]
 
 
 @dataclass
 class Inputs:
-    """Angles and loads of a run of any length, by their extremes and sums."""
+    """Angles and loads of a run of any length, kept as extremes and sums."""
 
     body_weight: float | None = None
     """Body weight [N]; None: not known"""
     driven: bool = True
-    """Whether the load drives the femur; else it is only passed on, and not judged"""
+    """Whether the load drives the femur; otherwise it is only passed on, and not judged"""
     ticks: int = 0
     """Number of ticks"""
     lowest: float = math.inf
@@ -116,7 +116,7 @@ class Inputs:
 
     @property
     def _percent(self) -> bool:
-        """Whether the load is that of a gait, as it follows the angle, but much too small."""
+        """Whether the load follows the angle as in gait, but is much too small."""
         if not self._long or self.highest > PERCENT * (self.body_weight or USUAL):
             return False
         often = min(self._bent, self._straight) >= OFTEN * self.ticks
@@ -157,7 +157,7 @@ class Inputs:
 
     @property
     def about_load(self) -> str:
-        """Sentence about a load of the other sign, of another unit, or beyond knees; empty if it is plausible."""
+        """Sentence about a load with the wrong sign or unit, or too large for a knee; empty if it is plausible."""
         least, most = self.lowest, self.highest
         if not self.driven:
             return ""
@@ -183,7 +183,7 @@ class Inputs:
 
     @property
     def about_time(self) -> str:
-        """Sentence about ticks that are too far apart for any gait; empty if they are not."""
+        """Sentence about ticks that are too far apart for any gait; empty otherwise."""
         if self.ticks < ONE_SIDED_TICKS or self.slow < 0.5 * self.ticks:
             return ""
         step = (self._last - self._first) * NANOSECOND / (self.ticks - 1)
@@ -211,7 +211,7 @@ class Axes:
     """The same along z"""
 
     def add(self, x: float, y: float, z: float) -> None:
-        """Add a force [N]; not a number counts as nothing."""
+        """Add a force [N]; NaN counts as 0."""
         self.forces += 1
         self.x += abs(x) if x == x else 0.0  # noqa: PLR0124  (sooner than math.isnan)
         self.y += abs(y)

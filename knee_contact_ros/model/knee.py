@@ -1,4 +1,4 @@
-"""The knee model: one tick after another, or a whole series at once, with the same bits."""
+"""The knee model: tick by tick or a whole series at once, with the same bits."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ INPUTS = "flexion_angle, load and femoral_height"
 LARGEST_TIME = 9e9
 """Time [s] beyond which integer nanoseconds do not reach: 285 years."""
 LARGEST_LOAD = 1e6
-"""Load [N] beyond which a sample is a fault of its source and no knee's."""
+"""Load [N] above which a sample must be a fault of its source."""
 LARGEST_ANGLE = 10.0
-"""Flexion angle [rad] beyond which a sample is a fault of its source and no knee's."""
+"""Flexion angle [rad] above which a sample must be a fault of its source."""
 LARGEST_HEIGHT = 10.0
-"""Prescribed femoral height [m] beyond which a sample is a fault of its source and no knee's."""
+"""Prescribed femoral height [m] above which a sample must be a fault of its source."""
 BUDGET, MOST_BUDGET = 20_000, 100_000
-"""Largest number of contact law evaluations in a tick, unless a model says another; and where it says 0"""
+"""Default of the largest number of contact law evaluations in a tick; and the number that 0 stands for"""
 PLAUSIBLE_SHARE = 0.2
-"""Part of the femoral radius beyond which a depth is implausible: 6.8 mm of 34 mm, which is 4 mm of cartilage pressed
-flat and nearly as much of bone. Contact laws are valid for depths that are small against the radius."""
+"""Fraction of the femoral radius above which a depth is implausible: 6.8 mm of 34 mm, that is 4 mm of cartilage pressed
+flat and nearly as much bone. Contact laws are valid for depths that are small compared with the radius."""
 
 
 def as_the_kernel_sees(rows: Rows) -> tuple[Floats, NDArray[np.uint8], NDArray[np.uint32]]:
-    """Return the words, bytes and half words of contiguous rows of answers, each of shape (n, k), not copied."""
+    """Return views of contiguous rows of answers as words, bytes and half words, each of shape (n, k)."""
     count, size = len(rows), ROW.itemsize
     return (
         rows.view(np.float64).reshape(count, size // 8), rows.view(np.uint8).reshape(count, size),
@@ -51,9 +51,9 @@ def as_the_kernel_sees(rows: Rows) -> tuple[Floats, NDArray[np.uint8], NDArray[n
 class KneeModel:
     """One tibiofemoral compartment: a femoral surface over a tibial one under a contact law.
 
-    The tibia frame is fixed: x anterior, y superior, z to the right, origin on the plateau. The femur turns by the
-    flexion angle, is carried along x by the mechanism, and either moves freely along y under the load (the force drive)
-    or is held at a prescribed height (the displacement drive). All methods are functions of their arguments: no clock,
+    The tibia frame is fixed: x anterior, y superior, z to the right, origin on the plateau. The femur rotates by the
+    flexion angle, and the mechanism moves it along x. Along y it either moves freely under the load (the force drive)
+    or is held at a prescribed height (the displacement drive). All methods depend only on their arguments: no clock,
     no file.
     """
 
@@ -65,9 +65,9 @@ class KneeModel:
     tolerance: float = 1e-6
     """Tolerated error of the penetration depth [m]"""
     budget: int = BUDGET
-    """Largest number of contact law evaluations in a tick; 0: a hundred thousand"""
+    """Largest number of contact law evaluations in a tick; 0: 100 000"""
     force_tolerance: float = 0.0
-    """Tolerated error of the contact force [N]; 0: any"""
+    """Tolerated error of the contact force [N]; 0: no limit"""
     allow_tension: bool = False
     """Whether the law may pull; else its force is clamped at 0"""
     height_prescribed: bool = False
@@ -75,17 +75,17 @@ class KneeModel:
     level: int = ticks.DYNAMIC
     """The equations that a tick solves, a value of `LEVELS`; has no effect where the height is prescribed"""
     compiled: bool | None = False
-    """Whether runs are compiled; None: where that is sooner. Both give the same bits."""
+    """Whether runs are compiled; None: if that is faster. Both give the same bits."""
     patch: ContactPatch | None = None
     """The patch that the contact spreads over, for `readouts`; None if the radii in `contact.*` do not fit together"""
     results: type[np.recarray[Any, Any]] = np.recarray
     """Class of the record array that a run returns; it may add methods (`knee_contact_ros.results`)"""
 
     def __post_init__(self) -> None:
-        """Try what of the contact law is no shipped formula.
+        """Check the formulas of the contact law that are not shipped ones.
 
         Raises:
-            ValueError: the law breaks what `ContactLaw` asks for.
+            ValueError: the law does not fulfil what `ContactLaw` requires.
         """
         check(self.law)
 
@@ -105,7 +105,7 @@ class KneeModel:
 
     @property
     def plausible_depth(self) -> float:
-        """Depth [m] beyond which an answer is `IMPLAUSIBLE`: a part of the radius, but at most the law's thickness."""
+        """Depth [m] above which an answer is `IMPLAUSIBLE`: a fraction of the radius, at most the law's thickness."""
         return min(PLAUSIBLE_SHARE * self.femoral_radius, self.law.thickness)
 
     @property
@@ -127,13 +127,13 @@ class KneeModel:
         )  # fmt: skip
 
     def kernel(self, number: int | None = None) -> Callable[..., None]:
-        """Return the function that computes so many ticks: `ticks.run` or its compiled twin; None: nobody knows."""
+        """Return the function for a number of ticks (None: unknown): `ticks.run` or its compiled twin."""
         if self.compiled is False or (self.compiled is None and not compiler.worth_compiling(number)):
             return ticks.run
         return compiler.compiled_run() or ticks.run
 
     def compute(self, samples: Floats, answers: Rows, state: Floats | None = None) -> None:
-        """Compute a run, or go on with one, into rows of answers, without checks; see `ticks.run`.
+        """Compute a run, or continue one, into rows of answers, without checks; see `ticks.run`.
 
         `samples` has shape (n, 4): time since the last tick [s], flexion angle [rad], load [N] and prescribed height
         [m] or NaN. Stamps and latencies of `answers` are left as they are.
@@ -162,11 +162,11 @@ class KneeModel:
             Record array of shape (n,) with the fields of `Contact`: `series.contact_force`, `series.contact_point.x`
             and so on; with `load_model`'s models, `Results`. Bit for bit the records that `stream().tick` gives.
 
-        Angles, loads or times that no knee has, as degrees for radians or a load of the other sign, cause a warning.
+        Implausible angles, loads or times (degrees instead of radians, a load of the wrong sign) cause a warning.
 
         Raises:
             ValueError: shapes differ, a value is not finite or is beyond `LARGEST_LOAD`, `LARGEST_ANGLE` or
-                `LARGEST_HEIGHT`, time does not increase, or the drive and `femoral_height` do not go together.
+                `LARGEST_HEIGHT`, time does not increase, or `femoral_height` does not fit the drive.
         """
         given = (time, flexion_angle, load) if femoral_height is None else (time, flexion_angle, load, femoral_height)
         columns = [np.asarray(column, dtype=float) for column in given]
@@ -212,16 +212,16 @@ class KneeModel:
         return self.patch.readouts(self.law, answers)
 
     def uncertainty(self, answers: Rows, load_deviation: Any) -> Readings:
-        """Compute how far force and depth may be off because the load is, from answers of this model.
+        """Compute the uncertainty of force and depth that follows from the load's, from answers of this model.
 
-        To first order, and cheap: 40 us for a tick of a stream, 1.5 us for one of many. `error_estimate` says how
-        exactly the model is solved, and this how well the knee is known; parameters and shares are uncertain, too
+        It is of first order and cheap: 40 us for a tick of a stream, 1.5 us for one of many. `error_estimate` says how
+        accurately the model is solved; this says how well the knee is known. Parameters and shares are uncertain too
         (`knee_contact_ros.uncertainty`).
 
         Args:
             answers: Shape (n,): what `run` returns, or ticks of a stream in an array.
-            load_deviation: Standard deviation of the compartment's `load` [N], a number or shape (n,): of an estimated
-                load `standard_deviation` of `LoadEstimate`, times the share of the compartment.
+            load_deviation: Standard deviation of the compartment's `load` [N], a number or shape (n,). For an estimated
+                load it is `standard_deviation` of `LoadEstimate` times the compartment's share.
 
         Returns:
             Record array of shape (n,) with the standard deviations `contact_force` [N] and `penetration_depth` [m].
@@ -252,7 +252,7 @@ class KneeModel:
 
 @dataclass(repr=False)
 class Stream:
-    """A run of a model, one tick at a time. The first tick is answered with the static solution."""
+    """A run of a model, tick by tick. The answer to the first tick is the static solution."""
 
     model: KneeModel
     answer: Rows = field(init=False)
@@ -275,10 +275,10 @@ class Stream:
         return f"<Stream {at}: {self.model.parts}>"
 
     def go_on_with(self, model: KneeModel) -> None:
-        """Continue the run with another model of the same drive, from the state as it is, and not from rest.
+        """Continue the run with another model of the same drive, from the present state instead of from rest.
 
-        A model at the quasi-static level is at the static contact of its own law; how far that lies from the present
-        state is an error of its next answers until it has decayed.
+        A quasi-static model is always at the static contact of its own law. Its distance from the present state is an
+        error of the next answers until it has decayed.
         """
         self.model = replace(model, compiled=self.model.compiled)
         self._knee, state = self.model.knee, self._state
@@ -294,9 +294,9 @@ class Stream:
                 state[place] = rest[place]
 
     def lose(self) -> None:
-        """Doubt the state after the first tick: what follows is `NOT_CONVERGED` until the contact has forgotten it.
+        """Declare the state after the first tick unknown: answers are `NOT_CONVERGED` until the contact forgets it.
 
-        For a run that begins in the middle of a motion, and so not at rest.
+        This is for a run that begins in the middle of a motion, and so not at rest.
         """
         load = max(float(self.answer["load"][0]), 0.0)
         stored = load * self.model.static_depth(load)
@@ -308,8 +308,8 @@ class Stream:
         """Advance to `time` [s] and answer; angle [rad], load [N] and height [m] are linear since the previous tick.
 
         Raises:
-            ValueError: a value is not finite or too large, time is not later than at the previous tick, or the drive
-                and `femoral_height` do not go together.
+            ValueError: a value is not finite or too large, time is not later than at the previous tick, or
+                `femoral_height` does not fit the drive.
         """
         if not abs(time) < LARGEST_TIME:
             raise ValueError(f"time must be finite and below {LARGEST_TIME:g} s, got {time}")
@@ -322,7 +322,7 @@ class Stream:
         return contact
 
     def advance(self, stamp: int, flexion_angle: float, load: float, femoral_height: float | None = None) -> None:
-        """Advance to an integer stamp [ns] and leave the answer in `answer`, which is quicker than to return a copy."""
+        """Advance to an integer stamp [ns] and leave the answer in `answer`, which is faster than returning a copy."""
         if self._height_prescribed or femoral_height is not None:
             self.model.check_drive(femoral_height is not None)
         height = math.nan if femoral_height is None else femoral_height
@@ -392,7 +392,7 @@ def _refuse(angle: float, load: float, height: float | None) -> None:
 
 
 def degrees_hint(angle: float) -> str:
-    """Question for the message that refuses an angle; empty if it is not refused for its size."""
+    """Hint for the message that refuses an angle; empty if the angle is not refused for its size."""
     return "; is it in degrees?" if LARGEST_ANGLE < abs(angle) < math.inf else ""
 
 

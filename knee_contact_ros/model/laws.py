@@ -10,8 +10,8 @@ the contact began. Eqs. 8 to 12 of the paper are such rows.
 To add a law, write its factory here: the keyword arguments are the `contact.*` parameters that it uses, and a constant
 that no other law has gets a `Range` and a default. Then name it in `CONTACT_LAWS`, and give it a row in
 docs/explanation/model.md.
-A formula that is no row of the common one is a function of its own, marked `in_kernel`, with another value of
-`Layer.form`, which `force_at` passes to it. What every formula must fulfil stands in `ContactLaw`.
+A formula that is not a row of the common one is a separate function, marked `in_kernel`, with its own value of
+`Layer.form`, by which `force_at` calls it. `ContactLaw` says what every formula must fulfil.
 """
 
 from __future__ import annotations
@@ -32,13 +32,13 @@ from knee_contact_ros.model.types import Floats
 BEGIN, BASE, STIFFNESS, EXPONENT, DAMPING, LOSS, LEAST_SPEED, FORM = range(8)
 """Columns of a law's array for the kernel, which are the fields of `Layer`"""
 APART = 0
-"""Row of the kernel's array in which the surfaces are apart, and nothing presses; the layers follow from row 1 on"""
+"""Row of the kernel's array for surfaces that are apart, without force; the layers follow from row 1"""
 COMMON = 0.0
 """Form of the layers whose force is the common formula"""
 DEEPEST = 1e30
-"""Depth [m] that larger ones are limited to: they occur only in trial steps of an integrator, and must not overflow"""
+"""Limit of depths [m], which prevents overflow; larger ones occur only in trial steps of an integrator"""
 SMALLEST = sys.float_info.min
-"""Divisor in place of 0, where a floor under the impact speed is not needed"""
+"""Divisor instead of 0, where the impact speed needs no floor"""
 
 
 class Range(NamedTuple):
@@ -64,11 +64,11 @@ class Layer(NamedTuple):
     damping: float = 0.0
     """C [N s/m]"""
     loss: float = 0.0
-    """D; if it is not 0 the force depends on the impact speed"""
+    """D; unless it is 0, the force depends on the impact speed"""
     least_impact_speed: float = SMALLEST
     """Floor v_least [m/s] under the impact speed, > 0"""
     form: float = COMMON
-    """Formula: `COMMON`, or the number of a function of its own"""
+    """Formula: `COMMON`, or the number of a separate function"""
 
     def force_at(self, depth: float, rate: float, impact_speed: float = 0.0) -> tuple[float, float, float]:
         """Return the force [N] of the layer's formula and its slopes over depth [N/m] and rate [N s/m], not clamped."""
@@ -98,7 +98,7 @@ def force_at(law: Floats, layer: int, depth: float, rate: float, impact_speed: f
 
 @in_kernel
 def layer_at(law: Floats, depth: float) -> int:
-    """Return the row of the layer at a depth [m], or `APART`; on the beginning of a layer, that layer."""
+    """Return the row of the layer at a depth [m], or `APART`; exactly at the beginning of a layer, that layer."""
     index = APART
     while law[index + 1, BEGIN] <= depth:
         index += 1
@@ -109,7 +109,7 @@ def layer_at(law: Floats, depth: float) -> int:
 def law_force(law: Floats, depth: float, rate: float, impact_speed: float) -> tuple[float, float, float]:
     """Return force and slopes as `force_at` does, in the layer of the depth [m]; 0 when apart.
 
-    On the beginning of a layer they are those of the layer before.
+    Exactly at the beginning of a layer they are those of the layer before.
     """
     index = APART
     while law[index + 1, BEGIN] < depth:
@@ -121,17 +121,17 @@ def law_force(law: Floats, depth: float, rate: float, impact_speed: float) -> tu
 class ContactLaw:
     """Normal contact force as a function of penetration depth and rate, layer by layer.
 
-    The first layer begins at 0 m, each other one deeper than the one before. A formula is smooth within its layer and
-    goes on smoothly beyond its ends. At rest the force is 0 at depth 0, the same on both sides of a layer's beginning,
-    it does not fall with the depth, and its slope does not fall within a layer (the formula is convex, n >= 1): so
-    there is one static depth, and Newton's method solves an implicit stage from anywhere. At a rate the force is
-    F₀(δ) + c(δ) δ̇ with c >= 0. It is not clamped: where a formula pulls, the solver releases the contact.
+    The first layer begins at 0 m, and each other layer deeper than the one before. A formula is smooth within its layer
+    and continues smoothly beyond its ends. The static force is 0 at depth 0, continuous between layers, and does not
+    fall with the depth; nor does its slope within a layer (the formula is convex, n >= 1). So there is one static
+    depth, and Newton's method solves an implicit stage from anywhere. With a rate the force is F₀(δ) + c(δ) δ̇ with c
+    >= 0. It is not clamped: where a formula pulls, the solver releases the contact.
     """
 
     layers: tuple[Layer, ...]
     """The layers in the order of their depths"""
     thickness: float = math.inf
-    """Thickness [m] of what the law models, beyond which no depth is plausible; infinite if it is not known"""
+    """Thickness [m] of the modelled material, above which a depth is implausible; infinite if unknown"""
 
     @cached_property
     def rows(self) -> Floats:
@@ -158,8 +158,8 @@ class ContactLaw:
 def hertz(*, stiffness: float, exponent: float) -> ContactLaw:
     """Return the elastic law F = K δⁿ (Eq. 8 with C = 0): `stiffness` K [N/mⁿ], `exponent` n (1.5: two curved solids).
 
-    Source: Hertz 1882, doi:10.1515/crll.1882.92.156. Valid for small, frictionless contacts of elastic solids. Nothing
-    damps the knee under this law: it rings about its equilibrium for good.
+    Source: Hertz 1882, doi:10.1515/crll.1882.92.156. Valid for small, frictionless contacts of elastic solids. This law
+    has no damping: the knee keeps ringing about its equilibrium.
     """
     return ContactLaw((Layer(stiffness=stiffness, exponent=exponent),))
 
@@ -175,7 +175,7 @@ def kelvin_voigt(*, stiffness: float, exponent: float, damping: float) -> Contac
 def two_layer_elastic(*, stiffness: float, exponent: float, layer_depth: float, stiffness_2: float) -> ContactLaw:
     """Return cartilage on bone, elastic (Eq. 11): K₁ δⁿ up to `layer_depth` h [m], then K₁ hⁿ + K₂ (δ - h)ⁿ.
 
-    `stiffness` is K₁ and `stiffness_2` K₂ [N/mⁿ]. The stiffness jumps at h, and nothing damps the knee.
+    `stiffness` is K₁ and `stiffness_2` K₂ [N/mⁿ]. The stiffness jumps at h. The law has no damping.
     """
     base = force_at(np.array([Layer(0.0, 0.0, stiffness, exponent)]), 0, layer_depth, 0.0, 0.0)[0]
     return ContactLaw((Layer(0.0, 0.0, stiffness, exponent), Layer(layer_depth, base, stiffness_2, exponent)))
@@ -187,7 +187,7 @@ def two_layer_viscoelastic(
     """Return cartilage on bone with a dashpot of `damping` C [N s/m] in the second layer (Eq. 12), or in both.
 
     Eq. 12 as printed damps the second layer only: the force jumps by C δ̇ at h, and above it the knee rings.
-    `damp_first_layer` puts the same dashpot into both layers.
+    `damp_first_layer` adds the same dashpot to the first layer.
     """
     elastic = two_layer_elastic(
         stiffness=stiffness, exponent=exponent, layer_depth=layer_depth, stiffness_2=stiffness_2
@@ -200,10 +200,10 @@ def two_layer_viscoelastic(
 def _impact_damped(stiffness: float, exponent: float, loss: float, least_impact_speed: float) -> ContactLaw:
     """Return a law whose damping remembers the impact: F = K δⁿ (1 + D δ̇ / max(v₀, v_least)).
 
-    The laws that use it differ only in the loss number D(e), e being the wanted coefficient of restitution. What a free
-    impact delivers depends on D alone: it is the root e' of (1 + e') D = ln((1 + D) / (1 - e' D)). `least_impact_speed`
-    [m/s] is a floor under v₀, and the v₀ of contacts that did not begin with an impact: without it D/v₀ would grow
-    without bound for soft touches, and such a knee would be all but rigid.
+    The laws that use it differ only in the loss number D(e), where e is the wanted coefficient of restitution. The
+    restitution of a free impact depends on D alone: it is the root e' of (1 + e') D = ln((1 + D) / (1 - e' D)).
+    `least_impact_speed` [m/s] is a floor under v₀, and the v₀ of contacts that did not begin with an impact. Without it
+    D/v₀ would grow without bound for soft touches, and make the knee almost rigid.
     """
     return ContactLaw((Layer(0.0, 0.0, stiffness, exponent, 0.0, loss, least_impact_speed),))
 
@@ -257,8 +257,8 @@ def elastic_foundation(
     and tibial cartilage together; R is `relative_radius` of `femoral_radius` and `tibial_radius` [m].
 
     Source: Johnson 1985, Contact Mechanics, Sec. 4.3; for the knee Blankevoort et al. 1991,
-    doi:10.1016/0021-9290(91)90019-J. Valid for δ << t, a contact radius √(2 R δ) that is large against t, and a
-    compressible layer. Nothing damps the knee.
+    doi:10.1016/0021-9290(91)90019-J. Valid for δ << t, a contact radius √(2 R δ) that is large compared with t,
+    and a compressible layer. The law has no damping.
 
     Raises:
         ValueError: see `relative_radius`.
@@ -295,7 +295,7 @@ def hertz_stiffness(youngs_modulus: float, poissons_ratio: float, relative_radiu
     """Return the stiffness K [N/m^1.5] of Hertz' law: K = 4/3 E* √R, E* = E / (2 (1 - ν²)) for bodies of one material.
 
     `youngs_modulus` is E [Pa], `poissons_ratio` ν (0 to 0.5), `relative_radius` R [m]. Source: Hertz 1882; Johnson
-    1985, Contact Mechanics, Eq. 4.23. Valid for solids that are thick against the contact radius √(R δ).
+    1985, Contact Mechanics, Eq. 4.23. Valid for solids much thicker than the contact radius √(R δ).
 
     The paper's bone (17.2 GPa, 0.39, radii 34 and 95 mm) gives its second layer: 3.112e9 N/m^1.5 = 98 408 N/mm^1.5. Its
     cartilage (24 MPa, 0.38) gives 4.30e6 N/m^1.5 = 136 N/mm^1.5, and not the 2500 of Table 1, which are calibrated:
@@ -306,14 +306,14 @@ def hertz_stiffness(youngs_modulus: float, poissons_ratio: float, relative_radiu
 
 
 TRIED = (1e-7, 1e-5, 1e-4, 1e-3)
-"""Depths [m] beyond the beginning of a layer at which a law's own formula is tried"""
+"""Depths [m] beyond the beginning of a layer at which a law's own formula is checked"""
 
 
 def check(law: ContactLaw) -> None:
-    """Try the layers whose formula is not the common one, and the order of all: the laws of the package have tests.
+    """Check the layers whose formula is not the common one, and the order of all layers.
 
     Raises:
-        ValueError: one line that says which layer breaks what `ContactLaw` asks for, and where.
+        ValueError: one line that says which layer does not fulfil what `ContactLaw` requires, and where.
     """
     begins = [layer.begin for layer in law.layers]
     if not begins or begins[0] != 0.0 or any(not b > a for a, b in pairwise(begins)):

@@ -24,11 +24,11 @@ from knee_contact_ros.model.compiler import inlined
 
 Floats = NDArray[np.float64]
 LARGEST = 0.1
-"""Largest translation [m]: a larger one is longer than a tibial plateau, and most likely in mm."""
+"""Largest translation [m]: a larger one exceeds a tibial plateau, and is most likely in mm."""
 START, STOP, STEP = -0.3, 1.75, 0.025
 """Range of flexion [rad] in which the parallel mechanism is solved (-17 to 100 deg), and largest step of the grid"""
 CLOSED, ITERATIONS = 1e-14, 25
-"""Largest error [m] of a closed mechanism, some hundred rounding errors of 0.1 m; largest number of Newton's steps"""
+"""Largest error [m] of a closed mechanism, about a hundred rounding errors of 0.1 m; largest number of Newton steps"""
 
 
 @inlined
@@ -48,7 +48,7 @@ def translation(pieces: Floats, angle: float) -> tuple[float, float]:
 
 @dataclass(frozen=True, eq=False)
 class Mechanism:
-    """Prescribes where the femoral reference point lies along the tibia's x axis, C2 at every flexion angle."""
+    """Prescribes the place of the femoral reference point along the tibia's x axis, C2 at every flexion angle."""
 
     name: str
     pieces: Floats
@@ -142,7 +142,7 @@ the closed mechanism stands 3.1 deg internally rotated at full extension. It jam
 
 
 def rotation(flexion: float, abduction: float, internal_rotation: float) -> Floats:
-    """Return R, shape (3, 3), which turns directions of the femur frame into the tibia frame, from angles [rad]."""
+    """Return R, shape (3, 3), which rotates directions from the femur frame to the tibia frame, from angles [rad]."""
     (sf, cf), (sa, ca), (si, ci) = ((math.sin(a), math.cos(a)) for a in (flexion, abduction, internal_rotation))
     return np.array([
         [ci * cf - si * sa * sf, -ci * sf - si * sa * cf, -si * ca],

@@ -1,10 +1,10 @@
 """Femoral surfaces, and their support functions, by which they touch a plane.
 
-With the femur turned by an angle θ, the lowest point of its surface lies h(θ) below the reference point,
+With the femur rotated by an angle θ, the lowest point of its surface lies h(θ) below the reference point,
 h(θ) = max over the curve of -(sin θ pₓ + cos θ p_y), and h'(θ) = -x of that point relative to the reference point. So
 depth and rate on a plane are exact without a search. While the lowest point glides inside one segment of a spline, a
-polynomial of the angle, tabulated once, stands for it; elsewhere the best of a few segments is taken in closed form, so
-that a dent between noisy points is never taken for the contact.
+tabulated polynomial of the angle gives h. Elsewhere h is the best of a few segments in closed form, so that a dent
+between noisy points is never mistaken for the contact.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ CELLS, DEGREE = 2048, 6
 CLOSE = 1e-16
 """Largest error of h' [m] of a polynomial"""
 ARC_POINTS, SHRUNK = 501, 0.5
-"""Number of points of a circle's spline, and part of its radius there"""
+"""Number of points of a circle's spline, and the fraction of its radius that the spline has"""
 PER_RADIAN = CELLS / math.tau
 """Cells of the full turn in a radian"""
 LEAP, RESOLUTION = 1e-6, 1e-13
-"""Least length [m] of a leap of the lowest point; error of its angle [rad]"""
+"""Smallest length [m] of a leap of the lowest point; error of its angle [rad]"""
 NODES: Floats = 0.5 * np.cos((np.arange(DEGREE) + 0.5) * math.pi / DEGREE)
 TRIED: Floats = np.linspace(-0.5, 0.5, 2 * DEGREE + 1)
-"""Places in a cell, of width 1, at which h' is interpolated and at which the result is checked"""
+"""Places in a cell of width 1: where h' is interpolated, and where the result is checked"""
 NOTHING, NOWHERE = np.full((1, 1), math.nan), np.zeros(1, np.int64)
 """Arrays of the kernel that are not used"""
 
@@ -130,7 +130,7 @@ class Circle:
     def cubics(self) -> Floats:
         """The lower part of a smaller circle, `SHRUNK`, as a spline that is 1e-12 m close; see `Profile`.
 
-        Its gap is wider by the difference: so no surfaces overlap, in which the nearest points would be ambiguous.
+        Its gap is wider by the difference, so surfaces never overlap, where the nearest points would be ambiguous.
         """
         turn = np.linspace(-0.5 * math.pi - 1.4, -0.5 * math.pi + 1.4, ARC_POINTS)
         return Profile(SHRUNK * self.radius * np.cos(turn), SHRUNK * self.radius * np.sin(turn)).cubics
@@ -184,7 +184,7 @@ class Profile:
 
     @property
     def knot_spacing(self) -> float:
-        """Mean change of direction [rad] between two points of the spline; to and fro, as in dents, counts as none."""
+        """Mean change of direction [rad] between two points of the spline; changes to and fro, as in dents, cancel."""
         chords = np.diff(np.column_stack([self.cubics[:, [2, 6]].T, self._hull[:, 3, -1]]))
         return abs(float(np.diff(np.unwrap(np.arctan2(chords[1], chords[0]))).mean()))
 
@@ -237,9 +237,9 @@ class Profile:
     def _candidates(self) -> tuple[Integers, Integers]:
         """Return cells and the segments that may have the lowest point in them, in the order of cells.
 
-        Between the middle of a cell and its ends, the support of one segment gains on that of another at most half the
-        width times the distance between them (h' = -x). A segment that is further behind in the middle, by bounds of
-        both, cannot be the lowest.
+        Between the middle of a cell and its ends, one segment's support can gain on another's at most half the width
+        times the distance between them (h' = -x). A segment whose bound is further behind in the middle cannot be the
+        lowest.
         """
         half_width, (hull_x, hull_y) = math.pi / CELLS, self._hull
         angles = (2.0 * np.arange(CELLS)[:, None] + 1.0) * half_width
@@ -274,8 +274,8 @@ class Profile:
     def _kinks(self, begins: Integers, starts: Floats, open_cells: NDArray[Any], edges: Floats) -> list[float]:
         """Return the angles [rad] of `Table.kinks`; `edges` has the places [m] at both edges of each cell.
 
-        While the lowest point glides as the angle grows, the curve bends to the same side all along. If it does not
-        between the lowest points of two angles, bisection finds out whether the lowest point leaps.
+        While the lowest point glides, the curve bends to the same side all along. If it does not between the lowest
+        points of two angles, bisection checks whether the lowest point leaps.
         """
         found: list[float] = []
 

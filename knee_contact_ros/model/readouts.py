@@ -1,21 +1,21 @@
-"""Readouts of a contact beside its depth: patch, pressure, strain of the cartilage and loading rate.
+"""Readouts of a contact besides its depth: patch, pressure, strain of the cartilage and loading rate.
 
-They have no effect on the answers: all of them follow from the depth and the force of an answer, the contact law at
-rest, and two numbers from the constants of the law, `ContactPatch.radius` and `ContactPatch.thickness`.
+They do not affect the answers. They follow from the depth and force of an answer, the contact law at rest, and two
+numbers from the constants of the law, `ContactPatch.radius` and `ContactPatch.thickness`.
 
-A law gives a force and no pressure. The pressure is that force, spread over a round patch by one of two closed forms
-(`Spread`), which are exact for one law each; the force of any other law is spread as Hertz's:
+A law gives a force but no pressure. The pressure is that force, spread over a round patch by one of two closed forms
+(`Spread`). Each is exact for one law; the force of any other law is spread as Hertz's:
 
     a² = s R δ,    p_mean = F₀(δ) / (π a²),    p_peak = k p_mean
 
     POINT_CONTACT  s = 1, k = 3/2   Hertz, two curved solids: exact for F₀ = K δ^1.5, with 3 K / (4 √R) the modulus E*
     FOUNDATION     s = 2, k = 2     a bed of springs on bone: exact for `elastic_foundation`, p(r) = M u(r) / t
 
-F₀ is the law at rest: a dashpot's force has no distribution of its own, is left out, and would be infinitely dense at
-first touch. Sources: Hertz 1882, doi:10.1515/crll.1882.92.156; Johnson 1985, Contact Mechanics, Secs. 3.4, 4.2 and 4.3.
-Valid where a is small against R, and Hertz' also where it is small against the thickness of the cartilage: where it is
-not, the truth lies between the two forms (docs/decisions/compartments.md). A line contact is not offered: it needs a
-width that a planar model has not, and its force is no power of the depth.
+F₀ is the law at rest. A dashpot's force is left out: it has no distribution of its own, and would be infinitely dense
+at first touch. Sources: Hertz 1882, doi:10.1515/crll.1882.92.156; Johnson 1985, Contact Mechanics, Secs. 3.4, 4.2 and
+4.3. Both are valid where a is small compared with R. Hertz' form also needs a to be small compared with the cartilage's
+thickness; otherwise the truth lies between the two forms (docs/decisions/compartments.md). A line contact is not
+offered: it needs a width, which a planar model lacks, and its force is not a power of the depth.
 """
 
 from __future__ import annotations
@@ -49,7 +49,7 @@ class Spread(NamedTuple):
     """Distribution of a force over a contact patch."""
 
     name: str
-    """Name of the distribution, for a person"""
+    """Name of the distribution, for messages"""
     area: float
     """Factor s of the patch's half width a: a² = s R δ"""
     peak: float
@@ -59,9 +59,9 @@ class Spread(NamedTuple):
 POINT_CONTACT = Spread("Hertz, point contact", 1.0, 1.5)
 FOUNDATION = Spread("elastic foundation", 2.0, 2.0)
 SPREADS = {"elastic_foundation": FOUNDATION}
-"""Distributions of the laws, by name, whose force is not spread as Hertz'"""
+"""Distributions of laws whose force is not spread as Hertz's, by the law's name"""
 OWN_PRESSURE = ("hertz", "elastic_foundation")
-"""Laws for which the pressure is exact; for the others it is their force at rest in a Hertzian distribution"""
+"""Laws for which the pressure is exact; for others it is the static force in a Hertzian distribution"""
 
 
 class ContactPatch(NamedTuple):
@@ -69,9 +69,9 @@ class ContactPatch(NamedTuple):
 
     spread: Spread
     radius: float
-    """R [m], of the sphere that meets a plane as the femur meets the tibia (`relative_radius`)"""
+    """R [m]: radius of a sphere on a plane with the same gap as femur and tibia (`relative_radius`)"""
     thickness: float
-    """Thickness of the cartilage [m], whose nominal strain is the depth in it over this"""
+    """Thickness of the cartilage [m]; its nominal strain is the depth in it over this"""
 
     def readouts(self, law: ContactLaw, rows: Rows) -> Readings:
         """Compute the readouts of answers of a law, given in their order in time; shape (n,).
@@ -99,11 +99,11 @@ UNCERTAINTY = np.dtype([("contact_force", "f8"), ("penetration_depth", "f8")])
 
 
 def uncertainty(law: ContactLaw, rows: Rows, load_deviation: Any) -> Readings:
-    """Carry the standard deviation of the load on to contact force and depth, to first order, shape (n,).
+    """Propagate the standard deviation of the load to contact force and depth, to first order, shape (n,).
 
-    A contact at rest carries the load: its force is off in the ratio of force to load, and its depth by that over the
-    stiffness of the law at rest. Where little presses that is too much, and the depth under the deviation alone is an
-    upper bound, which counts then. Inertia and damping are left out.
+    For a contact at rest, the force's deviation is the load's times the ratio of force to load, and the depth's is that
+    over the stiffness of the law at rest. Under small forces this is too much; then the depth that the deviation alone
+    would cause is used, which is an upper bound. Inertia and damping are left out.
 
     Args:
         law: The contact law.

@@ -1,14 +1,14 @@
 """One tick of forward dynamics, from top to bottom: M ÿ = -L(t) + n_y F(δ, δ̇) (Eq. 13), with error control and events.
 
-Between two samples load and flexion angle are linear in time, and the height y of the femur is the one free coordinate.
-`advance` carries it over that interval. The contact is in one mode at a time: apart; pressing in one layer of the law;
-or released, where the surfaces overlap but the layer's formula would pull (cartilage cannot). Pressing, it takes
-explicit Runge-Kutta steps where the contact is not stiff against the step, and implicit ones elsewhere; else the femur
-flies, which is exact. A step that has crossed a boundary of its mode is shortened until it ends on it, and the next
-mode goes on from there: no step crosses a kink or a jump of the force. What is known of the error goes along
-(`error_estimate.py`).
+Between two samples load and flexion angle are linear in time, and the height y of the femur is the only free
+coordinate. `advance` integrates it over that interval. The contact is in one mode at a time: apart; pressing in one
+layer of the law; or released, where the surfaces overlap but the layer's formula would pull (cartilage cannot). A
+pressing contact takes explicit Runge-Kutta steps if it is not stiff for the step, and implicit ones otherwise. In the
+other modes the femur flies, which is solved exactly. A step that crosses a boundary of its mode is shortened to end on
+it, and the next mode continues from there, so no step crosses a kink or a jump of the force. The estimated error is
+propagated too (`error_estimate.py`).
 
-The constants are held to random scenes against an independent reference (`studies.honesty`).
+The constants are checked in random scenes against an independent reference (`studies.honesty`).
 """
 
 from __future__ import annotations
@@ -47,29 +47,29 @@ from knee_contact_ros.model.types import Floats
 NOWHERE, ABOVE, FORCE, BELOW = -1, 0, 1, 2
 """Boundaries of a mode: none, the beginning of the layer, the change between pressing and released, the layer's end"""
 DEPTH_ROUNDING, FORCE_ROUNDING = 1e-13, 1e-10
-"""How far a boundary must be crossed, else it is rounding: depth [m]; force as a part of the load (or of 1 N)"""
+"""How far a boundary must be crossed to exceed rounding: depth [m]; force relative to the load (or to 1 N)"""
 ON_BOUNDARY = 0.01
-"""Distance from a boundary at which a step ends on it, as a part of that rounding"""
+"""Distance from a boundary at which a step ends on it, as a fraction of that rounding"""
 KINK_WIDTH = 2e-12
 """Margin of the flexion angle [rad] on both sides of a kink: more than the rounding of its place"""
 LOCAL_SHARE = 0.1
 """Share of the tolerance that the errors of all steps together may use while the contact remembers them."""
 FORGETTING, RADIANS = 30.0, 2e4
-"""How long [s] an error is taken to count where nothing damps it, and for how much of an oscillation [rad] at most: so
-a knee that rings is known for a minute or more"""
+"""Time [s] for which an error counts where nothing damps it, and largest phase of an oscillation [rad] for which it
+does, so that a ringing knee is known for a minute or more"""
 ROUNDING = 4.0 * sys.float_info.epsilon
-"""Part of a height or a velocity below which an estimated error is rounding, which no smaller step can cure."""
+"""Relative error of a height or velocity below which it is rounding, which no smaller step can cure."""
 NEWTON_SHARE, DEPTH_SHARE, LEAST_CORRECTION = 0.01, 1e-4, 1e-16
 """Newton's method has converged at this share of the tolerance, of the depth, and at this correction [m] at least"""
 MAX_NEWTON = 30
 RELEASE = 8.0
-"""Number of further steps within which a falling force or layer must end to count as one that is about to"""
+"""A falling force or layer counts as about to end if it will within this number of steps"""
 REBOUND = 2.0
 """Contact force, as a multiple of the load, above which the femur is expected to rebound into the air"""
 THROWN = 64.0
 """Factor by which the tolerance is stricter for steps whose errors go into a flight, where they grow"""
 FOLLOWED = 0.02
-"""Part of an undamped oscillation that its error may be"""
+"""Largest error of an undamped oscillation, relative to it"""
 EXPLICIT = 1.0
 """Largest step times spectral radius of the contact that is taken explicitly"""
 MOST_EXPLICIT = 6.0
@@ -78,7 +78,7 @@ SINGULAR = 10.0
 """Factor on the explicit estimate where a layer begins: the force is the 1.5th power of the way from there, and both
 orders fail alike. For t^1.5 they are 8.2e-4 and 9.0e-4 off, so that their difference is a tenth of the error"""
 NEAR_KNOT = 0.2
-"""Part of the turn between two knots of the femur's spline from which a step is likely to cross one: alike"""
+"""The same factor applies if a step turns the femur by more than this fraction of the turn between two knots"""
 STIFF = 100.0
 """h² k/m + h c/m above which only the stage order is left of the implicit method's order"""
 LARGEST_RADIUS = 0.2
@@ -94,17 +94,17 @@ RELEASED = 0.05
 LAUNCH_ROUNDING = 2e-12
 """Error of a flight, as a part of its way, by the rounding of the event before it."""
 AIRBORNE = 1.25
-"""Safety factor on the published error of a flight: it is that of one velocity, and not a mean over many steps"""
+"""Safety factor on the published error of a flight, which comes from one velocity and not from many steps"""
 LOOKS, MAX_LOOKS = 16, 4096
-"""Least number of looks in a flight through overlapping surfaces, and the largest one of all flights of a tick"""
+"""Smallest number of looks in a flight through overlapping surfaces, and largest number in all flights of a tick"""
 GRAZE = 1e-5
 """Part of the tolerance by which a point may graze the other surface unseen between two looks at a flight"""
 FINEST = 1e-6
-"""Part of a flight through overlapping surfaces below which two looks are not looked between"""
+"""Fraction of a flight through overlapping surfaces below which the time between two looks is not divided"""
 MAX_LOCATE = 60
 """Largest number of attempts to end a step on a boundary"""
 MAX_EVENTS = 1000
-"""Crossed boundaries after which a tick is given up"""
+"""Number of crossed boundaries after which a tick is given up"""
 STEP_COST = 18
 """Evaluations that must be left for another step"""
 
@@ -129,7 +129,7 @@ IMPLICIT_ORDER = (D3, D2, D4, D5, 1.0)
 
 
 class Knee(NamedTuple):
-    """A knee and how exactly it is to be solved: the constants of a run, as the kernel takes them."""
+    """A knee and the accuracy of its solution: the constants of a run in the kernel's form."""
 
     surfaces: Surfaces
     law: Floats
@@ -141,7 +141,7 @@ class Knee(NamedTuple):
     tolerance: float
     """Tolerated error of the depth [m]"""
     force_tolerance: float
-    """Tolerated error of the contact force [N]; 0: any"""
+    """Tolerated error of the contact force [N]; 0: no limit"""
     budget: int
     """Largest number of contact law evaluations in a tick"""
     level: int
@@ -279,7 +279,7 @@ def inside_by(knee: Knee, layer: int, pressing: bool, boundary: int, stage: Stag
 
 @in_kernel
 def crossed(knee: Knee, tick: Interval, layer: int, pressing: bool, stage: Stage, known: int) -> int:
-    """Return the first boundary of a mode that a contact lies beyond, except the `known` one; `NOWHERE` if inside."""
+    """Return the first boundary of a mode that a contact has crossed, except the `known` one; `NOWHERE` if inside."""
     if known != ABOVE and stage.depth < knee.law[layer, BEGIN] - DEPTH_ROUNDING:
         return ABOVE
     pull = -stage.force if pressing else stage.force
@@ -297,9 +297,9 @@ def scan(
 ) -> tuple[int, float, float]:  # fmt: skip
     """Return the first boundary that the stages of a step of `h` [s] cross, where, and their largest leap [m/s].
 
-    The stages are in the order of their `fractions` of the step. The `known` boundary is not reported at the end: the
-    step is made to end there. A contact that glides changes its rate by the radius of curvature times the turn; beyond
-    `LARGEST_RADIUS` it has leapt from bump to bump.
+    The stages are in the order of their `fractions` of the step. The `known` boundary is not reported at the end,
+    because the step is meant to end there. A gliding contact changes its rate by the radius of curvature times the
+    turn; beyond `LARGEST_RADIUS` it has leapt from bump to bump.
     """
     boundary, fraction, leapt, before, since = NOWHERE, 1.0, 0.0, begin.surface_rate, 0.0
     glides = LARGEST_RADIUS * tick.angle_rate * tick.angle_rate * h
@@ -408,7 +408,7 @@ def implicit_step(
 ) -> Step:  # fmt: skip
     """Take one ESDIRK step of `h` [s] from s [s] on, from the contact `one`, with `room` evaluations at most.
 
-    Its embedded solution is not used: on gait its estimate was a fifth of the true error. `doubled_step` estimates it.
+    The embedded solution is not used: in gait its estimate was a fifth of the true error. `doubled_step` estimates it.
     """
     d, a1 = h * G, one.acceleration
     high, fast = y + h * (G21 * v), v + h * (G21 * a1)
@@ -502,7 +502,7 @@ def error_ratio(
 ) -> float:
     """Return the estimated error of a step over its share of the tolerance, which all steps that still count share.
 
-    `landed` tells whether the contact has begun with the end of a flight.
+    `landed`: whether the contact began with the end of a flight.
     """
     if not step.solved:
         return math.inf
@@ -717,7 +717,7 @@ def lateness(tick: Interval, error: Error, s: float, rate: float, mass: float) -
 
 @in_kernel
 def impact_doubt(knee: Knee, layer: int, stage: Stage, impact: float, impact_error: float) -> float:
-    """Return by how much a force [N] differs if its contact has begun faster or slower by an error [m/s]."""
+    """Return the change of a force [N] if its contact began faster or slower by an error [m/s]."""
     faster, _, _ = force_at(knee.law, layer, stage.depth, stage.rate, impact + impact_error)
     slower, _, _ = force_at(knee.law, layer, stage.depth, stage.rate, max(0.0, impact - impact_error))
     return max(abs(faster - stage.force), abs(slower - stage.force))

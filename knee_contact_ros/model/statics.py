@@ -13,13 +13,13 @@ MAX_ITERATIONS = 200
 ANSWER = 24
 """Largest number of evaluations for the answer to a tick that was given up: enough for any load without a guess"""
 NO_LIMIT = 1_000_000
-"""Number of evaluations that stands for no limit"""
+"""Number of evaluations that means no limit"""
 ROUNDING = 1e-16
-"""Error [m] to which depth and height are solved, or part of them."""
+"""Error to which depth and height are solved: in m, or relative to them."""
 START_HEIGHT = 0.1
 """Height [m] at which the search for the femoral height begins: above any contact."""
 RESOLVED = 1e-3
-"""Largest part of the depth that Newton's last correction may be"""
+"""Largest last correction of Newton's method, relative to the depth"""
 DEEPEST = 1e9
 """Depth [m] at which the search for the depth ends"""
 
@@ -41,9 +41,9 @@ def height_at(surfaces: Surfaces, angle: float, depth: float, near: float) -> fl
 def static_depth(law: Floats, force: float, near: float, resolution: float, most: int) -> tuple[float, int]:
     """Solve F(depth, 0) = force [N] for the depth [m]; 0 for a force <= 0 (just touching). Also return evaluations.
 
-    Newton's method from `near` [m], of the logarithms where that is far, inside a bracket that halves when Newton
-    leaves it, until a correction is below `resolution` [m] (0: to rounding); the static force grows with the depth in
-    every law. For a force that is not reached at 1e9 m the solution is that depth. `most` limits the evaluations.
+    Newton's method starts at `near` [m], uses logarithms if that is far, and stays in a bracket that is halved when an
+    iterate leaves it. It stops when a correction is below `resolution` [m] (0: to rounding). The static force grows
+    with the depth in every law. A force that is not reached at 1e9 m gives that depth. `most` limits the evaluations.
     """
     if force <= 0.0:
         return 0.0, 0

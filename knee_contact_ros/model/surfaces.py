@@ -36,28 +36,28 @@ COSINE, SINE = 0.5, math.sqrt(0.75)
 LEVELS: Floats = 1e-3 * np.array([-35, -22, -13, -7, -3.5, -1.5, -0.5, 0, 0.5, 1, 1.7, 2.5, 3.5, 10])
 """Depths [m] for which starts are tabulated"""
 WIDTH, WIDER = 0.0125, 8.0
-"""Width [rad] of that table's columns of angles, and how many times wider those before and behind are"""
+"""Width [rad] of that table's columns of angles, and the factor for the wider columns on both sides"""
 OUTSIDE, INSIDE, FIRST_ANGLE = 100, 272, -0.6
 """Numbers of wide columns on each side and of others between, which begin at `FIRST_ANGLE` [rad]"""
 BEYOND: Floats = WIDER * np.arange(OUTSIDE + 1, dtype=np.float64)
 EDGES: Floats = FIRST_ANGLE + WIDTH * np.concatenate([-BEYOND[:0:-1], np.arange(INSIDE), BEYOND + INSIDE])
 """Edges of the columns [rad]"""
 SLACK, SLACK_OF_ALL = 0.1, 2e-5
-"""How much less deep [m] another place may be in a corner of a cell to be deepest inside: per distance, and always"""
+"""A place may be the deepest inside a cell if it is less deep by this at a corner [m]: per distance, and always"""
 APART, OUTWARD = 4e-4, 1e-4
-"""Distance [m] of tibial places from which on they are two starts; first step [m] of a search by halves"""
+"""Distance [m] above which tibial places are two starts; first step [m] of a search by halving"""
 STEEPEST = 1.4
-"""Largest slope angle [rad] of a tibia that is looked for contacts"""
+"""Largest slope angle [rad] of a tibia that is searched for contacts"""
 MOST_STEPS, MOST_HALVES = 40, 80
-"""Largest numbers of Newton's steps and of halves"""
+"""Largest numbers of Newton steps and of halvings"""
 FAR = 1.0
-"""Height [m] beyond which no contact is searched: only an iterate that has run off is there"""
+"""Height [m] beyond which no contact is searched: only a diverged iterate gets there"""
 GRID, LEANS, FINE, PARTS = 2048, 61, 16384, 8
 """Numbers of places of the envelopes, of slopes of the tibia, of its points, and of points in a femoral segment"""
 ARC_POINTS, BALLS, SAFE = 1201, 6, 0.9
 """Number of points of a cup's spline; of balls in a tibial piece, and part of their radii that is safe"""
 TAILS: Floats = np.geomspace(1e-4, 0.1, 20)
-"""Places [m] beyond the measured tibia that balls are held against"""
+"""Places [m] beyond the measured tibia against which balls are checked"""
 LAST_STEP, LONGEST, FINEST = 1e-7, 1e-3, 1e-14
 """Newton's step [m] after which the error is a rounding error; largest step [m]; where halving ends [m]"""
 NO_TABLE = Table(NOTHING, NOWHERE, NOTHING, NOTHING, NOTHING[0, :0])
@@ -114,7 +114,7 @@ class Surfaces(NamedTuple):
     """Shape (n, 6): a curved tibia: start [m] and c0 to c3 of y = c0 + u (c1 + u (c2 + u c3)) with u = x - start, as in
     `Mechanism`, and the radius [m] of a ball that touches the piece from below and lies below all of the surface"""
     non_convex: float
-    """1 if the contact may leap from bump to bump at angles that `next_kink` does not know, else 0"""
+    """1 if the contact may leap between bumps at angles that `next_kink` does not know, else 0"""
     knot_spacing: float
     """Mean turn [rad] between two points where the femur is not smooth; infinite if it is"""
     largest_radius: float
@@ -131,7 +131,7 @@ class Surfaces(NamedTuple):
 def touch(surfaces: Surfaces, angle: float, angle_rate: float, height: float) -> tuple[float, float, float]:
     """Return signed depth [m], its rate at a held height [m/s], and n_y, at an angle [rad], its rate and a height [m].
 
-    The rate of the depth is the second number less n_y times the velocity of the height; along the height acts n_y
+    The rate of the depth is the second number minus n_y times the height's velocity. The force along the height is n_y
     times the contact force.
     """
     x, x_slope = translation(surfaces.pieces, angle)
@@ -143,7 +143,7 @@ def touch(surfaces: Surfaces, angle: float, angle_rate: float, height: float) ->
 def closest(surfaces: Surfaces, angle: float, x: float, height: float) -> tuple[float, float, float, float, float]:
     """Return the fields of `Closest` for the reference point at (x, height) [m].
 
-    On a plane the depth is h - n·(x, height), h being the femur's support at the angle less the slope.
+    On a plane the depth is h - n·(x, height), where h is the femur's support at the angle minus the slope.
     """
     if surfaces.kind != ON_PLANE:
         return common_normal(surfaces, angle, x, height)
@@ -158,10 +158,10 @@ def closest(surfaces: Surfaces, angle: float, x: float, height: float) -> tuple[
 def common_normal(
     surfaces: Surfaces, angle: float, x: float, height: float
 ) -> tuple[float, float, float, float, float]:
-    """Return the fields of `Closest` on a curved tibia: the deepest of the contacts that are found from some starts.
+    """Return the fields of `Closest` on a curved tibia: the deepest of the contacts found from some starts.
 
-    From each start Newton's method goes to a common normal. Where it does not get to a least distance, or the foot may
-    not be the nearest one to a point below the surface, a search by halves takes over.
+    From each start Newton's method finds a common normal. If it does not reach a smallest distance, or if its foot may
+    not be the nearest one to a point below the surface, a search by halving takes over.
     """
     if surfaces.kind == IN_CUP:  # the circle's deepest point is in the direction of its centre's nearest tibial point
         radius, below = surfaces.tibial_radius, surfaces.tibial_radius - height
@@ -260,7 +260,7 @@ def tibial_point(tibia: Floats, j: int, x: float) -> tuple[float, float, float]:
 
 @in_kernel
 def piece_at(tibia: Floats, j: int, x: float) -> int:
-    """Return the piece of a curved tibia at x [m], from a piece nearby on."""
+    """Return the piece of a curved tibia at x [m], searched from a piece nearby."""
     while j > 0 and x < tibia[j, 0]:
         j -= 1
     while j < len(tibia) - 1 and x >= tibia[j + 1, 0]:
@@ -272,9 +272,9 @@ def piece_at(tibia: Floats, j: int, x: float) -> int:
 def searched(
     cubics: Floats, tibia: Floats, sine: float, cosine: float, x: float, height: float, i: int, u: float
 ) -> tuple[int, float, int, float]:
-    """Find a place of the femur that is deeper than those beside it, with the nearest one of all tibial points.
+    """Find a place of the femur that is deeper than its neighbours, with the nearest of all tibial points.
 
-    Where the depth is largest the nearest point may be one of two on both sides: then the depth has an edge there.
+    Where the depth is largest, there may be a nearest point on either side: then the depth has an edge there.
 
     Returns segment and parameter u [m], tibial piece and x [m].
     """
@@ -305,7 +305,7 @@ def searched(
 
 @in_kernel
 def nearest(tibia: Floats, x: float, y: float) -> tuple[int, float]:
-    """Return piece and x [m] of the nearest one of all points of a curved tibia to (x, y) [m]."""
+    """Return piece and x [m] of the point of a curved tibia that is nearest to (x, y) [m]."""
     j = piece_at(tibia, 0, x)
     rise, _, _ = tibial_point(tibia, j, x)
     reach, count = abs(y - rise), len(tibia)
@@ -333,8 +333,8 @@ def nearest(tibia: Floats, x: float, y: float) -> tuple[int, float]:
 def next_kink(surfaces: Surfaces, start: float, end: float) -> float:
     """Return the first flexion angle [rad] strictly between two at which the depth's rate jumps at any height, or NaN.
 
-    There the lowest point of a profile on a plane leaps over a dent. `start` may be the larger of the two angles, and
-    the first kink is the one next to it.
+    There the lowest point of a profile on a plane leaps over a dent. `start` may also be the larger angle; the first
+    kink is the one nearest to it.
     """
     count, way = len(surfaces.kinks), 1 if start < end else -1
     for turn in range(math.floor(start / math.tau), math.floor(end / math.tau) + way, way):
@@ -350,9 +350,9 @@ class Plane:
     """A plane through the origin of the tibia frame."""
 
     slope: float = 0.0
-    """Slope [rad], > 0 if its anterior edge is the higher one; less than a quarter turn"""
+    """Slope [rad], > 0 if the anterior edge is higher; less than a quarter turn"""
     curvature = 0.0
-    """Upper bound of the curvature [1/m], >= 0: how hollow it is"""
+    """Upper bound of the concave curvature [1/m], >= 0"""
 
     def __str__(self) -> str:
         return "plane"
@@ -407,7 +407,7 @@ class Cup:
 class Plateau:
     """A measured plateau through points of the tibia frame: a C2 cubic spline y(x), straight beyond its ends.
 
-    The points are ordered from posterior to anterior or back; one that repeats the one before it counts once.
+    The points are ordered along x in either direction; a repeated point counts once.
 
     Raises:
         ValueError: fewer than 4 different points, a number that is not finite, or points that turn back in x.
@@ -542,17 +542,17 @@ class ContactPair:
         )  # fmt: skip
 
     def table(self) -> dict[str, Floats]:
-        """Return what is tabulated, as arrays to plot; on a curved tibia also the edges of the columns [rad]."""
+        """Return the tables as arrays to plot; on a curved tibia also the edges of the columns [rad]."""
         arrays = {name: one for name, one in self.surfaces._asdict().items() if isinstance(one, np.ndarray)}
         return arrays | ({"edges": EDGES} if self.surfaces.kind == ON_CURVE else {})
 
 
 def _starts(femur: Circle | Profile, tibia: Floats, mechanism: Mechanism) -> Table:
-    """Tabulate where a search of the common normal starts, by brute force over angles, depths and femoral points.
+    """Tabulate where a search for the common normal starts, by brute force over angles, depths and femoral points.
 
     The femur has a gap g where it touches the upper envelope of balls of radius g about the tibia's points, and a depth
-    d where it touches the lower envelope. So in a corner of the table, which has an angle and a depth, the femoral
-    points that may be deepest are those with the least clearance above a curve, straight down.
+    d where it touches the lower envelope. A corner of the table has an angle and a depth. There, the femoral points
+    that may be deepest are those with the smallest vertical clearance above the envelope.
     """
     turns, cubics = isinstance(femur, Profile), femur.cubics
     parts, inner = (1, SHRUNK * femur.radius) if isinstance(femur, Circle) else (PARTS, 0.0)
@@ -594,7 +594,7 @@ def _starts(femur: Circle | Profile, tibia: Floats, mechanism: Mechanism) -> Tab
 
 
 def _cells(corners: Floats, heights: Floats, cubics: Floats, tibia: Floats, parts: int) -> Table:
-    """Give each cell of the table the starts of its four corners: column, level, femoral point and tibial x [m]."""
+    """Assign each cell of the table the starts of its four corners: column, level, femoral point and tibial x [m]."""
     rows, (columns, levels, points, places) = len(LEVELS) - 1, corners
     middle = 0.5 * (heights[1:] + heights[:-1])
     around = [(columns - i, levels - j, points, places) for i in (0, 1) for j in (0, 1)]

@@ -1,9 +1,9 @@
-"""Ticks one after another: the interval that two samples prescribe, its answer at the level asked for, and its row.
+"""Ticks in order: the interval between two samples, its answer at the requested level, and its row.
 
-`quasi_static` answers with the static contact, and estimates the motion that it leaves out; `dynamic`, which `auto` is,
-with the solver. With a prescribed height the force follows from the depth. A tick that may not take the evaluations
-that it needs is answered with the static contact, from which the run goes on: the exact solution is lost, and no answer
-is OK until the contact has forgotten the difference (`remember`).
+`quasi_static` answers with the static contact, and estimates the motion that this leaves out. `dynamic` (also called
+`auto`) answers with the solver. With a prescribed height the force follows from the depth. A tick that needs more
+evaluations than it may take is answered with the static contact, from which the run continues. The exact solution is
+then lost, and no answer is OK until the contact has forgotten the difference (`remember`).
 
 The state of a run and its answers lie in arrays of the caller, so that a tick allocates nothing.
 """
@@ -73,26 +73,26 @@ DURATION_IN, ANGLE_IN, LOAD_IN, HEIGHT_IN = range(4)
 LARGEST_FORCE_ERROR = 1e12
 """Largest published error estimate of the contact force [N]"""
 NEARLY_STRAIGHT = 0.05
-"""Part of the depth up to which an error of the depth changes the force in proportion to the stiffness"""
+"""Fraction of the depth up to which a depth error changes the force in proportion to the stiffness"""
 MOST_BISECTIONS = 60
 """Largest number of bisections to find the time of touch at a prescribed height"""
 FORGOTTEN, REMAINS = 1e-4, 1e-2
-"""Part of the tolerance to which a lost difference must have decayed, and what of it is taken to be left then"""
+"""Fraction of the tolerance to which a lost difference must decay, and the fraction that is assumed to remain then"""
 TINY_SPEED = 1e-9
-"""Least bound of a speed [m/s] while the exact solution is lost: 0 stands for a solution that is known"""
+"""Smallest bound of a speed [m/s] while the exact solution is lost; 0 means that the solution is known"""
 ROUGH, LOOSE, BENT_REST = 0.2, 0.03, 0.5
 """Unknown parts of the motion that the quasi-static level leaves out: of its change in a tick, of itself, and of its
 part of the depth, as the linearised contact is not constant"""
 ANOTHER = 1.0 / 3.0
-"""Part of stiffness or damping by which they must change in a tick to be taken as others at its end"""
+"""Relative change of stiffness or damping in a tick above which errors are propagated by both values"""
 IN_STEP, ANY_PHASE = 0.5, 2.5
-"""Phase error of an oscillation [rad] up to which its phase counts as known; how far others may have grown beyond it"""
+"""Phase error of an oscillation [rad] up to which its phase counts as known; growth of others beyond it"""
 SOFT_SWINGS = 2.0 * math.pi
 """Phase [rad] of a swing in the layer above, in which the static contact's deviation becomes smaller by a factor e"""
 UNKNOWN_INERTIA = 0.8
 """Unknown part of the inertia that the quasi-static level leaves out, of which only the mean over a tick is known"""
 SETTLING = 0.1
-"""Time of contact [s] in which the femur settles after a flight farther than any knee's"""
+"""Time of contact [s] in which the femur settles after a flight that is too far for a knee"""
 NOT_CONVERGED, IMPLAUSIBLE = int(Status.NOT_CONVERGED), int(Status.IMPLAUSIBLE)
 (
     W_ANGLE, W_LOAD, W_FORCE, W_DEPTH, W_GAP, W_RATE, W_SLIDING, W_POINT, W_HEIGHT, W_CARTILAGE, W_BONE, W_ERROR,
@@ -108,7 +108,7 @@ C_EVALUATIONS = byte("evaluations") // 4
 
 @in_kernel
 def run(knee: Knee, state: Floats, samples: Floats, words: Floats, codes: Bytes, counts: Counts) -> None:
-    """Compute ticks one after another into rows of answers, which are given as their words, bytes and half words.
+    """Compute ticks in order into rows of answers, which are passed as their words, bytes and half words.
 
     `state` has shape (`STATE_SIZE`,), `samples` (n, 4). The duration of the first tick of a run has no effect: that
     tick is answered with the contact at rest.

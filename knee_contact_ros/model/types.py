@@ -1,7 +1,7 @@
 """The answer to one tick, and the enumerations it uses.
 
-`Contact` is declared here once, and everything that holds answers holds rows of `ROW`: the kernel writes them, messages
-and recordings are made of their bytes, reports and viewers name their fields. The values of the enumerations equal the
+`Contact` is declared only here. All answers are rows of `ROW`: the kernel writes them, messages and recordings copy
+their bytes, reports and viewers use their field names. The values of the enumerations equal the
 constants in `msg/KneeContact.msg`.
 """
 
@@ -29,16 +29,16 @@ FARTHEST_GAP, FARTHEST_POINT = 0.01, 0.06
 
 
 class Field(NamedTuple):
-    """What is declared of a field of an answer, beside its name and its meaning."""
+    """Declaration of a field of an answer, besides its name and meaning."""
 
     unit: str = ""
-    """SI unit; components of a vector have that of the vector"""
+    """SI unit; a vector's components have the vector's unit"""
     kind: type[np.generic] = np.float64
-    """NumPy type; vectors have the class of the field in place of it"""
+    """NumPy type; vectors use the class of the field instead"""
     plot: str = ""
-    """Title of the plot that viewer and layouts make of it; empty: they draw it in a way of its own, or not at all"""
+    """Title of its plot in viewer and layouts; empty: they draw it in another way, or not at all"""
     added: bool = False
-    """Whether the message of earlier versions lacks it"""
+    """Whether messages of earlier versions lack it"""
 
 
 Code = Annotated[int, Field(kind=np.uint8)]
@@ -57,7 +57,7 @@ class Fidelity(IntEnum):
 
     QUASI_STATIC = 0
     FIRST_ORDER = 1
-    """A level of earlier versions, which old recordings name"""
+    """A level of earlier versions, found in old recordings"""
     DYNAMIC = 2
 
 
@@ -186,7 +186,7 @@ class Contact(Row):  # type: ignore[misc]
 PARTS: dict[str, type[Row]] = {}
 """Classes of the fields that are records themselves, by field name"""
 FIELDS: dict[str, Field] = {}
-"""What is declared of the numbers of an answer, by their names in `FLAT`"""
+"""Declarations of the numbers of an answer, by their names in `FLAT`"""
 
 
 def _fields(record: type[Row], before: str = "", unit: str = "") -> np.dtype[Any]:
@@ -265,7 +265,7 @@ def reader(*names: str) -> struct.Struct:
 
 
 def blank(number: int) -> Rows:
-    """Return rows for a kernel to fill, shape (number,), whose padding bytes are 0; in a copy they may be anything."""
+    """Return rows for a kernel to fill, shape (number,); their padding bytes are 0, but a copy's may be anything."""
     return np.zeros(number, dtype=ROW)
 
 
