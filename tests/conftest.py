@@ -22,8 +22,9 @@ os.environ.pop("RMW_IMPLEMENTATION", None)  # the tests have a graph of their ow
 settings.register_profile("no timed tests", deadline=None)
 settings.load_profile("no timed tests")
 
-LONG = {"packaging", "ros", "studies", "calibrate", "sweep"}
-"""Folders with tests of half a minute, or with files that one process runs"""
+WAITING, LONG = {"ros"}, {"packaging", "studies", "calibrate", "sweep", "benchmarks"}
+NEXT = {"bags", "node", "view", "hostile"}
+"""Folders with files that one process runs and that mostly wait; with tests of half a minute; with tests of seconds"""
 LONGEST_NAME = 60
 """Largest length of a text, or of bytes, by which a case is named"""
 REFERENCE_DATA = ROOT.parent / "shared" / "data"
@@ -46,8 +47,17 @@ def pytest_make_parametrize_id(val: object) -> str | None:
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Begin with the rooms whose tests take longest, so that at the end no worker waits for another one's."""
-    items.sort(key=lambda item: LONG.isdisjoint(item.path.relative_to(ROOT).parts))
+    """Begin with what takes longest, those that wait among those that compute, so that no processor is idle."""
+
+    def of(folders: set[str]) -> list[pytest.Item]:
+        return [item for item in items if not folders.isdisjoint(item.path.relative_to(ROOT).parts)]
+
+    waiting, long = of(WAITING), of(LONG)
+    files = list(dict.fromkeys(item.path for item in waiting))
+    place = {item: files.index(item.path) / len(files) for item in waiting}
+    place |= {item: number / len(long) for number, item in enumerate(long)}
+    place |= dict.fromkeys(of(NEXT), 1.0)
+    items.sort(key=lambda item: place.get(item, 2.0))
 
 
 @pytest.fixture(scope="session")

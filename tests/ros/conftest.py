@@ -119,13 +119,13 @@ class Peer:
         self.wrenches: list[WrenchStamped] = []
         self.diagnostics: dict[str, dict[str, str]] = {}
         self.problems: dict[str, str] = {}
+        self.told: set[str] = set()
+        """All that `/diagnostics` has said, by any entry"""
         self.stalled: list[subprocess.Popen[str]] = []
         self.clients: dict[tuple[type, str], Any] = {}
         """Clients of services, by type and name"""
         self.node_process = 0
         """Its number, for faults that need it"""
-        self.between = 0.0
-        """Flexion angle [rad] that changes nothing between two good samples, for faults likewise"""
         qos = QoSProfile(depth=1000)
         self.angle = self.node.create_publisher(JointState, joint_states, qos)
         self.force = self.node.create_publisher(WrenchStamped, "joint_reaction_force", qos)
@@ -138,6 +138,7 @@ class Peer:
         for status in message.status:
             self.diagnostics[status.name] = {value.key: value.value for value in status.values}
             self.problems[status.name] = status.message
+            self.told.add(status.message)
 
     def wait_until(self, done: Callable[[], Any]) -> None:
         """Spin until something has happened."""
@@ -178,10 +179,10 @@ class Peer:
         """Publish a flexion angle [rad] at a stamp [ns]."""
         self.angle.publish(JointState(header=header(RosMessages, stamp, ""), name=[joint], position=[angle]))
 
-    def send_force(self, stamp: int, axial: float) -> None:
+    def send_force(self, stamp: int, axial: float, frame: str = "tibia_r") -> None:
         """Publish an axial compression [N] at a stamp [ns]."""
         wrench = RosMessages.Wrench(force=RosMessages.Vector3(x=0.0, y=-axial, z=0.0))
-        self.force.publish(WrenchStamped(header=header(RosMessages, stamp, "tibia_r"), wrench=wrench))
+        self.force.publish(WrenchStamped(header=header(RosMessages, stamp, frame), wrench=wrench))
 
     def send(self, stamp: int, angle: float, axial: float) -> None:
         """Publish both."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 import signal
 import struct
@@ -17,14 +18,14 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from rosgraph_msgs.msg import Clock
-from sensor_msgs.msg import JointState as RosJointState
-from std_srvs.srv import Trigger
+from sensor_msgs.msg import JointState
 
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.node.managed_node import MEANINGLESS
-from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
+from knee_contact_ros.streams.messages import JointState as Joints
+from knee_contact_ros.streams.messages import WrenchStamped, encode_joint_state, encode_wrench_stamped
 from tests.helpers.messages import RosMessages, header
-from tests.ros.conftest import STEP, Peer, call
+from tests.ros.conftest import STEP, Peer, call, change_state, set_parameters, trigger
 
 HALF = 12
 """Good samples before a fault, and as many after it"""
@@ -44,6 +45,26 @@ print("listening", flush=True)
 rclpy.spin(node)
 """
 """A program that listens to the answers reliably, says so, and reads on and on"""
+
+
+REFUSED = (
+    ("femur.geometry", "profile", "femur.geometry cannot change while the node is configured"),
+    ("contact.damping", -1.0, "contact.damping"),
+    ("contact.dampping", 1.0, "contact.dampping"),
+    ("contact.damping", "much", "contact.damping"),
+    ("femur.mass", [1.0, 2.0], "femur.mass"),
+    ("fidelity.tolerance", math.nan, "fidelity.tolerance"),
+    ("contact.damping", None, "contact.damping"),
+)
+"""Parameters, values, and words of the reason"""
+
+
+def angle_at(number: float) -> float:
+    """Linear, so that a sample in between changes nothing."""
+    return 0.2 + 0.01 * number
+
+
+BETWEEN = angle_at(HALF - 0.5)
 
 
 class Sample(NamedTuple):
@@ -69,22 +90,22 @@ class Fault(NamedTuple):
     """By how much the stamps jump there [ns]"""
 
 
-def joint_state(peer: Peer, stamp: int, **positions: float) -> None:
-    peer.angle.publish(
-        RosJointState(header=header(RosMessages, stamp, ""), name=list(positions), position=list(positions.values()))
-    )
-
-
-def bytes_of(stamp: int, angle: float) -> bytes:
-    return encode_joint_state(JointState(stamp, "", ("knee",), (angle,), (), ()))
+def joints(peer: Peer, stamp: int, names: list[str], position: list[float]) -> None:
+    peer.angle.publish(JointState(header=header(RosMessages, stamp, ""), name=names, position=position))
 
 
 def force_bytes(stamp: int, axial: float) -> bytes:
     return encode_wrench_stamped(WrenchStamped(stamp, "tibia_r", (0.0, -axial, 0.0), (0.0, 0.0, 0.0)))
 
 
-def without_position(peer: Peer, stamp: int) -> None:
-    peer.angle.publish(RosJointState(header=header(RosMessages, stamp, ""), name=["hip", "knee"], position=[0.1]))
+def times(number: int, inject: Callable[[Peer, int], object]) -> Callable[[Peer, int], None]:
+    """The same so many times."""
+
+    def again(peer: Peer, stamp: int) -> None:
+        for _ in range(number):
+            inject(peer, stamp)
+
+    return again
 
 
 def lost_angle(peer: Peer, stamp: int) -> list[Sample]:
@@ -105,87 +126,45 @@ def parameter_storm(peer: Peer, _stamp: int) -> None:
         assert all(call.result().results[0].successful for call in calls)
 
 
-def refused_parameter(peer: Peer, _stamp: int) -> None:
-    client = peer.client(SetParameters, "/knee_contact/set_parameters")
-    changes = [Parameter("femur.geometry", value="profile"), Parameter("contact.damping", value=-1.0)]
-    call = client.call_async(SetParameters.Request(parameters=[change.to_parameter_msg() for change in changes]))
-    peer.wait_until(call.done)
-    reasons = [result.reason for result in call.result().results]
-    assert "femur.geometry cannot change while the node is configured" in reasons[0]
-    assert "contact.damping" in reasons[1]
+def refused_parameters(peer: Peer, _stamp: int) -> None:
+    """Fixed, out of range, names there are not, types that are wrong, a value not set: the caller gets the reason."""
+    for name, value, words in REFUSED:
+        accepted, reason = set_parameters(peer, {name: value})
+        assert not accepted
+        assert words in reason
 
 
 def unfit_transitions(peer: Peer, _stamp: int) -> None:
     """Such as to configure what is active, or what there is not."""
     for transition in (*range(10), 99, 255):
         if transition not in (Transition.TRANSITION_DEACTIVATE, Transition.TRANSITION_ACTIVE_SHUTDOWN):
-            request = ChangeState.Request(transition=Transition(id=transition))
-            assert not call(peer, ChangeState, "/knee_contact/change_state", request).success
+            assert not change_state(peer, transition)
     labelled = ChangeState.Request(transition=Transition(label="dance"))
     assert not call(peer, ChangeState, "/knee_contact/change_state", labelled).success
 
 
-def stamps_stand_still(peer: Peer, stamp: int) -> None:
-    for _ in range(5):
-        peer.send_angle(stamp - STEP // 2, 0.9)
+def asked(service: str, number: int, success: bool) -> Callable[[Peer, int], None]:
+    """A service, so many times."""
+
+    def ask(peer: Peer, _stamp: int) -> None:
+        assert {trigger(peer, service)[0] for _ in range(number)} == {success}
+
+    return ask
 
 
-def both_wrong(peer: Peer, stamp: int) -> None:
-    """One driver for both."""
-    peer.send_angle(stamp - 100 * SECOND, 0.9)
-    peer.send_force(stamp - 100 * SECOND, 9.0)
-
-
-def other_frame(peer: Peer, stamp: int) -> None:
-    """A second sensor, or one that was mounted anew."""
-    peer.force.publish(encode_wrench_stamped(WrenchStamped(stamp, "tibia_l", (0.0, -700.0, 0.0), (0.0, 0.0, 0.0))))
-
-
-def publisher_with_its_own_clock(peer: Peer, stamp: int) -> None:
-    """Somebody else publishes angles too, a minute ahead."""
-    node = Node("other")
-    publisher = node.create_publisher(RosJointState, "joint_states", QoSProfile(depth=10))
-    peer.wait_until(publisher.get_subscription_count)
-    publisher.publish(bytes_of(stamp + 60 * SECOND, 0.9))
-    peer.spin(0.2)
-    node.destroy_node()
-
-
-def trigger(peer: Peer, service: str, times: int, success: bool) -> None:
-    for _ in range(times):
-        assert call(peer, Trigger, f"/knee_contact/{service}", Trigger.Request()).success is success
-
-
-def nonsense_for_parameters(peer: Peer, _stamp: int) -> None:
-    """Names there are not, types that are wrong, a value not set."""
-    values = [Parameter("contact.dampping", value=1.0), Parameter("contact.damping", value="much"),
-              Parameter("femur.mass", value=[1.0, 2.0]), Parameter("fidelity.tolerance", value=NAN),
-              Parameter("contact.damping")]  # fmt: skip
-    for value in values:
-        request = SetParameters.Request(parameters=[value.to_parameter_msg()])
-        (result,) = call(peer, SetParameters, "/knee_contact/set_parameters", request).results
-        assert not result.successful
-        assert result.reason
-
-
-def signalled(*numbers: signal.Signals) -> Callable[[Peer, int], None]:
+def signalled(peer: Peer, _stamp: int) -> None:
     """Signals that mean nothing to the node."""
-
-    def send(peer: Peer, _stamp: int) -> None:
-        for number in numbers:
-            os.kill(peer.node_process, number)
-        peer.spin(0.3)
-
-    return send
+    for number in MEANINGLESS:
+        os.kill(peer.node_process, number)
+    peer.spin(0.3)
 
 
 def frozen(peer: Peer, stamp: int) -> list[Sample]:
     """The machine gives the node no time for half a second."""
     os.kill(peer.node_process, signal.SIGSTOP)
-    samples = [Sample(stamp + i, peer.between, 600.0) for i in range(50)]
+    samples = [Sample(stamp + i, BETWEEN, 600.0) for i in range(50)]
     for sample in samples:
-        peer.angle.publish(bytes_of(sample.stamp, sample.angle))
-        peer.force.publish(force_bytes(sample.stamp, sample.axial))
+        peer.send(*sample[:3])
     peer.spin(0.5)
     os.kill(peer.node_process, signal.SIGCONT)
     return samples
@@ -209,18 +188,32 @@ def stalled_subscriber(peer: Peer, _stamp: int) -> None:
     peer.stalled.append(listener)
 
 
-def other_publisher(peer: Peer, stamp: int) -> None:
-    """A best-effort publisher joins; what it sends counts as well."""
-    node = Node("other")
-    best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
-    publisher = node.create_publisher(RosJointState, "joint_states", best_effort)
-    state = peer.diagnostics
-    peer.wait_until(lambda: state.get("knee_contact: joint_states", {}).get("reliability") == "best effort")
-    peer.wait_until(publisher.get_subscription_count)
-    peer.wait_until(peer.angle.get_subscription_count)
-    publisher.publish(bytes_of(stamp, peer.between))
-    peer.spin(0.2)
-    node.destroy_node()
+def other_publisher(reliability: ReliabilityPolicy, angle: float, ahead: int) -> Callable[[Peer, int], None]:
+    """Somebody else publishes angles, too: one, so much ahead [ns]."""
+
+    def join(peer: Peer, stamp: int) -> None:
+        node = Node("other")
+        publisher = node.create_publisher(JointState, "joint_states", QoSProfile(depth=10, reliability=reliability))
+        told = reliability.name.lower().replace("_", " ")
+        state = peer.diagnostics
+        peer.wait_until(lambda: state.get("knee_contact: joint_states", {}).get("reliability") == told)
+        for each in (publisher, peer.angle):
+            peer.wait_until(each.get_subscription_count)
+        publisher.publish(encode_joint_state(Joints(stamp + ahead, "", ("knee",), (angle,), (), ())))
+        peer.spin(0.2)
+        node.destroy_node()
+
+    return join
+
+
+def burst(peer: Peer, stamp: int) -> list[Sample]:
+    """Hundreds of samples at once: more than are computed while they come."""
+    samples = [Sample(stamp + i, BETWEEN, 600.0) for i in range(300)]
+    for sample in samples:
+        peer.send_angle(sample.stamp, sample.angle)
+    for sample in samples:
+        peer.send_force(sample.stamp, sample.axial)
+    return samples
 
 
 def far_ahead(peer: Peer, stamp: int) -> None:
@@ -228,21 +221,12 @@ def far_ahead(peer: Peer, stamp: int) -> None:
         peer.send_angle(stamp + 10**16 + i * STEP, 0.9)
 
 
-def burst(peer: Peer, stamp: int) -> list[Sample]:
-    """Hundreds of samples at once: more than are computed while they come."""
-    samples = [Sample(stamp + i, peer.between, 600.0) for i in range(300)]
-    for sample in samples:
-        peer.angle.publish(bytes_of(sample.stamp, sample.angle))
-    for sample in samples:
-        peer.force.publish(force_bytes(sample.stamp, sample.axial))
-    return samples
-
-
 def nothing(_peer: Peer, _stamp: int) -> None:
     """The fault lies in the stamps."""
 
 
-NAN, INF = float("nan"), float("inf")
+NAN, INF = math.nan, math.inf
+RELIABLE = ReliabilityPolicy.RELIABLE
 FAULTS = [
     Fault("angle NaN", lambda p, t: p.send_angle(t, NAN), ("not_finite",), REJECTED),
     Fault("angle infinite", lambda p, t: p.send_angle(t, -INF), ("not_finite",), REJECTED),
@@ -251,8 +235,9 @@ FAULTS = [
     Fault("angle beyond 10 rad", lambda p, t: p.send_angle(t, 57.3), ("out_of_range",), REJECTED),
     Fault("force beyond 1e6 N", lambda p, t: p.send_force(t, 2e6), ("out_of_range",), REJECTED),
     Fault("joint missing", lambda p, t: p.send_angle(t, 0.2, joint="elbow"), ("joint_missing",), REJECTED),
-    Fault("fewer positions than names", without_position, ("lengths_differ",), REJECTED),
-    Fault("empty joint state", joint_state, ("joint_missing",), REJECTED),
+    Fault("fewer positions than names", lambda p, t: joints(p, t, ["hip", "knee"], [0.1]), ("lengths_differ",),
+          REJECTED),
+    Fault("empty joint state", lambda p, t: joints(p, t, [], []), ("joint_missing",), REJECTED),
     Fault("angle doubled", lambda p, t: p.send_angle(t - STEP // 2, 0.9), ("angle_not_in_order",), REJECTED),
     Fault("force doubled", lambda p, t: p.send_force(t - STEP // 2, 9.0), ("load_not_in_order",), REJECTED),
     Fault("angle stamp ahead", lambda p, t: p.send_angle(t + SECOND // 5, 0.9), ("angle_off_time",), REJECTED),
@@ -269,31 +254,29 @@ FAULTS = [
     Fault("stamp before 1970", lambda p, t: p.force.publish(struct.pack("<4siI", b"\x00\x01\x00\x00", -5, 0)
                                                             + force_bytes(t, 1.0)[12:]), ("bad_stamp",), REJECTED),
     Fault("time jumps ahead", nothing, status=Status.STALE_INPUT, shift=1000 * SECOND),
-    Fault("angle stamps stand still", stamps_stand_still, 5 * ("angle_not_in_order",), REJECTED),
+    Fault("angle stamps stand still", times(5, lambda p, t: p.send_angle(t - STEP // 2, 0.9)),
+          5 * ("angle_not_in_order",), REJECTED),
     Fault("stamp not set", lambda p, _: p.send_angle(0, 0.9), ("angle_off_time",), REJECTED),
-    Fault("one wrong stamp in both streams at once", both_wrong, ("angle_off_time", "load_off_time"), REJECTED),
-    Fault("second publisher with its own clock", publisher_with_its_own_clock, ("angle_off_time",), REJECTED),
+    Fault("one wrong stamp in both streams at once", lambda p, t: p.send(t - 100 * SECOND, 0.9, 9.0),
+          ("angle_off_time", "load_off_time"), REJECTED),
+    Fault("second publisher with its own clock", other_publisher(RELIABLE, 0.9, 60 * SECOND),
+          ("angle_off_time",), REJECTED),
     Fault("no content", lambda p, _: p.angle.publish(b"\0\1\0\0"), ("undecodable",), REJECTED),
-    Fault("force in another frame", other_frame, ("frame_changed",), REJECTED),
+    Fault("force in another frame", lambda p, t: p.send_force(t, 700.0, frame="tibia_l"), ("frame_changed",), REJECTED),
     Fault("streams pause", nothing, status=Status.STALE_INPUT, shift=SECOND // 2),
     Fault("time jumps back", nothing, status=Status.TIME_RESET, shift=-SECOND // 2),
     Fault("angle lost", lost_angle),
     Fault("burst of samples", burst),
     Fault("/clock jumps", clock_jump),
     Fault("parameter storm", parameter_storm),
-    Fault("parameters refused", refused_parameter),
+    Fault("parameters refused", refused_parameters),
     Fault("life cycle request that does not fit", unfit_transitions),
-    Fault("nonsense for parameters", nonsense_for_parameters),
-    Fault("reset storm", lambda p, _: trigger(p, "reset", 20, success=True), status=Status.TIME_RESET),
-    Fault("start of a recording without a name", lambda p, _: trigger(p, "start_recording", 5, success=False)),
-    Fault("stop of no recording", lambda p, _: trigger(p, "stop_recording", 5, success=False)),
-    Fault("signals that mean nothing", signalled(*MEANINGLESS)),
+    Fault("nonsense for parameters", refused_parameters),
+    Fault("reset storm", asked("reset", 20, success=True), status=Status.TIME_RESET),
+    Fault("start of a recording without a name", asked("start_recording", 5, success=False)),
+    Fault("stop of no recording", asked("stop_recording", 5, success=False)),
+    Fault("signals that mean nothing", signalled),
     Fault("node frozen", frozen),
     Fault("subscriber stops reading", stalled_subscriber),
-    Fault("best-effort publisher joins", other_publisher),
+    Fault("best-effort publisher joins", other_publisher(ReliabilityPolicy.BEST_EFFORT, BETWEEN, 0)),
 ]  # fmt: skip
-
-
-def angle_at(number: float) -> float:
-    """Linear, so that a sample in between changes nothing."""
-    return 0.2 + 0.01 * number

@@ -51,7 +51,7 @@ def running() -> Iterator[Running]:
 def one_peer(running: Running) -> Iterator[Peer]:
     """Our side, which meets the node once."""
     peer = Peer()
-    peer.node_process, peer.between = running.process.process.pid, angle_at(HALF - 0.5)
+    peer.node_process = running.process.process.pid
     peer.wait_for_node()
     yield peer
     peer.executor.shutdown()
