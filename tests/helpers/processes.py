@@ -1,6 +1,11 @@
-"""Whether processes of others have ended."""
+"""Processes of others: whether they have ended, their sockets, and small disks that they fill."""
 
 from __future__ import annotations
+
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
 
 import psutil
 
@@ -14,3 +19,14 @@ def has_ended(process: psutil.Process) -> bool:
         return not process.is_running() or process.status() == psutil.STATUS_ZOMBIE
     except psutil.NoSuchProcess:
         return True
+
+
+def internet_sockets(process: psutil.Process) -> list[Any]:
+    """Its sockets of the internet; psutil before 6, as in Ubuntu 24.04, has another name for them."""
+    ask = process.net_connections if hasattr(process, "net_connections") else process.connections
+    return list(ask(kind="inet"))
+
+
+def remount(folder: Path, how: str) -> None:
+    """Change how a file system may be used."""
+    subprocess.run([shutil.which("mount") or "", "-o", f"remount,{how}", str(folder)], check=True)

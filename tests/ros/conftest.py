@@ -8,7 +8,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -25,9 +25,12 @@ from rcl_interfaces.srv import SetParametersAtomically
 from rclpy.node import Node
 from rclpy.parameter import Parameter
 from rclpy.qos import QoSProfile
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
+from knee_contact_ros.bags.reader import BagReader, RawMessage
+from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.system.processes import ENDS_WITH_US
 from knee_contact_ros.system.ros import executor_of, private_graph
 from tests.helpers.messages import RosMessages, header
@@ -196,6 +199,17 @@ class Peer:
         self.wait_until(lambda: len(self.contacts) == len(STAMPS) and len(self.wrenches) == len(STAMPS))
 
 
+def raw(path: Path, topics: Iterable[str]) -> list[RawMessage]:
+    """The messages of some topics in a recording."""
+    with BagReader(path, {f"/{topic}": MESSAGE_TYPES[topic] for topic in topics}) as bag:
+        return list(bag.raw_messages())
+
+
+def answers_in(path: Path) -> list[KneeContact]:
+    """The answers in a recording."""
+    return [deserialize_message(message.data, KneeContact) for message in raw(path, [KNEE_CONTACT])]
+
+
 def call(peer: Peer, service_type: type, name: str, request: object) -> Any:
     """Call a service and wait for its answer; a mere question is asked again.
 
@@ -247,8 +261,11 @@ def peer() -> Iterator[Peer]:
     peer.node.destroy_node()
 
 
+Start = Callable[..., NodeProcess]
+
+
 @pytest.fixture
-def start_node() -> Iterator[Callable[..., NodeProcess]]:
+def start_node() -> Iterator[Start]:
     """Start nodes; all are gone after the test."""
     started: list[NodeProcess] = []
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -11,21 +10,13 @@ from knee_contact_ros.msg import KneeContact
 from rclpy.qos import QoSProfile
 
 from knee_contact_ros.bags.provenance import read_provenance
-from knee_contact_ros.bags.reader import BagReader, RawMessage
 from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.streams.topics import MESSAGE_TYPES, recorded_topics
+from knee_contact_ros.streams.topics import recorded_topics
 from tests.helpers.needs import HAS_VIEWER
-from tests.ros.conftest import NodeProcess, Peer, set_parameters, trigger
+from tests.ros.conftest import Peer, Start, raw, set_parameters, trigger
 
-Start = Callable[..., NodeProcess]
 MILLISECOND = 1_000_000
 TICKS = 60
-TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in recorded_topics(has_both=True)}
-
-
-def messages(path: Path) -> list[RawMessage]:
-    with BagReader(path, TYPES) as bag:
-        return list(bag.raw_messages())
 
 
 def test_medial_and_lateral_answers_and_the_wrench_of_both(peer: Peer, start_node: Start, tmp_path: Path) -> None:
@@ -61,10 +52,10 @@ def test_medial_and_lateral_answers_and_the_wrench_of_both(peer: Peer, start_nod
         forces = np.array([contact.contact_force, other.contact_force])
         assert wrench.wrench.force.y == pytest.approx(-forces.sum(), rel=1e-15)
         assert wrench.wrench.torque.x == pytest.approx(other.contact_point.z * (forces[1] - forces[0]), abs=1e-12)
-    found = read_provenance(recording)
+    found, topics = read_provenance(recording), recorded_topics(has_both=True)
     assert found is not None
     assert found.parameters.lateral.contact.stiffness == found.parameters.contact.stiffness
     solve(recording, found, redone, lambda _done, _total: None)
-    assert messages(recording) == messages(redone)
-    assert len(messages(recording)) == 5 * TICKS + 1 + 15  # and a leg, which moves 50 times a second
+    assert raw(recording, topics) == raw(redone, topics)
+    assert len(raw(recording, topics)) == 5 * TICKS + 1 + 15  # and a leg, which moves 50 times a second
     assert scene.is_file() or not HAS_VIEWER

@@ -15,8 +15,8 @@ from std_msgs.msg import Float64MultiArray
 
 from examples.assist_as_needed import COMMANDS
 from knee_contact_ros.system.files import share_folder
-from tests.helpers.sockets import internet_sockets
-from tests.ros.conftest import PATIENCE, NodeProcess, Peer, own_words
+from tests.helpers.processes import internet_sockets
+from tests.ros.conftest import PATIENCE, Peer, Start, own_words
 
 EXAMPLE = share_folder() / "examples" / "assist_as_needed.py"
 PARAMETERS = EXAMPLE.with_suffix(".yaml")
@@ -80,7 +80,7 @@ def companion() -> Iterator[subprocess.Popen[str]]:
 
 
 @pytest.fixture
-def loop(peer: Peer, start_node: Callable[..., NodeProcess], companion: subprocess.Popen[str]) -> Loop:
+def loop(peer: Peer, start_node: Start, companion: subprocess.Popen[str]) -> Loop:
     """All three at work, and the torque at its nominal value."""
     start_node()
     loop = Loop(peer)
@@ -90,9 +90,8 @@ def loop(peer: Peer, start_node: Callable[..., NodeProcess], companion: subproce
     return loop
 
 
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_the_torque_follows_the_force_and_falls_step_by_step_to_zero_where_it_must(
-    loop: Loop, companion: subprocess.Popen[str], number: signal.Signals
+    loop: Loop, companion: subprocess.Popen[str]
 ) -> None:
     """Above the limit; where the stream jumps or stops; and at the end."""
     assert {socket.laddr.ip for socket in internet_sockets(psutil.Process(companion.pid))} == {"127.0.0.1"}
@@ -108,7 +107,7 @@ def test_the_torque_follows_the_force_and_falls_step_by_step_to_zero_where_it_mu
     assert loop.commands == sorted(loop.commands, reverse=True)
     loop.send_until(LOW, lambda: loop.torque == 10.0)
     loop.commands.clear()
-    companion.send_signal(number)
+    companion.send_signal(signal.SIGTERM)  # a demo ends it by SIGINT
     loop.send_until(LOW, lambda: companion.poll() is not None)
     loop.peer.wait_until(lambda: loop.torque == 0.0)
     falling = loop.commands[-loop.commands[::-1].index(10.0) :] if 10.0 in loop.commands else loop.commands

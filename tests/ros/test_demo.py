@@ -21,7 +21,7 @@ from knee_contact_ros.streams.topics import LOAD_ESTIMATE, MESSAGE_TYPES, RECORD
 from knee_contact_ros.system.files import share_folder
 from knee_contact_ros.view.viewer import SCREENS
 from tests.helpers.needs import HAS_PICTURE, HAS_VIEWER, needs_viewer
-from tests.helpers.sockets import internet_sockets
+from tests.helpers.processes import internet_sockets
 from tests.helpers.terminals import Terminal
 from tests.offline.test_solve import make_bag
 from tests.ros.conftest import own_words

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -30,9 +29,8 @@ from knee_contact_ros.streams.frames import (
 from tests.helpers.messages import RosMessages, header
 from tests.helpers.walking import FORCE, walk
 from tests.offline.test_sources import DYNAMIC_JOINT_STATE, STORE, answers, dynamic
-from tests.ros.conftest import NodeProcess, Peer
+from tests.ros.conftest import Peer, Start
 
-Start = Callable[..., NodeProcess]
 STEP = 5_000_000
 LATCHED = QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL)
 

@@ -19,11 +19,23 @@ import pytest
 from knee_contact_ros.bags.reader import BagReader, absolute
 from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES
 from knee_contact_ros.system.files import PACKAGE, share_folder
-from tests.helpers.launching import RUN
 from tests.ros.conftest import PATIENCE, STEP, Peer
 
 pytest.importorskip("launch_ros", reason="the launch packages are not installed (CONTRIBUTING.md)")
 FOLDER = share_folder() / "launch"
+RUN = """
+import sys
+from launch import LaunchDescription, LaunchService
+from launch.actions import IncludeLaunchDescription
+from launch.launch_description_sources import PythonLaunchDescriptionSource
+
+arguments = [argument.split(":=") for argument in sys.argv[2:]]
+include = IncludeLaunchDescription(PythonLaunchDescriptionSource(sys.argv[1]), launch_arguments=arguments)
+service = LaunchService(noninteractive=True)
+service.include_launch_description(LaunchDescription([include]))
+sys.exit(service.run())
+"""
+"""What `ros2 launch FILE name:=value ...` does where there is no terminal"""
 INTERRUPTED = "130"
 """The code of a replay that was interrupted"""
 

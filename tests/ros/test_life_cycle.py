@@ -3,28 +3,27 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable
 from pathlib import Path
 
 import psutil
-from knee_contact_ros.msg import KneeContact
 from lifecycle_msgs.msg import State, Transition
-from rclpy.serialization import deserialize_message
 
 import knee_contact_ros
-from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.streams.topics import MESSAGE_TYPES
-from tests.ros.conftest import ANGLES, AXIAL, STAMPS, NodeProcess, Peer, change_state, set_parameters, state_of, trigger
+from tests.ros.conftest import (
+    ANGLES,
+    AXIAL,
+    STAMPS,
+    Peer,
+    Start,
+    answers_in,
+    change_state,
+    set_parameters,
+    state_of,
+    trigger,
+)
 
-Start = Callable[..., NodeProcess]
 MILLISECOND = 1_000_000
-
-
-def answers_in(recording: Path) -> list[KneeContact]:
-    """The `knee_contact` messages of a recording."""
-    with BagReader(recording, {"/knee_contact": MESSAGE_TYPES["knee_contact"]}) as bag:
-        return [deserialize_message(message.data, KneeContact) for message in bag.raw_messages()]
 
 
 def has_received(peer: Peer, topic: str, number: int) -> bool:

@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import psutil
 import pytest
 from geometry_msgs.msg import WrenchStamped
-from knee_contact_ros.msg import KneeContact, LoadEstimate
+from knee_contact_ros.msg import LoadEstimate
 from lifecycle_msgs.msg import State, Transition
 from rclpy.qos import QoSProfile
 from rclpy.serialization import deserialize_message
 
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, metadata_of
-from knee_contact_ros.bags.reader import BagReader, RawMessage
+from knee_contact_ros.bags.reader import RawMessage
 from knee_contact_ros.bags.recorder import REFUSED_SAMPLES
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.estimate_load import estimate_load
@@ -25,14 +25,12 @@ from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.messages import encode_wrench_stamped
 from knee_contact_ros.streams.output import LOAD_PROVENANCE
-from knee_contact_ros.streams.topics import KNEE_CONTACT, LOAD_RECORDED, MESSAGE_TYPES
+from knee_contact_ros.streams.topics import KNEE_CONTACT, LOAD_RECORDED
 from tests.helpers.walking import ANGLES, FORCE, MS, WHOLE_LEG, ground, walk, walking_bag
-from tests.ros.conftest import NodeProcess, Peer, change_state, set_parameters, state_of
+from tests.ros.conftest import Peer, Start, answers_in, change_state, raw, set_parameters, state_of
 
-Start = Callable[..., NodeProcess]
 NODE = "knee_load"
-TYPES = {f"/{topic}": MESSAGE_TYPES[topic] for topic in LOAD_RECORDED}
-REACTION, ESTIMATE = list(TYPES)[2:]
+REACTION, ESTIMATE = (f"/{topic}" for topic in LOAD_RECORDED[2:])
 NODE_CONTACT = "knee_contact"
 PATIENT = {"pairing.wait": 5.0}
 """No force is given up while this machine is busy"""
@@ -91,11 +89,6 @@ def silent(_done: int, _total: int) -> None:
     """No progress bar."""
 
 
-def raw(path: Path, types: dict[str, str] = TYPES) -> list[RawMessage]:
-    with BagReader(path, types) as bag:
-        return list(bag.raw_messages())
-
-
 def offline(folder: Path, messages: list[RawMessage], values: dict[str, Any]) -> Path:
     """What `estimate-load` makes of them."""
     bag, output = walking_bag(folder / "offline" / "walk.mcap", messages), folder / "offline" / "load.mcap"
@@ -105,7 +98,7 @@ def offline(folder: Path, messages: list[RawMessage], values: dict[str, Any]) ->
 
 def told(path: Path, topic: str) -> list[bytes]:
     """The messages of a recording, filled up with zeros as DDS delivers them."""
-    messages = [message.data for message in raw(path, {topic: TYPES[topic]})]
+    messages = [message.data for message in raw(path, [topic.removeprefix("/")])]
     return [data + bytes(-len(data) % 4) for data in messages]
 
 
@@ -130,10 +123,10 @@ def test_live_messages_are_those_of_estimate_load(
     for topic, heard in leg.heard.items():
         assert heard == told(expected, topic), topic
     assert sorted(path.name for path in recording.parent.iterdir()) == ["live.mcap", "metadata.yaml"]
-    assert raw(recording) == raw(expected)
+    assert raw(recording, LOAD_RECORDED) == raw(expected, LOAD_RECORDED)
     again = tmp_path / "again.mcap"
     estimate_load(recording, load_parameters(values, LoadParameters), again, silent)
-    assert raw(again) == raw(recording)
+    assert raw(again, LOAD_RECORDED) == raw(recording, LOAD_RECORDED)
 
 
 def test_faulty_samples_are_refused_counted_and_the_node_goes_on(leg: LegPeer, start_node: Start) -> None:
@@ -215,7 +208,7 @@ def test_both_nodes_in_one_process_are_the_same_and_each_has_its_own_life(
     loads = offline(tmp_path, WALK, WHOLE_LEG)
     assert leg.heard[ESTIMATE] == told(loads, ESTIMATE)
     solve(loads, load_parameters({}), tmp_path / "contact.mcap", silent)
-    answers = raw(tmp_path / "contact.mcap", {f"/{KNEE_CONTACT}": MESSAGE_TYPES[KNEE_CONTACT]})
-    assert leg.contacts[:20] == [deserialize_message(message.data, KneeContact) for message in answers[:20]]
+    answers = answers_in(tmp_path / "contact.mcap")
+    assert leg.contacts[:20] == answers[:20]
     assert [contact.status for contact in leg.contacts[20:]] == [Status.TIME_RESET, *[0] * 39]
     assert node.stop()[0] == 0

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Any
 
 from visualization_msgs.msg import Marker, MarkerArray
 
 from knee_contact_ros.streams.topics import KNEE_CONTACT_MARKERS
 from tests.helpers.markers import place_of
-from tests.ros.conftest import NodeProcess, Peer
+from tests.ros.conftest import Peer, Start
 
 STEP = 50_000_000
 """Between two samples [ns]: longer than between two pictures"""
@@ -20,7 +19,7 @@ def stamp_of(message: Any) -> int:
     return int(1_000_000_000 * message.header.stamp.sec + message.header.stamp.nanosec)
 
 
-def test_what_is_shown_is_the_answer(peer: Peer, start_node: Callable[..., NodeProcess]) -> None:
+def test_what_is_shown_is_the_answer(peer: Peer, start_node: Start) -> None:
     """In its frame, at its place; how markers look is tested with the view."""
     start_node()
     peer.wait_for_node()

@@ -6,14 +6,13 @@ The other commands are in tests/hostile/test_mistakes.py.
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 
 import numpy as np
 from lifecycle_msgs.msg import Transition
 
 from tests.hostile.test_mistakes import WAYS, by_bag
 from tests.model.test_inputs import Columns, gait
-from tests.ros.conftest import NodeProcess, Peer, change_state
+from tests.ros.conftest import Peer, Start, change_state
 
 PACE = re.compile("deadline|behind|wait for the other topic|silent for|no answer")
 """What a busy machine may add, or a walk that is over"""
@@ -35,7 +34,7 @@ def walk(peer: Peer, time: np.ndarray, angle: np.ndarray, load: np.ndarray) -> N
         peer.executor.spin_once(timeout_sec=0.0)
 
 
-def test_each_mistake_is_told_live(peer: Peer, start_node: Callable[..., NodeProcess]) -> None:
+def test_each_mistake_is_told_live(peer: Peer, start_node: Start) -> None:
     start_node("-p", "pairing.wait:=5.0")
     peer.wait_for_node()
     right: Columns = gait()

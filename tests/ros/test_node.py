@@ -6,7 +6,6 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,19 +15,13 @@ from diagnostic_msgs.msg import DiagnosticArray
 from rosgraph_msgs.msg import Clock
 
 import knee_contact_ros
-from knee_contact_ros.bags.reader import read_bag
-from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.streams.topics import MESSAGE_TYPES, RECORDED
 from knee_contact_ros.system.processes import free_port
 from knee_contact_ros.system.ros import NO_EVENTS
 from tests.helpers.answers import FIELDS
 from tests.helpers.messages import RosMessages
 from tests.helpers.needs import needs_viewer
-from tests.helpers.sockets import internet_sockets
-from tests.ros.conftest import ANGLES, AXIAL, PATIENCE, STAMPS, STEP, NodeProcess, Peer, own_words, trigger
-
-Start = Callable[..., NodeProcess]
+from tests.helpers.processes import internet_sockets
+from tests.ros.conftest import ANGLES, AXIAL, PATIENCE, STAMPS, STEP, Peer, Start, trigger
 
 
 def assert_bits_of_python(peer: Peer, parameters: str) -> None:
@@ -66,26 +59,6 @@ def test_where_a_library_is_missing_the_node_says_so_once_and_gives_the_same(
     assert output.count(words) == 1
     assert "40 ticks, 0 samples refused" in output
     assert "Traceback" not in output
-
-
-def test_replay_feeds_the_node_a_bag(peer: Peer, start_node: Start, right_bag: Path, tmp_path: Path) -> None:
-    node = start_node("-p", f"record.path:={tmp_path / 'live.mcap'}")
-    peer.wait_for_node()  # which compiles first on a new machine, for longer than a replay waits
-    command = [sys.executable, "-m", "knee_contact_ros.commands.main", "replay", right_bag, "--rate", "5", "--clock"]
-    replay = subprocess.run(command, capture_output=True, text=True, timeout=300, check=False)
-    assert (replay.returncode, own_words(replay.stderr)) == (0, "")
-    assert replay.stdout.startswith("774 messages published")
-    peer.wait_until(lambda: len(peer.contacts) == 387)
-    code, output = node.stop()
-    assert code == 0, output
-    assert "387 ticks, 0 samples refused" in output
-    solve(right_bag, load_parameters({}), tmp_path / "offline.mcap", lambda *_: None)
-    types = {f"/{topic}": MESSAGE_TYPES[topic] for topic in RECORDED}
-    live, offline = (
-        [(m.topic, m.log_time, str(m.message)) for m in read_bag(tmp_path / name, types)]
-        for name in ("live.mcap", "offline.mcap")
-    )
-    assert live == offline
 
 
 def test_a_silent_input_is_named(peer: Peer, start_node: Start) -> None:

@@ -4,24 +4,20 @@ from __future__ import annotations
 
 import re
 import signal
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 
 import psutil
 import pytest
 
-from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.node.outputs import MOST_ENDING
-from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES
+from knee_contact_ros.streams.topics import KNEE_CONTACT
 from tests.helpers.needs import needs_viewer
 from tests.helpers.processes import has_ended
 from tests.helpers.sinks import wait_until
-from tests.ros.conftest import NodeProcess, Peer, set_parameters, trigger
+from tests.ros.conftest import NodeProcess, Peer, Start, raw, set_parameters, trigger
 
-Start = Callable[..., NodeProcess]
 STEP = 5_000_000
-CONTACTS = {f"/{KNEE_CONTACT}": MESSAGE_TYPES[KNEE_CONTACT]}
 
 
 def walk(peer: Peer, begin: int, number: int) -> None:
@@ -39,7 +35,7 @@ def children(node: NodeProcess) -> list[psutil.Process]:
 
 def stamps(path: Path) -> list[int]:
     """Numbers of the samples whose answers a recording holds."""
-    return [message.log_time // STEP for message in read_bag(path, CONTACTS)]
+    return [message.log_time // STEP for message in raw(path, [KNEE_CONTACT])]
 
 
 def begin_recording(peer: Peer, path: Path) -> tuple[bool, str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import shutil
-from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
@@ -14,12 +13,10 @@ from knee_contact_ros.bags.provenance import Change, read_provenance
 from knee_contact_ros.bags.reader import read_answers
 from knee_contact_ros.model.types import FLAT, TOLD, Status
 from knee_contact_ros.offline.solve import solve
-from tests.helpers.disks import remount
+from tests.helpers.processes import remount
 from tests.helpers.sinks import readable, wait_until
-from tests.ros.conftest import NodeProcess, Peer, trigger
+from tests.ros.conftest import Peer, Start, trigger
 from tests.ros.test_outputs import STEP, begin_recording, stamps, walk
-
-Start = Callable[..., NodeProcess]
 
 
 def problem(peer: Peer) -> str:

@@ -6,7 +6,6 @@ import json
 import shlex
 import subprocess
 import sys
-from collections.abc import Callable
 from importlib.util import find_spec
 from pathlib import Path
 
@@ -15,9 +14,8 @@ import pytest
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.system.files import not_installed
 from tests.helpers.needs import HAS_VIEWER
-from tests.ros.conftest import PATIENCE, NodeProcess
+from tests.ros.conftest import PATIENCE, Start
 
-Start = Callable[..., NodeProcess]
 BOTH, ROS2_CONTROL = "load --with-contact", "knee.source:=dynamic_joint_states"
 REFUSED = [
     ("node", "-p contact.damping:=-1.0", "parameter contact.damping: -1.0 is not allowed"),

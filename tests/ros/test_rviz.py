@@ -10,14 +10,13 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from knee_contact_ros.system.files import PACKAGE, parse_yaml, share_folder
-from tests.helpers.launching import RUN
-from tests.ros.conftest import PATIENCE, STEP, NodeProcess, Peer
+from tests.ros.conftest import PATIENCE, STEP, Peer, Start
+from tests.ros.test_launch import RUN
 
 SAY = """#!{python}
 import json, pathlib, sys
@@ -92,7 +91,7 @@ def test_rviz_sees_the_knee_and_closing_it_ends_everything(said: Path) -> None:
     assert called[:4] == ["--frame-id", "tibia_isb", "--child-frame-id", "tibia_r"]
 
 
-def test_it_is_opened_beside_a_node_that_runs(said: Path, start_node: Callable[..., NodeProcess], peer: Peer) -> None:
+def test_it_is_opened_beside_a_node_that_runs(said: Path, start_node: Start, peer: Peer) -> None:
     start_node()
     peer.wait_for_node()
     command = [sys.executable, "-c", RUN, share_folder() / "launch" / "rviz.launch.py"]

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 import time
-from collections.abc import Callable
 from contextlib import suppress
 from ipaddress import ip_address
 
@@ -17,10 +16,9 @@ from rerun.experimental import ViewerClient, ViewerState
 from knee_contact_ros.system.processes import free_port
 from knee_contact_ros.view.layout import DETAILS, SOLVER
 from tests.helpers.viewer import rendered, wait_for
-from tests.ros.conftest import NodeProcess, Peer
+from tests.ros.conftest import Peer, Start
 from tests.ros.test_outputs import children, walk
 
-Start = Callable[..., NodeProcess]
 LOOPBACK = "127.0.0.1"
 VIEWER = "knee_contact: viewer"
 

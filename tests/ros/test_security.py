@@ -6,7 +6,6 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from xml.etree import ElementTree as ET
@@ -16,7 +15,7 @@ import pytest
 
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters
 from knee_contact_ros.system.files import share_folder
-from tests.ros.conftest import PATIENCE, NodeProcess, Peer
+from tests.ros.conftest import PATIENCE, Peer, Start
 
 COMMAND = [sys.executable, "-m", "knee_contact_ros.commands.main"]
 POLICY = share_folder() / "config" / "security" / "knee_contact.policy.xml"
@@ -62,7 +61,7 @@ def offered_names(peer: Peer, node: str) -> dict[str, set[str]]:
     ],
 )
 def test_the_policy_is_what_the_node_has(
-    peer: Peer, start_node: Callable[..., NodeProcess], node: str, kind: str, force: str, more: tuple[str, ...]
+    peer: Peer, start_node: Start, node: str, kind: str, force: str, more: tuple[str, ...]
 ) -> None:
     start_node("-p", "use_sim_time:=true", *more, kind=kind)
     peer.wait_until(lambda: node in peer.node.get_node_names())

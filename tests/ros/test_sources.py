@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from importlib import import_module
 from pathlib import Path
 from typing import Any
@@ -28,9 +27,8 @@ from tests.offline.test_sources import (
     joint_state,
     wrench,
 )
-from tests.ros.conftest import NodeProcess, Peer
+from tests.ros.conftest import Peer, Start
 
-Start = Callable[..., NodeProcess]
 VERTICAL = ("/ground_reaction_force", (FORCE[1][0], lambda t, _, load: wrench(t, 0.0, load, 0.0)))
 ROBOTS: dict[str, tuple[str, dict[str, Any]]] = {
     "project_march": ("load --with-contact", {

@@ -8,6 +8,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from geometry_msgs.msg import WrenchStamped
+from rcl_interfaces.msg import Parameter as ParameterMessage
+from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.qos import QoSProfile, ReliabilityPolicy
 from sensor_msgs.msg import JointState
 
@@ -18,9 +20,9 @@ from knee_contact_ros.parameters.files import known_parameters, load_parameters
 from knee_contact_ros.streams.messages import WrenchStamped as Wrench
 from knee_contact_ros.streams.messages import encode_wrench_stamped
 from tests import ROOT
-from tests.ros.conftest import NodeProcess, Peer, set_parameters
+from tests.helpers.messages import RosMessages, header
+from tests.ros.conftest import Peer, Start, call, set_parameters
 
-Start = Callable[..., NodeProcess]
 MS = 1_000_000
 
 
@@ -129,3 +131,41 @@ def test_a_split_that_cannot_be_used_is_told(peer: Peer, start_node: Start) -> N
         "share of the axial load": "-0.19 to 1.19", "above 1": "1", "below 0": "1", **off,
     }  # fmt: skip
     assert "above 1 in 33.3 % and below 0 in 33.3 %" in node.stop()[1]
+
+
+def test_a_dump_of_parameters_is_loaded_and_publishers_that_disagree_are_told(peer: Peer, start_node: Start) -> None:
+    node = start_node("-p", "contact.law:=two_layer_viscoelastic")
+    peer.wait_for_node()
+    names = list(call(peer, ListParameters, "/knee_contact/list_parameters", ListParameters.Request()).result.names)
+    own = [name for name in names if name in known_parameters()]
+
+    values = call(peer, GetParameters, "/knee_contact/get_parameters", GetParameters.Request(names=own)).values
+    before = [ParameterMessage(name=name, value=value) for name, value in zip(own, values, strict=True)]
+    assert len(own) > 100
+    request = SetParameters.Request(parameters=before)  # as `ros2 param load` of `ros2 param dump` does
+    results = call(peer, SetParameters, "/knee_contact/set_parameters", request).results
+    assert {(result.successful, result.reason) for result in results} == {(True, "")}
+
+    other = peer.node.create_publisher(JointState, "joint_states", 100)
+    peer.wait_until(other.get_subscription_count)
+
+    def alternate(start: int) -> int:
+        for stamp in range(start, start + 100 * 5 * MS, 5 * MS):
+            peer.send(stamp, 0.8, 900.0)
+            message = JointState(header=header(RosMessages, stamp + MS, ""), name=["knee"], position=[0.0])
+            other.publish(message)
+            peer.spin(0.002)  # else all of one come before all of the other
+        return start + 100 * 5 * MS
+
+    now = [10**18]
+
+    def told(entry: str, words: str) -> Callable[[], bool]:
+        def look() -> bool:
+            now[0] = alternate(now[0])
+            return words in peer.problems.get(f"knee_contact: {entry}", "")
+
+        return look
+
+    peer.wait_until(told("joint_states", "publishers send it and disagree"))
+    _, output = node.stop()
+    assert "the joint 'knee' of joint_states goes back and forth by about 0.80 rad between samples" in output

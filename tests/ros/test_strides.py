@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -13,10 +12,8 @@ from sensor_msgs.msg import JointState
 from knee_contact_ros.bags.reader import read_answers
 from knee_contact_ros.node.contact_node import encode_stride
 from knee_contact_ros.streams.strides import Span, Stride, strides_of
-from tests.ros.conftest import NodeProcess, Peer
+from tests.ros.conftest import Peer, Start
 from tests.streams.test_gait_events import BODY_WEIGHT, walking
-
-Start = Callable[..., NodeProcess]
 
 
 def test_each_stride_is_told_once_with_the_numbers_of_python(peer: Peer, start_node: Start, tmp_path: Path) -> None:

@@ -16,7 +16,7 @@ import pytest
 
 from knee_contact_ros.lab.study import Study, read_study
 from knee_contact_ros.system.errors import IncompleteError
-from tests.helpers.disks import remount
+from tests.helpers.processes import remount
 from tests.lab.sweep.studies import Cluster, assert_same, computed, end, started, table, wait_until
 
 pytestmark = pytest.mark.xdist_group("cluster of cohorts")
