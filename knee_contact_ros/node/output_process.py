@@ -44,18 +44,20 @@ def work(connection: Connection, module: str, arguments: tuple[Any, ...]) -> boo
         report(OPEN)
         flush_at = look_at = 0.0  # monotonic times [s]; what opening has written is flushed at once
         sent: Any = ()
+        unflushed = True
         while not isinstance(sent, Ending | None):
-            if connection.poll(max(min(flush_at, look_at) - time.monotonic(), 0.0)):
-                sent = received(connection)
+            wake_at = min(flush_at, look_at) if unflushed else look_at
+            if connection.poll(max(wake_at - time.monotonic(), 0.0)):
+                sent, unflushed = received(connection), True
                 if isinstance(sent, Note):
                     output.note(*sent)
                 elif isinstance(sent, list):
                     output.write(sent)
                     written += len(sent)
             now = time.monotonic()
-            if now >= flush_at:
+            if now >= flush_at and (unflushed or now >= look_at):
                 output.flush()
-                flush_at = now + output.period
+                flush_at, unflushed = now + output.period, False
             if now >= look_at:
                 report(OPEN, news=output.news())
                 look_at = now + LOOK_PERIOD
