@@ -1,7 +1,7 @@
 """Many messages and samples at once, as arrays: the same numbers and bytes as one by one.
 
-Recorded answers are read by the message definition that the recording holds. So a recording stays readable when the
-message gets more fields: numbers that it does not have become NaN.
+Recorded answers are read by the message definition in the recording. So a recording stays readable when the message
+gets more fields: numbers that it lacks become NaN.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ Indices = NDArray[np.intp]
 Places = NDArray[np.int64]
 """Offsets [B] in a piece of memory, shape (n,)"""
 MOST_ELSE = 4
-"""Largest memory that is kept, or copied, for some messages, as a multiple of their size"""
+"""Largest memory that is kept or copied for messages, as a multiple of their size"""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Column:
     begins: Places
     """Offsets at which the messages begin"""
     ends: Places
-    """Offsets behind the messages"""
+    """Offsets of the messages' ends"""
 
     @classmethod
     def of(cls, messages: Sequence[bytes]) -> Column:
@@ -88,7 +88,7 @@ class Column:
         return Column(self.data, self.begins[chosen], self.ends[chosen])
 
     def trimmed(self) -> Column:
-        """Same messages in memory that holds little else."""
+        """Same messages in memory with little else."""
         if not len(self):
             return Column(b"", self.begins, self.ends)
         first, last = int(self.begins.min()), int(self.ends.max())
@@ -207,7 +207,7 @@ class Place(NamedTuple):
 def decode_answers(messages: Sequence[bytes], message_definition: MessageDefinition) -> Rows:
     """Read rows from `KneeContact` messages, shape (n,), with their stamps; numbers that are missing become NaN.
 
-    `message_definition` is the message definition that the recording holds; `PRESENT` stands for that of this package.
+    `message_definition` is the one in the recording; `PRESENT` stands for this package's.
 
     Raises:
         ValueError: the definition lacks a number, or a message does not fit it.
@@ -231,7 +231,7 @@ def decode_answers(messages: Sequence[bytes], message_definition: MessageDefinit
 
 @lru_cache(maxsize=16)
 def places_of(message_definition: MessageDefinition) -> tuple[tuple[Place, ...], bool]:
-    """Numbers behind the header, in order, up to a field of variable size; and whether there is no such field.
+    """Numbers after the header, in order, up to a field of variable size; and whether there is no such field.
 
     Raises:
         ValueError: the definition lacks a number that the message has always had.
@@ -359,7 +359,7 @@ def pair(
 
 
 def all_go_on(steps: Stamps, known: int, max_gap: int) -> bool:
-    """Whether a `Timeline` would accept all steps [ns] behind the first `known` ones: forward, and not too far."""
+    """Whether a `Timeline` would accept all steps [ns] after the first `known` ones: forward, and not too far."""
     if len(steps) <= known:
         return False
     recent = np.concatenate([np.zeros(STEPS, np.int64), steps[:-1]])

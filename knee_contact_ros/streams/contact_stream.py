@@ -63,7 +63,7 @@ WRENCH_FIELDS = [f"contact_wrench_{part}_{axis}" for part in ("force", "torque")
 def angle_sample(
     message: JointState, knee: Knee, height_prescribed: bool = False, data: bytes = b"", delay: int = 0
 ) -> AngleSample:
-    """Sample with the flexion angle of a JointState before the offset, sign x position: the offset may still change.
+    """Sample with the flexion angle of a JointState, without the offset, which may still change: sign x position.
 
     Args:
         message: The JointState.
@@ -94,12 +94,12 @@ def load_sample(
 ) -> LoadSample:
     """Sample with the axial load L = -F_y and the frontal moment of a WrenchStamped on the tibia.
 
-    A `torque.y` that is NaN beside a number as `torque.z` says that the load is doubtful: the load node does so. Who
-    knows no torque at all may fill it with NaN.
+    If `torque.y` is NaN and `torque.z` is a number, the load is doubtful: the load node says so in this way. A sender
+    that knows no torque may fill all of it with NaN.
 
     Args:
         message: The WrenchStamped.
-        by_moment: Rule for the compartment's load if that depends on the moment; its result is checked, too.
+        by_moment: Rule for the compartment's load if that depends on the moment; its result is checked too.
         arrived: Time of arrival by the caller's clock [s].
         data: Bytes in which the message is recorded.
 
@@ -147,13 +147,13 @@ class ContactStream(PairedStreams):
         """Statistics of the medial share, where it varies"""
         self.leg = Leg()
         self.is_lost = False
-        """Whether the first tick lies in the middle of a motion that is not known"""
+        """Whether the first tick lies in the middle of an unknown motion"""
         self._divide(parameters)
         if compiled:
             self.compile()
 
     def compile(self) -> None:
-        """Use the compiled model, if there can be one; to be called before the first sample."""
+        """Use the compiled model, if possible; to be called before the first sample."""
         for compartment in self.compartments:
             compartment.compile()
 
@@ -223,7 +223,7 @@ class ContactStream(PairedStreams):
         return Answer(b"".join(rows), tuple(records), size)
 
     def check(self, parameters: Parameters) -> None:
-        """Check that `retune` will take these parameters; raises what is against it, and changes nothing."""
+        """Check that `retune` will accept these parameters; raises the reason if not, and changes nothing."""
         load_rule(parameters, self._texts)
         offset = parameters.knee.flexion_offset
         waiting = (*self.synchroniser.angles, *self.synchroniser.angle_time.pending)
@@ -235,7 +235,7 @@ class ContactStream(PairedStreams):
             doubts_about(knee, retuned(compartment.model, knee))
 
     def retune(self, parameters: Parameters) -> None:
-        """Continue with other numbers among the parameters, between two ticks; `retuned` says which are used."""
+        """Continue with changed numbers among the parameters, between two ticks; `retuned` says which are used."""
         self.parameters = parameters
         self._divide(parameters)
         medial, *lateral = self.compartments
@@ -264,7 +264,7 @@ class Compartment:
         """
         self.topic, self.parameters, self.model, self._z = topic, parameters, model, z
         self.doubts = doubts_about(parameters, model)
-        """Implausible parameters, and implausible answers among those that are added to it"""
+        """Implausible parameters, and implausible ones among the answers added to it"""
         self.start_anew()
 
     def start_anew(self) -> None:
@@ -281,7 +281,7 @@ class Compartment:
         self.start_anew()
 
     def retune(self, parameters: Parameters, z: float) -> None:
-        """Continue with other numbers among the parameters and another place [m], between two ticks."""
+        """Continue with changed numbers among the parameters and another place [m], between two ticks."""
         turned = parameters.knee.flexion_offset != self.parameters.knee.flexion_offset
         self.parameters, self._z = parameters, z
         self.model = retuned(self.model, parameters)
@@ -317,7 +317,7 @@ class Compartment:
 
 
 def move_along_z(rows: Rows, z: float) -> None:
-    """Move the answers of many ticks to a compartment at a place z [m] beside the middle of the tibia."""
+    """Move the answers of many ticks to a compartment at z [m] from the middle of the tibia."""
     if not z:
         return
     rows["contact_point"]["z"] = z
@@ -384,14 +384,14 @@ MOVED, DESCRIBED = NANOSECONDS // 50, 10 * NANOSECONDS
 """Periods [ns]: at the first tick of one the thigh is placed, and the leg described again, for snapshots and splits"""
 QUOTE = {'"': "&quot;"}
 SHOWN = reader("flexion_angle", "femoral_height", "femoral_x")
-"""Reader of the fields of an answer's row that the pose of the thigh follows from"""
+"""Reader of the fields of an answer's row that give the pose of the thigh"""
 
 
 class Leg:
     """Makes the messages about the leg, tick by tick or for many; they depend on stamps and answers alone.
 
-    They are its description (URDF), and where the thigh is (tf2). The shank stands in the frame of the forces, the
-    tibia frame, and the thigh where the answers have the femur. So Rerun, RViz and Foxglove draw and move the leg of a
+    They are its description (URDF) and the pose of the thigh (tf2). The shank is in the frame of the forces, the tibia
+    frame; the thigh is where the answers place the femur. So Rerun, RViz and Foxglove draw and move the leg of a
     recording without anything else.
     """
 

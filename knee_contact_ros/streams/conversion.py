@@ -1,7 +1,7 @@
-"""Messages of any type to those that the pipelines take: joint states and wrenches, by what a `Source` says.
+"""Conversion of messages of any type to joint states and wrenches for the pipelines, as a `Source` describes.
 
-A `Converter` reads a message with the definition of its type, live (as installed) and offline (as in the bag) by the
-same code, and so to the same bits. Usual inputs need none, and cost nothing.
+A `Converter` reads a message by the definition of its type: the installed one live, the bag's offline. The code is the
+same, and so are the bits. The usual inputs need no converter and cost nothing.
 """
 
 from __future__ import annotations
@@ -22,21 +22,21 @@ from knee_contact_ros.streams.topics import NANOSECONDS, stamp_to_ns, typestore
 from knee_contact_ros.system.errors import UsageError, listed
 
 Types = Callable[[Source, str], Typestore]
-"""Gives the definitions of the type of a source, and of all types in it; the parameter that names it is for errors"""
+"""Returns the definitions of a source's type and of all types in it; errors name the given parameter"""
 Convert = Callable[[bytes, int], bytes]
-"""Turns the bytes of a message that arrived at a time [ns] into those of the message that a pipeline takes"""
+"""Converts the bytes of a message that arrived at a time [ns] to those of the message for a pipeline"""
 ANY = "*"
-"""Text in the name of a joint that stands for any text: that of the body which is followed"""
+"""Wildcard in the name of a joint, for the id of the followed body"""
 
 
 class Body:
     """The body that is followed among those whose joints have names such as `r_knee_<id>`.
 
-    The first one is followed while its samples come; then another one may take its place. That depends on stamps alone.
+    The first body is followed as long as its samples come; then another one may take its place. Only stamps decide.
     """
 
     def __init__(self, parameters: Parameters | LoadParameters) -> None:
-        """Follow the body of the joints in whose names `*` stands for an id, until a gap of `pairing.max_gap`."""
+        """Follow the body whose id replaces `*` in the names of joints, until a gap of `pairing.max_gap`."""
         self._patterns = [joint.partition(ANY)[::2] for joint in parameters.joints().values() if ANY in joint]
         self.has_id = bool(self._patterns)
         """Whether a name has such an id"""
@@ -47,7 +47,7 @@ class Body:
         """Joint state of the body, with the names that the parameters give.
 
         Raises:
-            RefusedSampleError: it has none of the joints, or those of other bodies.
+            RefusedSampleError: the message has none of the joints, or only those of other bodies.
         """
         if not self._patterns:
             return state
@@ -77,7 +77,7 @@ class Converter:
     def __init__(self, source: Source, by: str, types: Types, joints: Sequence[str], body: Body) -> None:
         """Prepare to read the messages of a source, which the parameter `by` describes.
 
-        They give the angles of `joints`, which are those of a `body`; without any they give a force.
+        They give the angles of `joints` of a `body`, or, without joints, a force.
 
         Raises:
             UsageError: the type is not known, lacks a field or has no stamp, or the field is not a number.
@@ -138,7 +138,7 @@ class Converter:
 
 
 def converters(parameters: Parameters | LoadParameters, types: Types) -> tuple[Convert | None, Convert | None]:
-    """Converters of the angles and of the forces; None where messages are taken as they come.
+    """Converters of the angles and of the forces; None where messages need no conversion.
 
     Raises:
         UsageError: see `Converter`.
@@ -156,7 +156,7 @@ def types_in(definition: MessageDefinition, type_name: str) -> Typestore:
     """Definitions of a type and of all types in it, from a bag's; those of ROS 2 Jazzy where the bag has none.
 
     Raises:
-        Exception: of many kinds, where the text defines no such type.
+        Exception: of many kinds, if the text does not define the type.
     """
     if definition.format is MessageDefinitionFormat.NONE:
         known = typestore()
@@ -195,7 +195,7 @@ def check_path(store: Typestore, type_name: str, field: Field, by: str) -> None:
     """Check that messages of a type have a number at the path of a field.
 
     Raises:
-        UsageError: they do not; the message names the parameter `by`.
+        UsageError: they do not; the error names the parameter `by`.
     """
     kind: Nodetype = Nodetype.NAME
     detail: Any = type_name

@@ -1,7 +1,7 @@
-"""The frame of the forces: checked at every sample; forces are transformed to the tibia frame if a parameter says so.
+"""The frame of the forces: checked at every sample; a parameter can request a transform to the tibia frame.
 
-Only static transforms (`/tf_static`) are used, and the transformed force is recorded. So an answer depends on samples
-and not on the time at which a transform arrived, and a recording needs no transforms to be computed again.
+Only static transforms (`/tf_static`) are used, and the transformed force is recorded. So answers depend on samples and
+not on when a transform arrived, and a recording can be computed again without transforms.
 """
 
 from __future__ import annotations
@@ -26,11 +26,11 @@ ISB = "_isb"
 """Suffix of a tibia frame (x anterior, y superior, z right) whose bone has a frame by REP 103 without the suffix"""
 HALF = 0.5**0.5
 FROM_REP_103 = (HALF, 0.0, 0.0, HALF)
-"""Rotation from x forward, y left, z up to x anterior, y superior, z right: a quarter turn about x; x, y, z, w"""
+"""Rotation from x forward, y left, z up to x anterior, y superior, z right, a quarter turn about x; as x, y, z, w"""
 FORCE_TURNED = "force_turned"
-"""Name of the metadata record that describes how forces are transformed from there on"""
+"""Name of the metadata record that describes how later forces are transformed"""
 LONGEST_CHAIN = 100
-"""Largest number of transforms that are followed from a frame to its ancestors"""
+"""Largest number of transforms followed from a frame to its ancestors"""
 FARTHEST = 1e6
 """Largest distance [m] from one frame to the next"""
 UNIT = 0.01
@@ -54,7 +54,7 @@ def decode_transforms(data: bytes) -> list[Transform]:
     """Transforms in the bytes of a TFMessage.
 
     Raises:
-        ValueError: the bytes are no such message.
+        ValueError: the bytes are not such a message.
     """
     try:
         message: Any = typestore().deserialize_cdr(data, TF_MESSAGE)
@@ -88,7 +88,7 @@ def _transform(parent: str, child: str, transform: Any) -> Transform:
 
 
 def isb_transform(frame: str) -> Transform | None:
-    """Pose of a tibia frame in the bone's frame by REP 103; None if its name has not the suffix for it."""
+    """Pose of a tibia frame in the bone's frame by REP 103; None if its name lacks the suffix."""
     bone = frame.removesuffix(ISB)
     return Transform(bone, frame, (0.0, 0.0, 0.0), FROM_REP_103) if bone and bone != frame else None
 
@@ -103,8 +103,8 @@ class StaticTransforms:
         """Add a transform, and return whether it changes the tree.
 
         Raises:
-            ValueError: a number is not finite or too large, the quaternion is not of unit length, or a name is missing
-                or that of both frames.
+            ValueError: a number is not finite or too large, the quaternion is not of unit length, a name is missing, or
+                both names are equal.
         """
         parent, child, translation, rotation = transform
         label = f"transform from {_short(parent)} to {_short(child)}"
@@ -118,13 +118,13 @@ class StaticTransforms:
         return news
 
     def between(self, frame: str, wanted: str) -> Pose | None:
-        """Pose that takes coordinates in a frame to those in the wanted one; None if no transforms connect them."""
+        """Pose that converts coordinates from a frame to the wanted one; None if no transforms connect them."""
         up, down = self._up(frame), self._up(wanted)
         common = next((ancestor for ancestor in up if ancestor in down), None)
         return None if common is None else np.linalg.inv(down[common]) @ up[common]
 
     def _up(self, frame: str) -> dict[str, Pose]:
-        """Ancestors of a frame, itself first, each with the pose that takes coordinates there."""
+        """Ancestors of a frame, itself first, each with the pose that converts coordinates to it."""
         ancestors, pose = {frame: np.eye(4)}, np.eye(4)
         while frame in self._known and len(ancestors) <= LONGEST_CHAIN:
             step = self._known[frame]
@@ -153,10 +153,10 @@ class ForceFrame:
     """Checks that all forces come in one frame, and transforms them if that is not the wanted one."""
 
     def __init__(self, wanted: str = "", topic: str = JOINT_REACTION_FORCE) -> None:
-        """Expect forces of `topic`; `wanted` names the tibia frame, and is empty if they are in it as they come."""
+        """Expect forces of `topic`; `wanted` names the tibia frame, or is empty if forces need no transform."""
         self.wanted, self._topic = wanted, topic
         self.is_known = False
-        """Whether all forces are certainly in the tibia frame, as in a recording: then nothing is checked"""
+        """Whether all forces are known to be in the tibia frame, as in a recording; then nothing is checked"""
         self.turn_note: dict[str, str] = {}
         """Metadata record of a turn that is new; see `take_turn_note`"""
         self._frame: str | None = None  # of the forces as they come
@@ -179,7 +179,7 @@ class ForceFrame:
         self._frame = self._pose = None
 
     def learn(self, transforms: Iterable[Transform]) -> list[str]:
-        """Use transforms from now on; return messages about those that make no sense and are ignored."""
+        """Use transforms from now on; return messages about invalid ones, which are ignored."""
         problems, news = [], False
         for transform in transforms:
             try:
@@ -195,7 +195,7 @@ class ForceFrame:
         return problems
 
     def goes_on(self, frame: str) -> bool:
-        """Whether a force in this frame is accepted, in the frame of those before, and needs no transform."""
+        """Whether a force in this frame is accepted, is in the same frame as earlier ones, and needs no transform."""
         if self.is_known:
             return True
         if self._frame == "" and not self.wanted:  # a publisher that did not know its frame yet
@@ -218,7 +218,7 @@ class ForceFrame:
         """Transform a force to the origin and the axes of the tibia frame; return it, and the bytes to record.
 
         Raises:
-            RefusedSampleError: it is in another frame than those before, or no transform leads to the wanted one.
+            RefusedSampleError: its frame differs from earlier forces', or no transform leads to the wanted one.
         """
         frame = wrench.frame_id
         self._candidate = None

@@ -1,14 +1,14 @@
-"""Gait events from flexion angle and load alone; no ground reaction is known here.
+"""Gait events from flexion angle and load alone, without ground reactions.
 
-Angle and load are brought onto a grid of 200 Hz and smoothed (Gaussian, 20 ms), whatever the rate of the samples.
+Angle and load are resampled at 200 Hz and smoothed (Gaussian, 20 ms), at any rate of the samples.
 
-- **Heel strike**: 30 ms after the extension peak at the end of swing. That is a minimum of the angle to which it fell
-  by 5° or more within 0.1 s, from which the knee flexes again by 3° or more, and at which the load rises: before,
-  it was below 0.45 of what it reaches within 0.4 s.
-- **Toe-off**: 25 ms after the largest flexion rate of a flexion by 20° or more in which the load falls: just after,
-  it is below 0.45 of what it was within 0.4 s before.
+- **Heel strike**: 30 ms after the extension peak at the end of swing. This is a minimum of the angle after a fall by
+  5° or more within 0.1 s and before a flexion by 3° or more. The load must rise there: before, it was below 0.45
+  times its maximum within the next 0.4 s.
+- **Toe-off**: 25 ms after the largest flexion rate of a flexion by 20° or more. The load must fall there: just after,
+  it is below 0.45 times its maximum within the 0.4 s before.
 - **Load peak**: the largest load within 0.25 s on either side, of 1 BW or more, where the load varies by 0.15 BW or
-  more; not at the ends of the run. It is that of the largest sample within 50 ms of the smoothed load's peak.
+  more; not at the ends of the run. Its stamp is that of the largest sample within 50 ms of the smoothed load's peak.
 
 Knee extension peaks shortly before the foot lands, and the knee flexes most quickly shortly before the foot leaves the
 ground. The times between were measured against the vertical ground reaction (above 20 N) of two persons who walked at
@@ -16,10 +16,9 @@ their own speed: the two shipped bags (27 to 34 ms at four heel strikes, 16 to 2
 trial published with Rajagopal et al. (2016), doi:10.1109/TBME.2016.2586891 (subject 11, angle from marker clusters: 19
 to 29 ms at three heel strikes, 20 to 35 ms at three toe-offs). `docs/how-to/report.md` has the errors that remain.
 
-Limits: these are times of level walking at a usual speed; at other speeds and in running expect errors of some tens of
-ms. Where the knee does not flex after landing (a stiff knee, or going upstairs, where the foot lands on a bent knee and
-the knee extends from there) no heel strike is found. At the start and the end of a recording an event within some 60 ms
-is less certain, or missed.
+Limits: these times hold for level walking at a usual speed; at other speeds and in running expect errors of tens of ms.
+No heel strike is found if the knee does not flex after landing: a stiff knee, or going upstairs, where the knee lands
+bent and then extends. Within about 60 ms of the start and end of a recording an event is less certain, or missed.
 """
 
 from __future__ import annotations
@@ -46,7 +45,7 @@ def points(time: float) -> int:
 
 
 SMOOTHING = 0.02
-"""Standard deviation [s] of the Gaussian: gait below 6 Hz passes, noise of single samples is reduced to a quarter"""
+"""Standard deviation [s] of the Gaussian, which passes gait below 6 Hz and reduces noise of samples to a quarter"""
 REACH = points(3.0 * SMOOTHING)
 """Number of grid points on either side that a smoothed one depends on"""
 WEIGHTS = np.exp(-0.5 * (np.arange(-REACH, REACH + 1) / points(SMOOTHING)) ** 2)
@@ -58,13 +57,13 @@ FALL, FALL_TIME = math.radians(5.0), points(0.1)
 SWING = math.radians(20.0)
 """Smallest flexion around toe-off [rad]"""
 RATE_OVER = points(0.02)
-"""Number of points on either side over which the flexion rate is taken"""
+"""Number of points on either side for computing the flexion rate"""
 LONGEST_TURN = points(1.0)
 """Largest number of points of a flexion around toe-off, and from an extremum until the knee has turned back"""
 UNLOADED, LEAST_LOAD = 0.45, 0.5
-"""Share of the stance's load below which the leg swings; smallest load of a stance [BW]"""
+"""Fraction of the stance's load below which the leg swings; smallest load of a stance [BW]"""
 LOADING_TIME = points(0.4)
-"""Number of points of stance within which its load is looked for"""
+"""Number of points of stance in which its load is searched"""
 BEFORE_LANDING, AFTER_LEAVING = (points(-0.25), points(-0.07)), (points(0.08), points(0.2))
 """Points after the extension peak, and after the largest flexion rate, between which the leg swings"""
 PEAK_LOAD, PEAK_DISTANCE, PEAK_PROMINENCE = 1.0, points(0.25), 0.15
@@ -75,7 +74,7 @@ AFTER = {HEEL_STRIKE: 30_000_000, TOE_OFF: 25_000_000}
 NEARBY = 50_000_000
 """Largest distance [ns] of the largest sample from a peak of the smoothed load"""
 GAP = 500_000_000
-"""Largest time [ns] between two samples; beyond it everything starts anew"""
+"""Largest time [ns] between two samples; after a longer gap everything starts again"""
 PAUSE = 50_000_000
 """Shortest time [ns] between two looks at a stream"""
 KEPT = 3 * SECOND + GAP
@@ -83,7 +82,7 @@ KEPT = 3 * SECOND + GAP
 
 
 def runs(stamps: Stamps, before: Stamps) -> Iterator[tuple[slice, bool]]:
-    """Yield the parts of stamps [ns] without a gap, in order, and whether each begins anew, after those `before`."""
+    """Yield the parts of stamps [ns] without a gap, in order, and whether each starts again, after those `before`."""
     steps = np.diff(stamps, prepend=before[-1:] if len(before) else stamps[:1] - 1)
     cuts = np.flatnonzero((steps <= 0) | (steps > GAP)).tolist()
     for begin, end in pairwise([0, *cuts, len(stamps)]):
@@ -119,10 +118,10 @@ class GaitEvents:
         self._told = set[tuple[str, int]]()  # kind and extremum of events after it
 
     def add(self, stamps: Stamps, flexion_angle: Floats, load: Floats) -> list[GaitEvent]:
-        """Take samples; return the events that have become certain, sorted.
+        """Add samples; return the events that have become certain, sorted.
 
-        That is up to one second after an event's stamp, so an earlier one of another kind may come later. Where stamps
-        do not increase, or leave a gap of more than half a second, everything starts anew.
+        An event is certain up to one second after its stamp, so an earlier one of another kind may come later. If
+        stamps do not increase, or leave a gap of more than half a second, everything starts again.
 
         Args:
             stamps: Stamps [ns], shape (n,).
@@ -146,7 +145,7 @@ class GaitEvents:
         return events
 
     def _found(self, *, ended: bool) -> list[GaitEvent]:
-        """Give the events that are certain now and were not before, sorted; forget old samples."""
+        """Return the newly certain events, sorted; forget old samples."""
         if not len(self._stamps):
             return []
         window = Window(self._stamps, self._samples, self._body_weight, ended=ended)
@@ -181,7 +180,7 @@ class Window:
 
     @property
     def end(self) -> int:
-        """Number of the grid point behind the last smoothed one."""
+        """Number of the grid point after the last smoothed one."""
         return self._origin + len(self._angle)
 
     def events(self, begin: int) -> Iterator[tuple[tuple[str, int], GaitEvent]]:
@@ -211,7 +210,7 @@ class Window:
         return GaitEvent(stamp, kind, f"{kind} at {np.degrees(angle):.0f}° of flexion")
 
     def _extension(self, before: Floats, at: int) -> tuple[int | None, float]:
-        """Where the knee is straightest before a heel strike: the point, and the part of one from it; None: nowhere."""
+        """Place of the extension peak before a heel strike: grid point, and offset in points; None: nowhere."""
         fall = -self._angle[at] - before[:FALL_TIME].min(initial=-self._angle[at])
         stance = self._load[at : at + LOADING_TIME + 1]
         if fall < FALL or not self._swings(at, BEFORE_LANDING, stance):
@@ -219,7 +218,7 @@ class Window:
         return at, vertex(self._angle[at - 1 : at + 2])
 
     def _flexion_rate(self, before: Floats, at: int) -> tuple[int | None, float]:
-        """Where the knee flexes most quickly before its largest angle, if the foot leaves the ground there."""
+        """Place of the largest flexion rate before the largest angle, if the foot leaves the ground there."""
         if self._angle[at] - before.min(initial=self._angle[at]) < SWING:
             return None, 0.0
         begin = at - 1 - int(before.argmin())
@@ -230,7 +229,7 @@ class Window:
         return quickest, vertex(self._rates[quickest - 1 : quickest + 2])
 
     def _swings(self, at: int, times: tuple[int, int], stance: Floats) -> bool:
-        """Whether the leg is unloaded between two points after another, compared with the loads of its stance."""
+        """Whether the leg is unloaded between two points after a given one, compared with the loads of its stance."""
         first, last = max(at + times[0], 0), max(at + times[1], 0)  # at the beginning one point must do
         swing = self._load[first : last + 1]
         return bool(len(swing) and stance.max() >= LEAST_LOAD and swing.max() <= UNLOADED * stance.max())
@@ -251,7 +250,7 @@ class Window:
 
 
 def maxima(signal: Floats) -> NDArray[np.intp]:
-    """Places of the local maxima; of a plateau the first one."""
+    """Places of the local maxima; for a plateau the first point."""
     return 1 + np.flatnonzero((signal[1:-1] > signal[:-2]) & (signal[1:-1] >= signal[2:]))
 
 

@@ -1,6 +1,6 @@
 """From the messages of a leg's sensors to its joint reaction force, without ROS: for the load node and `estimate-load`.
 
-The joints' names, signs and axes are applied here, and nowhere else.
+The joints' names, signs and axes are applied only here.
 """
 
 from __future__ import annotations
@@ -42,8 +42,9 @@ def leg_sample(message: JointState, parameters: LoadParameters, data: bytes, del
     """Sample with angles and actuators' torques from a JointState; `data` and `delay` as for `angle_sample`.
 
     Raises:
-        RefusedSampleError: a joint that the parameters name is missing, has no position, or no effort where it is
-            assisted, or its value is not finite or too large; or the stamp is not valid.
+        RefusedSampleError: a joint that the parameters name is missing, lacks a position, or lacks an effort although
+        it
+            is assisted; a value is not finite or too large; or the stamp is not valid.
     """
     knee, ankle = parameters.knee, parameters.ankle
     flexion = _angle(message, knee)
@@ -53,7 +54,7 @@ def leg_sample(message: JointState, parameters: LoadParameters, data: bytes, del
 
 
 def joints_of(flexion: float, others: tuple[float, ...]) -> Joints:
-    """Joints from the flexion angle and the other numbers of a sample that `leg_sample` has made."""
+    """Joints from the flexion angle and the other numbers of a sample made by `leg_sample`."""
     return Joints(flexion, *others)
 
 
@@ -162,7 +163,7 @@ class LoadStream(PairedStreams):
     def sense(self, pair: PairedSample) -> Sensed:
         """Joints, motion and ground force at a pair's stamp. To be called for every pair in order.
 
-        The motion follows from the measured angles: interpolated or held ones would distort it.
+        The motion is computed from the measured angles; interpolated or held ones would distort it.
         """
         if pair.status & TIME_RESET:
             self._motion.forget()
@@ -198,7 +199,7 @@ class LoadStream(PairedStreams):
         return Answer(b"", records, sum(len(data) for _, _, data in records))
 
     def retune(self, parameters: LoadParameters) -> None:
-        """Continue with other numbers among the parameters, between two ticks."""
+        """Continue with changed numbers among the parameters, between two ticks."""
         if _offsets(parameters) != _offsets(self.parameters):  # the jump of the angles is no motion
             self._motion.forget()
             self._estimator.forget()

@@ -1,6 +1,6 @@
-"""Bytes of messages to contents and back, one by one; what cannot be used is refused.
+"""Conversion of single messages from bytes to contents and back; unusable messages are refused.
 
-Messages with the same texts and lengths differ in their stamps and numbers only. So a `Layout`, made from the
+Messages with the same texts and lengths differ only in their stamps and numbers. So a `Layout`, made from the
 declaration (`FIELDS`), texts and lengths, knows all offsets: as a `struct` for one message, as a NumPy type for many
 (`columns.py`). Messages are written as little-endian CDR (XCDR1) with zeros as padding, as `rosbags` does; whatever ROS
 sends is read. An answer is written as a header and the part of its row that the message consists of.
@@ -37,7 +37,7 @@ BYTE_ORDERS: dict[bytes, Order] = {b"\x00\x01": "<", b"\x00\x00": ">"}
 STAMPS = {kind: struct.Struct(f"{order}4xiI").unpack_from for kind, order in BYTE_ORDERS.items()}
 """Readers of the seconds and nanoseconds of a message's header, by the first two bytes of the encapsulation"""
 STAMP_END = 12
-"""Offset [B] behind encapsulation and stamp, with which all messages begin"""
+"""Offset [B] after encapsulation and stamp, with which all messages begin"""
 MOST_TRAILING = 12
 """Largest surplus [B] of ROS's `serialize_message`, which makes room to align numbers even where none follow"""
 LONGEST = 65536
@@ -45,7 +45,7 @@ LONGEST = 65536
 MOST_LAYOUTS = 16
 """Largest number of layouts remembered at a time"""
 UNKNOWN = (struct.error, ValueError, KeyError)
-"""Errors that reading raises if the bytes are no such message"""
+"""Errors of reading bytes that are not such a message"""
 
 
 class JointState(NamedTuple):
@@ -81,7 +81,7 @@ FIELDS: dict[type, dict[str, str]] = {
     JointState: {"frame_id": TEXT, "name": TEXTS, "position": NUMBERS, "velocity": NUMBERS, "effort": NUMBERS},
     WrenchStamped: {"frame_id": TEXT, "force": VECTOR, "torque": VECTOR},
 }
-"""Fields behind the stamp by name, and their kinds, for each type of message"""
+"""Fields after the stamp by name, and their kinds, for each type of message"""
 Content = TypeVar("Content", JointState, WrenchStamped)
 Shape = tuple[Any, ...]
 """Shape of a message: for each field its text or texts, or the number of its numbers"""
@@ -122,13 +122,13 @@ class Layout:
         self._fixed = (data[:2], *self.known.values())
         packing = struct.Struct("".join(self._form) + f"{trailing}x")
         self.unpack: Callable[[bytes], tuple[Any, ...]] = packing.unpack
-        """Splits the bytes of a message into its parts; padding, in which ROS leaves old memory, is skipped"""
+        """Splits the bytes of a message into its parts; padding, which may contain old memory, is skipped"""
         self.pack = packing.pack
         """Joins parts to the bytes of a message; padding becomes zeros"""
         self.written = self
         """Layout in which such messages are written"""
         self.is_written = False
-        """Whether `written` takes the parts of a message as they came: not of the other byte order, nor of a text that
+        """Whether `written` takes the parts of a message unchanged: not with the other byte order, nor with a text that
         is not UTF-8"""
 
     @property
@@ -199,7 +199,7 @@ class Coder(Generic[Content]):
         self._layouts: dict[int, Layout] = {}
 
     def decode(self, data: bytes | bytearray | memoryview) -> tuple[Content, bytes] | None:
-        """Content of a message, and the bytes to record; None if the bytes are no such message."""
+        """Content of a message, and the bytes to record; None if the bytes are not such a message."""
         try:
             received = data if type(data) is bytes else bytes(data)
             layout = self._layouts.get(len(received))
@@ -218,7 +218,7 @@ class Coder(Generic[Content]):
         """Content of a message of a topic, and the bytes to record.
 
         Raises:
-            RefusedSampleError: the bytes are no such message.
+            RefusedSampleError: the bytes are not such a message.
         """
         decoded = self.decode(data)
         if decoded is None:
@@ -299,7 +299,7 @@ def stamp_in(data: bytes) -> int:
     """Stamp [ns] of a message that begins with a header.
 
     Raises:
-        ValueError: the bytes are too short, or no plain CDR.
+        ValueError: the bytes are too short, or not plain CDR.
     """
     stamp = STAMPS.get(data[:2])
     if stamp is None or len(data) < STAMP_END:
@@ -314,7 +314,7 @@ encode_wrench_stamped = WRENCH.encode
 
 
 def decode_joint_state(data: bytes | bytearray | memoryview) -> JointState | None:
-    """Content of a JointState; None if the bytes are no JointState."""
+    """Content of a JointState; None if the bytes are not one."""
     decoded = JOINT_STATE.decode(data)
     return decoded and decoded[0]
 
@@ -324,7 +324,7 @@ LAST_STAMP = 2**31 * NANOSECONDS - 1
 
 
 class RefusedSampleError(Exception):
-    """A sample cannot be used; `reason` is the name of its counter, the text says what is wrong."""
+    """An unusable sample; `reason` is the name of its counter, the text says what is wrong."""
 
     def __init__(self, reason: str, text: str) -> None:
         super().__init__(printable(text))
@@ -332,11 +332,11 @@ class RefusedSampleError(Exception):
 
 
 REFUSED = b"refused "
-"""Beginning of bytes that stand for a message which could not be converted; no message begins so"""
+"""Beginning of bytes that replace a message which could not be converted; no message begins like this"""
 
 
 def refusal(refused: RefusedSampleError) -> bytes:
-    """Bytes in place of a message that is refused before it is read: `Coder.read` raises the error."""
+    """Bytes instead of a message that is refused before it is read; `Coder.read` raises the error."""
     return REFUSED + f"{refused.reason}\n{refused}".encode()
 
 
@@ -430,7 +430,8 @@ def as_joint_state(data: bytes, wanted: Collection[str] = ()) -> bytes:
     Velocities and efforts are left out, as they are not used.
 
     Raises:
-        RefusedSampleError: the bytes are no such message, the numbers of names and values differ, or one of the joints
+        RefusedSampleError: the bytes are not such a message, the numbers of names and values differ, or one of the
+        joints
             `wanted` has no position.
     """
     try:

@@ -27,11 +27,11 @@ STARTING, OPEN, REFUSED, FAILED, ENDED = "starting", "open", "refused", "failed"
 PROVENANCE = "knee_contact"
 """Name of the metadata record that describes how contacts were computed (`bags/provenance.py`)"""
 LOAD_PROVENANCE = "knee_load"
-"""Name of that record for estimated joint reactions; under the other name they would be computed again as contacts"""
+"""Name of that record for estimated joint reactions; the other name would let them be computed again as contacts"""
 
 
 class Knee(NamedTuple):
-    """A knee as outputs need to know it."""
+    """A knee's data for outputs."""
 
     parameters: Any
     """Parameters of the node, with a section for each output"""
@@ -46,29 +46,29 @@ class Knee(NamedTuple):
 
 
 class Sink(NamedTuple):
-    """Description of an output, as `sink_for` returns it for a `Knee`; None instead if the parameters ask for none."""
+    """Description of an output, which `sink_for` returns for a `Knee`, or None if the parameters request no output."""
 
     title: str
     """Name of the output in /diagnostics"""
     kind: str
     """Word for the output in messages"""
     name: str
-    """Name of the file, unless it turns out to be taken; empty if there is none"""
+    """Intended name of the file, which may turn out to be taken; empty if there is none"""
     module: str
     """Name of the module with the function `open_output`, which returns an open output in the process of the sink"""
     arguments: tuple[Any, ...]
     """Arguments of that function"""
     part: str
-    """Attribute of an answer that is sent: its `row` or its `records`, which are quick to send"""
+    """Attribute of an answer to send: its `row` or its `records`, which are quick to send"""
     gaps_allowed: bool
-    """Whether answers beyond the queue are dropped and counted; if not, the output ends then"""
+    """Whether answers beyond the queue are dropped and counted; otherwise the output ends then"""
     niceness: int = 0
     """Niceness of the process, added to the node's"""
     gather: float = 0.01
-    """Time [s] for which answers are gathered before they are sent, while more come: each sending costs the node and
-    the output as much as many answers do"""
+    """Time [s] for which answers are gathered before they are sent, as a sending costs the node and the output as much
+    as many answers"""
     section: str = ""
-    """Section of its parameters, which the node sets"""
+    """Name of its section of parameters, which the node sets"""
     limits: Any = None
     """That section: its `queue` is the largest number of answers that wait, its `queue_size` their memory [MB]"""
 

@@ -1,12 +1,12 @@
 """Pairs loads and angles by stamp: every load gets the angle at its own stamp, interpolated between its two neighbours.
 
 The `Timeline` of each stream decides by the stamps which samples to believe. A sample that continues the stream is
-believed at once. A stamp far ahead is wrong, or the stream has paused; one far behind is wrong, or the clock was set
-back, or a bag starts again. The following samples show which of these it is. Until then the sample is kept aside. It is
+believed immediately. A stamp far ahead is wrong, or the stream has paused. A stamp far behind is wrong, or the clock
+was set back, or a bag starts again. The following samples show which it is; until then the sample is kept aside. It is
 believed as soon as the other stream is at the same time, or if for a while no sample continues the stream from the last
-one believed. It is refused once one does.
+believed one. It is refused once a sample does.
 
-No clock is used: pairs depend on the samples and their order alone, and the caller decides when an angle is late
+No clock is used: pairs depend only on the samples and their order, and the caller decides when an angle is late
 (`give_up`).
 """
 
@@ -35,17 +35,17 @@ STEPS = 8
 FAR = 3
 """Multiple of the second longest step beyond which a step is far"""
 SILENT = 4
-"""Multiple of that step, or of the longest step of those kept aside, after which samples kept aside are believed"""
+"""Samples kept aside are believed after this multiple of that step, or of the longest step among them"""
 ENOUGH = 3
-"""Number of samples of both streams that make a jump of both: a pair of wrong stamps does not. More samples than this
-of one stream, after a pause, are not a burst of wrong stamps either: samples from within the pause are wrong then"""
+"""Number of samples of both streams that count as a jump of both; two wrong stamps do not. More samples than this of
+one stream after a pause are no burst of wrong stamps either; then samples from within the pause are wrong"""
 # Plain numbers: combining flags of an enumeration takes as long as the rest of a pairing.
 OK, STALE_INPUT, TIME_RESET = int(Status.OK), int(Status.STALE_INPUT), int(Status.TIME_RESET)
 INPUT_HELD, INPUT_REJECTED = int(Status.INPUT_HELD), int(Status.INPUT_REJECTED)
 
 
 APART, MOST_LEADS = NANOSECONDS, 10_000
-"""Time [ns] for which both streams must lie apart before the answers are flagged; largest number of `leads` kept"""
+"""Time [ns] for which both streams must be apart before answers are flagged; largest number of `leads` kept"""
 
 
 class AngleSample(NamedTuple):
@@ -54,9 +54,9 @@ class AngleSample(NamedTuple):
     stamp: int
     """Stamp [ns] at which the angle holds: that of the message minus `delay`, which may be negative"""
     angle: float
-    """Flexion angle [rad], positive in flexion; without `knee.flexion_offset`, which is that of the tick"""
+    """Flexion angle [rad], positive in flexion, without `knee.flexion_offset`, which the tick adds"""
     data: bytes = b""
-    """Bytes of the message as it is recorded; those that came may hold old memory of the sender between fields"""
+    """Bytes of the message to record; the original bytes may have old memory of the sender between fields"""
     height: float | None = None
     """Height of the femoral reference point [m]; None with the force drive"""
     delay: int = 0
@@ -71,7 +71,7 @@ class AngleSample(NamedTuple):
 
 
 class LoadSample(NamedTuple):
-    """Joint reaction at a stamp, which is split between the compartments when the flexion angle is known."""
+    """Joint reaction at a stamp; it is split between the compartments once the flexion angle is known."""
 
     stamp: int
     """Stamp [ns]"""
@@ -86,7 +86,7 @@ class LoadSample(NamedTuple):
     arrived: float = 0.0
     """Time of arrival by the caller's clock [s]"""
     wrench: WrenchStamped | None = None
-    """The whole wrench, where more is used than the axial force"""
+    """The whole wrench, if more than the axial force is used"""
     doubtful: bool = False
     """Whether the sender says that the load is doubtful"""
 
@@ -95,7 +95,7 @@ class Refusals(Counter[str]):
     """Number of refused samples by reason."""
 
     is_new = False
-    """Whether there are some since a pair was flagged with it"""
+    """Whether samples were refused since the last flagged pair"""
 
     def count(self, reason: str, number: int = 1) -> None:
         """Count samples that cannot be used; the next tick is flagged with them."""
@@ -113,7 +113,7 @@ class Timeline(Generic[S]):
         """Begin a stream.
 
         Args:
-            max_gap: Largest time [ns] by which a sample that lies behind is merely late.
+            max_gap: Largest time [ns] by which a sample may be behind and count as late.
             most: Largest number of samples that are kept aside.
             refused: Counts the samples that are refused.
             name: Name of the stream, with which the reasons begin.
@@ -131,9 +131,9 @@ class Timeline(Generic[S]):
         self._max_gap, self._most, self._refused, self._name = max_gap, most, refused, name
 
     def take(self, sample: S, other: Timeline[Any]) -> list[S]:
-        """Take a sample; return those that are believed now, oldest first. `other` is the stream that it pairs with.
+        """Take a sample; return the samples that are believed now, oldest first. `other` is the paired stream.
 
-        If the stream has jumped back, the stamp of the first one is not later than `last` was.
+        If the stream has jumped back, the stamp of the first one is not later than the previous `last`.
         """
         stamp, last, aside = sample.stamp, self.last, self.pending
         late = False
@@ -161,14 +161,14 @@ class Timeline(Generic[S]):
         return self.believe(None if len(self.pending) >= self._most else self._believable(other))
 
     def look_again(self, other: Timeline[Any], jumped: bool) -> list[S]:
-        """Return samples kept aside that are believed now that the other stream has new samples, or has `jumped`."""
+        """Return samples kept aside that are believed because the other stream has new samples, or has `jumped`."""
         if not self.pending:
             return []
         there = jumped and other.last is not None and abs(self.pending[-1].stamp - other.last) <= self._max_gap
         return self.believe(None if there else self._believable(other))
 
     def has_reached(self, stamp: int) -> bool:
-        """Whether a stamp [ns] is not later than this stream's next sample is expected."""
+        """Whether a stamp [ns] is at or before the expected next sample of this stream."""
         return self.last is not None and stamp <= self.last + self.far // FAR
 
     def believe(self, number: int | None = None) -> list[S]:
@@ -184,13 +184,13 @@ class Timeline(Generic[S]):
         return believed
 
     def drop_aside(self, but: int = 0) -> None:
-        """Refuse the samples that were kept aside, `but` for a number of them."""
+        """Refuse the samples that were kept aside, except a number of them (`but`)."""
         if len(self.pending) > but:
             self._refused.count(f"{self._name}_off_time", len(self.pending) - but)
         self.pending = []
 
     def go_on(self, last: int | None, steps: Iterable[int]) -> None:
-        """Set the state after samples up to a stamp [ns] with these last steps [ns], and none kept aside."""
+        """Set the state to that after samples up to a stamp [ns] with these last steps [ns], none kept aside."""
         self.last = last
         self.steps = deque(steps, maxlen=STEPS)
         self.far = FAR * _longest_but_one(self.steps) if self.steps else self._max_gap
@@ -201,13 +201,13 @@ class Timeline(Generic[S]):
         self.go_on(None, ())
 
     def _is_late_aside(self, stamp: int) -> bool:
-        """Whether a sample belongs to those kept aside, but is late; if not, the stream does not continue there."""
+        """Whether a sample belongs to those kept aside but is late; otherwise the stream does not continue there."""
         first, newest, many = self.pending[0].stamp, self.pending[-1].stamp, len(self.pending) > ENOUGH
         before = self.last if many and self.last is not None and self.last < first else first - self.far
         return stamp == newest or (len(self.pending) > 1 and stamp >= max(before, newest - self._max_gap))
 
     def _believable(self, other: Timeline[Any]) -> int:
-        """Number of samples kept aside, from the oldest on, with which the stream continues."""
+        """Number of the oldest samples kept aside with which the stream continues."""
         first, newest, every = self.pending[0].stamp, self.pending[-1].stamp, len(self.pending)
         enough = self.last is None or every + len(other.pending) >= ENOUGH
         if other.pending and enough and abs(newest - other.pending[-1].stamp) <= self._max_gap:
@@ -279,7 +279,7 @@ class Synchroniser:
         self.angle_time: Timeline[AngleSample] = Timeline(self._max_gap, self._queue, self.refused, "angle")
         self.load_time: Timeline[LoadSample] = Timeline(self._max_gap, self._queue, self.refused, "load")
         self.unrecorded = 0
-        """Number of angles that no pair will contain, as more than `pairing.queue` came between two loads"""
+        """Number of angles in no pair, because more than `pairing.queue` came between two loads"""
         self.waiting: deque[LoadSample] = deque()
         """Loads that wait for an angle"""
         self.angles: deque[AngleSample] = deque(maxlen=self._queue)
@@ -291,9 +291,9 @@ class Synchroniser:
         self.last_pair: int | None = None
         """Stamp [ns] of the last pair"""
         self.apart = False
-        """Whether the stamps of both streams lie apart by more than `pairing.max_gap`, although both come in turns"""
+        """Whether the stamps of both streams differ by more than `pairing.max_gap`, although both come in turns"""
         self.leads: list[int] = []
-        """Stamps of loads less those of angles [ns], as they came in turns since the last report"""
+        """Stamps of loads minus those of angles [ns], as they came in turns since the last report"""
         self._loads_came = False  # last
         self._apart_since: int | None = None  # stamp of a load
         self._met = False  # loads before all angles are due to the clocks, and not to the beginning
@@ -306,15 +306,15 @@ class Synchroniser:
 
     @property
     def lead(self) -> float | None:
-        """Difference [s] of the last load's stamp and the last angle's, as they came; None if it is not known."""
+        """Last load's stamp minus the last angle's [s], as they came; None if unknown."""
         angle, load = self.angle_time.last, self.load_time.last
         return None if angle is None or load is None else (load - angle - self.angle_delay) / NANOSECONDS
 
     def _compare(self, stamp: int, of_load: bool) -> None:
         """Compare a stamp [ns], as it came, with the other stream's last one, if that came before it.
 
-        Streams that come in turns for a second, and lie apart all that time, have clocks that differ, or one of them a
-        latency: bursts do not, as their last samples are at the other stream's time.
+        If streams come in turns for a second and are apart all that time, their clocks differ or one has a latency.
+        With bursts this does not happen, as their last samples are at the other stream's time.
         """
         if of_load == self._loads_came:
             return
@@ -353,7 +353,7 @@ class Synchroniser:
         self._last_load, self.last_pair, self._met = self.load_time.last, last_pair, True
 
     def start_anew(self) -> None:
-        """Let the next tick start from rest, as after a jump back in time."""
+        """Make the next tick start from rest, as after a jump back in time."""
         self.last_pair = None
         self._flags |= TIME_RESET
 
@@ -364,7 +364,7 @@ class Synchroniser:
         self._last_load, self._apart_since, self.apart = None, None, False
 
     def forget_angles(self) -> None:
-        """Use no earlier angle any more; to be called after `forget` if the streams are interrupted."""
+        """Stop using earlier angles; to be called after `forget` if the streams are interrupted."""
         self._left += self.fresh
         self.angles.clear()
         self.fresh.clear()
@@ -395,7 +395,7 @@ class Synchroniser:
     def give_up(self, arrived_by: float = math.inf) -> list[PairedSample]:
         """Pair the waiting loads that arrived until a time [s] with the last angle before them.
 
-        No angle at or after their stamps has come in time. Loads that were kept aside for so long are believed.
+        No angle at or after their stamps came in time. Loads that were kept aside for that long are believed.
         """
         pending = self.load_time.pending
         if pending and pending[0].arrived <= arrived_by < math.inf:
@@ -406,7 +406,7 @@ class Synchroniser:
         return self._pairs(hold=True, most=number)
 
     def finish(self) -> list[PairedSample]:
-        """Pair everything that came, as no more samples will come; samples that were kept aside are believed.
+        """Pair everything that came, because no more samples will come; samples kept aside are believed.
 
         Loads that waited before are not paired with angles that were kept aside.
         """
@@ -415,7 +415,7 @@ class Synchroniser:
         return pairs + self._take_loads(self.load_time.believe()) + self.give_up()
 
     def rest(self) -> list[AngleSample]:
-        """Take out the angle samples that belong to no pair, at the end of a stream."""
+        """Remove and return the angle samples that belong to no pair, at the end of a stream."""
         rest = [*self._left, *self.fresh]
         self.fresh.clear()
         self._left = []
@@ -474,7 +474,7 @@ class Synchroniser:
         return pairs
 
     def _taken(self, until: int) -> tuple[AngleSample, ...]:
-        """Take out the angles up to a stamp [ns] that belong to no pair yet."""
+        """Remove and return the angles up to a stamp [ns] that belong to no pair yet."""
         taken, self._left = self._left, []
         while self.fresh and self.fresh[0].stamp <= until:
             taken.append(self.fresh.popleft())
@@ -518,28 +518,28 @@ def _between(before: AngleSample, after: AngleSample, stamp: int) -> AngleSample
 
 
 DIFFERENT_ANGLES, DIFFERENT_FORCES = 0.03, 50.0
-"""Differences [rad] and [N] from which two publishers disagree"""
+"""Differences [rad] and [N] above which two publishers disagree"""
 UNSURE = 4.0
-"""Multiple of these where it is not known that there are two publishers: one sensor may be noisy"""
+"""Multiple of these unless there are known to be two publishers: one sensor may be noisy"""
 SHORT = 0.05
 """Longest time [s] in which a quantity cannot change and change back"""
 BACK = 0.5
-"""Largest part of a change that is left after the way back"""
+"""Largest fraction of a change that remains after the way back"""
 OFTEN, TOLD_FROM = 0.05, 10
-"""Share of the samples, and their number, from which alternating samples are reported"""
+"""Fraction and number of alternating samples above which they are reported"""
 MOST = 8192
-"""Number of samples that are looked at together"""
+"""Number of samples that are checked together"""
 
 
 class Publishers:
-    """Notices that several publishers give one quantity, and disagree: their samples alternate.
+    """Detects that several publishers of one quantity disagree, so that samples alternate.
 
-    A message does not say who sent it. But a knee does not turn back and forth between two samples, and back again:
-    where samples do so often, they are of two sources.
+    A message does not say who sent it. But a knee does not turn forth, back and forth again between samples; if samples
+    do so often, they come from two sources.
     """
 
     def __init__(self, topic: str, difference: float, unit: str) -> None:
-        """Begin without samples: of a topic, whose publishers disagree from a `difference` in a unit on."""
+        """Begin without samples of a topic, whose publishers disagree above a `difference` in a unit."""
         self._topic, self._difference, self._unit = topic, difference, unit
         self._waiting: list[tuple[int, float]] = []  # samples that have yet to be looked at
         self._last = np.empty(0, np.int64), np.empty(0)  # the last two of those that were
@@ -553,12 +553,12 @@ class Publishers:
             self.look()
 
     def look(self) -> None:
-        """Look at the samples that have come since the last look."""
+        """Check the samples that have come since the last check."""
         waiting, self._waiting = self._waiting, []
         self.add_all(np.array([stamp for stamp, _ in waiting], np.int64), np.array([value for _, value in waiting]))
 
     def add_all(self, stamps: NDArray[np.int64], values: NDArray[np.float64]) -> None:
-        """Add many samples, shape (n,), and look at them."""
+        """Add many samples, shape (n,), and check them."""
         if self._waiting:
             self.look()
         stamps, values = np.append(self._last[0], stamps), np.append(self._last[1], values)
@@ -573,7 +573,7 @@ class Publishers:
         self._found = np.concatenate([self._found, sizes[found]])[-MOST:]
 
     def sentence(self, several: str = "", joint: str = "") -> str:
-        """Sentence that publishers disagree, which are `several` if it is known; empty if they agree.
+        """Sentence that publishers disagree; empty if they agree. `several`: it is known that there are several.
 
         It is about the samples up to the last `look`.
         """
@@ -588,12 +588,12 @@ class Publishers:
         return f"{often}: do two publishers send it, or is the sensor that noisy?"
 
     def forget(self) -> None:
-        """Forget what was found: once a second live, so that a sentence is about now."""
+        """Forget what was found; called once a second live, so that a sentence is about now."""
         self._samples, self._found = 0, np.empty(0)
 
 
 class PairedStreams(ABC):
-    """What all computations on two streams have in common: samples are refused or paired, and pairs are answered."""
+    """Base of all computations on two streams: samples are refused or paired, and pairs are answered."""
 
     def __init__(self, force_topic: str, parameters: Parameters | LoadParameters, frame: ForceFrame) -> None:
         """Begin without samples."""
@@ -607,9 +607,9 @@ class PairedStreams(ABC):
         self.angles_seen = Publishers(JOINT_STATES, DIFFERENT_ANGLES, "rad")
         """Whether the angles come from publishers that disagree"""
         self.forces_seen = Publishers(force_topic, DIFFERENT_FORCES, "N")
-        """Likewise the forces"""
+        """Whether the forces come from publishers that disagree"""
         self.stamp: int | None = None
-        """Stamp [ns] of the message that was taken last; None if its bytes are no message"""
+        """Stamp [ns] of the last message; None if its bytes are not a message"""
         self.last_refusal = ""
         self._pending: deque[PairedSample] = deque()  # what is being answered
 
@@ -668,17 +668,17 @@ class PairedStreams(ABC):
         """
 
     def check(self, parameters: Any) -> None:  # noqa: B027
-        """Check that `retune` will take these parameters; raises what is against it, and changes nothing."""
+        """Check that `retune` will accept these parameters; raises the reason if not, and changes nothing."""
 
     @abstractmethod
     def retune(self, parameters: Any) -> None:
-        """Continue with other numbers among the parameters, between two ticks."""
+        """Continue with changed numbers among the parameters, between two ticks."""
 
     def _refuse_unset(self, topic: str) -> None:
         """Refuse a sample with the stamp 0, unless it may be the first one of a recording that begins there.
 
         Raises:
-            RefusedSampleError: the last sample of the topic has that stamp, too.
+            RefusedSampleError: the last sample of the topic also has that stamp.
         """
         time = self.synchroniser.load_time if topic == self.force_topic else self.synchroniser.angle_time
         delay = 0 if topic == self.force_topic else self.synchroniser.angle_delay
@@ -706,7 +706,7 @@ class PairedStreams(ABC):
         return self._answers(self.take_force(data))
 
     def finish(self) -> Iterator[Answer]:
-        """Yield the answers to all that waits: no more samples will come."""
+        """Yield the answers to all waiting samples, because no more will come."""
         self.angles_seen.look()
         self.forces_seen.look()
         return self._answers(self.synchroniser.finish())

@@ -1,4 +1,4 @@
-"""Strides, from a heel strike to the next of the same leg, and what the contact was in each."""
+"""Strides, from a heel strike to the next of the same leg, and the contact in each."""
 
 from __future__ import annotations
 
@@ -17,9 +17,9 @@ Stamps = NDArray[np.int64]
 SHORTEST, LONGEST = 0.4, 2.5
 """Range of plausible durations of a stride [s]"""
 CERTAIN = round(2.2 * SECOND)
-"""Time [ns] after which all events are certain: a toe-off may wait for a slow flexion and a slow extension"""
+"""Time [ns] after which all events are certain: a toe-off may have to wait for a slow flexion and extension"""
 RISE_TIME = 0.02
-"""Duration [s] over which the loading rate is taken"""
+"""Duration [s] over which the loading rate is computed"""
 KEPT = round((LONGEST + 3.0) * SECOND)
 """Time [ns] that samples must be kept: a stride, and the time until events are certain"""
 
@@ -50,7 +50,7 @@ class Span(NamedTuple):
 
 
 class Stride(NamedTuple):
-    """What the contact was in a stride."""
+    """The contact in a stride."""
 
     span: Span
     peak_force: float
@@ -80,7 +80,7 @@ def spans(strikes: Sequence[int], toe_offs: Sequence[int]) -> list[Span]:
 
 
 def cut(stamps: Stamps, values: Floats, start: int, end: int) -> tuple[Floats, Floats]:
-    """Samples between two stamps [ns], with the values at both: interpolated, but for the last column, which is held.
+    """Samples between two stamps [ns], with interpolated values at both; the last column is held instead.
 
     Returns:
         Time [s] since `start`, shape (n,), and values, shape (n, columns).
@@ -92,7 +92,7 @@ def cut(stamps: Stamps, values: Floats, start: int, end: int) -> tuple[Floats, F
 
 
 def at_stamps(stamps: Stamps, values: Floats, at: Stamps) -> Floats:
-    """Values at stamps [ns], shape (n, columns): interpolated, but for the last column, which is held."""
+    """Values at stamps [ns], shape (n, columns), interpolated; the last column is held instead."""
     since, wanted = (stamps - stamps[0]).astype(float), (at - stamps[0]).astype(float)
     last = values[np.clip(np.searchsorted(stamps, at, "right") - 1, 0, None), -1]
     return np.column_stack((*(np.interp(wanted, since, column) for column in values.T[:-1]), last))
@@ -104,7 +104,7 @@ def sliding_distance(time: Floats, sliding_velocity: Floats, contact_state: Floa
     Args:
         time: Times of the ticks [s], shape (n,), not decreasing.
         sliding_velocity: Sliding velocities [m/s], shape (n,).
-        contact_state: `ContactState`, shape (n,); that of a tick holds for the interval before it.
+        contact_state: `ContactState`, shape (n,); a tick's holds for the interval before it.
 
     Returns:
         The distance; NaN if a velocity is NaN.
@@ -130,10 +130,10 @@ def loading_rate(time: Floats, force: Floats) -> float:
 
 
 class Strides:
-    """Strides of a stream of answers of any length, in bounded memory; each is told once, when it is certain.
+    """Strides of a stream of answers of any length, in bounded memory; each is returned once, when it is certain.
 
     They do not depend on how the stream is cut into batches. A stride is certain when the heel strike that ends it is
-    (`GaitEvents`), some 0.4 s after that.
+    (`GaitEvents`), about 0.4 s after it.
     """
 
     def __init__(self, body_weight: float) -> None:
@@ -149,9 +149,9 @@ class Strides:
         self._last = (0, 0)  # heel strikes of the stride that was told last
 
     def add(self, rows: Rows) -> list[Stride]:
-        """Take answers, shape (n,); return the strides that have become certain, in order.
+        """Add answers, shape (n,); return the strides that have become certain, in order.
 
-        Where stamps do not increase, or leave a gap of more than half a second, everything starts anew.
+        If stamps do not increase, or leave a gap of more than half a second, everything starts again.
         """
         strides: list[Stride] = []
         self.events = []
@@ -186,7 +186,7 @@ class Strides:
 
 
 def stride_of(span: Span, rows: Rows | Mapping[str, NDArray[Any]]) -> Stride:
-    """What the contact was in a stride, from answers around it: rows, or arrays by field, with increasing stamps."""
+    """The contact in a stride, from answers around it: rows, or arrays by field, with increasing stamps."""
     stamps, names = rows["stamp"], ("contact_force", "penetration_depth", "sliding_velocity", "contact_state")
     values = np.column_stack([rows[name] for name in names])
     (time, whole), (stance_time, stance) = (cut(stamps, values, span.start, end) for end in (span.end, span.toe_off))
@@ -199,7 +199,7 @@ def stride_of(span: Span, rows: Rows | Mapping[str, NDArray[Any]]) -> Stride:
 
 
 def strides_of(series: Rows, body_weight: float) -> list[Stride]:
-    """Find the strides in the answers of a run, as the topic `knee_contact/stride` tells them. Needs no ROS.
+    """Find the strides in the answers of a run, as on the topic `knee_contact/stride`. Needs no ROS.
 
     Args:
         series: Answers, shape (n,), of `KneeModel.run`, `solve` or `read_answers`.

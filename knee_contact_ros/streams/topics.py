@@ -1,6 +1,6 @@
-"""Names, types, stamps and definitions of the messages, and what is recorded of a tick.
+"""Names, types, stamps and definitions of the messages, and the recorded messages of a tick.
 
-The process of a recorder works with these alone, so nothing large is imported here.
+A recorder's process needs nothing else, so nothing large is imported here.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from knee_contact_ros.system.files import PACKAGE, share_folder
 JOINT_STATES = "joint_states"
 JOINT_REACTION_FORCE = "joint_reaction_force"
 GROUND_REACTION_FORCE = "ground_reaction_force"
-"""Force of the ground on the foot; from it and the angles the load node estimates the joint reaction force"""
+"""Force of the ground on the foot, from which, with the angles, the load node estimates the joint reaction force"""
 LOAD_ESTIMATE = "load_estimate"
 """Estimate of the joint reaction force with its level and uncertainty"""
 KNEE_CONTACT = "knee_contact"
@@ -28,7 +28,7 @@ KNEE_CONTACT_STRIDE = "knee_contact/stride"
 KNEE_CONTACT_MARKERS = "knee_contact/markers"
 """Markers for RViz; not recorded, as they follow from the answers"""
 ROBOT_DESCRIPTION, TF = "robot_description", "tf"
-"""Description of the leg, and where the thigh is; recorded, and not published: on a robot others do that"""
+"""Description of the leg, and pose of the thigh; recorded but not published, as on a robot other nodes do that"""
 LEG_URDF, SHANK, THIGH = "urdf/leg.urdf", "shank", "shank/thigh"
 """Description of the leg, and its links"""
 MESSAGE_TYPES = {
@@ -85,7 +85,7 @@ def stamp_to_ns(stamp: Any) -> int:
 
 
 Record = tuple[str, int, bytes]
-"""Message as it is recorded: topic, stamp [ns] and CDR bytes"""
+"""A message to record: topic, stamp [ns] and CDR bytes"""
 
 
 class Answer(NamedTuple):

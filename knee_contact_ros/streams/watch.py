@@ -1,6 +1,6 @@
 """Watches a run for what no knee does: implausible inputs, depths and gaps, and an impossible split of the load.
 
-Nothing is refused here: somebody may model a rat. Each finding is one sentence, for log, summary and report.
+Nothing is refused here: the user may model a rat. Each finding is one sentence, for log, summary and report.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ if TYPE_CHECKING:
     from knee_contact_ros.streams.pairing import PairedStreams
 
 MOST_BEYOND = 0.1
-"""Largest part of the samples under load that may lie beyond a table of shares without a warning"""
+"""Largest fraction of samples under load that may lie beyond a table of shares without a warning"""
 MM = 1e3
 IMPLAUSIBLE = int(Status.IMPLAUSIBLE)
 Floats = NDArray[np.float64]
 
 
 def doubts_about(parameters: Parameters, model: KneeModel) -> Doubts:
-    """Doubts about parameters, ready to watch a run of their model."""
+    """Make the doubts about parameters, ready to watch a run of their model."""
     weight = parameters.body_weight
     inputs = Inputs(None if weight_doubt(weight) else weight, driven=not model.height_prescribed)
     doubts = parameter_doubts(parameters, model)
@@ -45,7 +45,7 @@ class Doubts:
     """Watches a run for implausible inputs and answers."""
 
     plausible_depth: float = float("nan")
-    """Largest plausible depth [m]; not a number if it is not known"""
+    """Largest plausible depth [m]; NaN if unknown"""
     limit: str = ""
     """Phrase for that depth"""
     about_parameters: list[str] = field(default_factory=list)
@@ -53,9 +53,9 @@ class Doubts:
     inputs: Inputs = field(default_factory=Inputs)
     """Angles and loads of the run"""
     axes: Axes = field(default_factory=Axes, compare=False)
-    """Forces of the run as they came, where they are known: a recording's answers do not tell them"""
+    """Forces of the run as they came, if known; a recording's answers do not contain them"""
     too_deep: int = 0
-    """Number of answers that are too deep, by their bit or by the limit: older recordings have no such bit"""
+    """Number of answers that are too deep, by their status bit or, in older recordings, by the limit"""
     deepest: float = 0.0
     """Largest depth [m] among these"""
     flown: int = 0
@@ -121,7 +121,7 @@ class Doubts:
 
     @property
     def about_inputs(self) -> list[str]:
-        """Sentences about angle, load and time; of a load along another axis, that one alone."""
+        """Sentences about angle, load and time; if the load is along another axis, only that sentence."""
         load = self.axes.sentence or self.inputs.about_load
         return [sentence for sentence in (self.inputs.about_angle, load, self.inputs.about_time) if sentence]
 
@@ -181,7 +181,7 @@ class Split:
 
     @property
     def text(self) -> str:
-        """Range of the shares, and how often they were 0 or 1, or beyond the table, for a person."""
+        """Range of the shares, and how often they were 0, 1 or beyond the table, as text."""
         if not self.samples:
             return "the leg never stood"
         counted = (("0 or 1", self.at_bound), ("beyond the table", self.beyond))
@@ -208,7 +208,7 @@ class Split:
 
 
 UNANSWERED = 0.05
-"""Part of the forces without an answer from which a run is incomplete"""
+"""Fraction of forces without an answer above which a run is incomplete"""
 ADVICE = {
     "no_angle_before": "there are no angles at their times: are these in another bag, or by another clock?",
     "no_stamp": "the publisher has to set it",
@@ -217,7 +217,7 @@ ADVICE = {
     "joint_missing": "knee.joint_name has to be a joint of every sample",
     "lengths_differ": "the publisher has to give a position for every name",
 }
-"""What to do, by the reason of most refusals"""
+"""Advice, by the most frequent reason of refusals"""
 
 
 def held_sentence(pipeline: PairedStreams, held: int) -> str:

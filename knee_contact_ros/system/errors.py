@@ -1,4 +1,4 @@
-"""Errors that a user's input can cause: one printable line that says what is wrong and what would be right."""
+"""Errors that a user's input can cause: one printable line that says what is wrong and what is allowed."""
 
 from __future__ import annotations
 

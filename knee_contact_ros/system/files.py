@@ -1,7 +1,7 @@
-"""Finds the package's files, reads files of others within bounds, and says how to install what is missing.
+"""Finds the package's files, reads foreign files within bounds, and says how to install missing libraries.
 
-Of files from others only regular ones are read, no pipes and devices, and no more than a given size. YAML is bounded in
-the number of nodes, their depth and the size of numbers.
+Foreign files must be regular, not pipes or devices, and are read up to a given size. YAML is limited in the number of
+nodes, their depth and the size of numbers.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ DEFAULT_PARAMETERS = "healthy.yaml"
 
 
 def share_folder() -> Path:
-    """Share folder of the package: the source tree if this module runs from one, else that of an ament prefix.
+    """Share folder of the package: the source tree if this module runs from one, else in an ament prefix.
 
     Raises:
         FileNotFoundError: the package is not installed completely.
@@ -47,7 +47,7 @@ def ament_prefixes() -> list[str]:
 
 
 def missing_middleware() -> str:
-    """Sentence that the middleware that RMW_IMPLEMENTATION names is not installed, else empty; ROS would just exit."""
+    """Sentence that RMW_IMPLEMENTATION names a middleware that is not installed, else empty; ROS would just exit."""
     wanted, index = os.environ.get("RMW_IMPLEMENTATION", ""), "share/ament_index/resource_index/rmw_typesupport"
     known = {each.name for prefix in ament_prefixes() for each in Path(prefix, index).glob("rmw_*_cpp")}
     if not wanted or not known or wanted in known:
@@ -74,7 +74,7 @@ def find_file(name: str) -> Path:
 def parameter_file(name: str) -> Path:
     """Path of a parameter file, found as by `find_file`; `.yaml` may be left out, as in `osteoarthritis`.
 
-    Files of the load node may be named without their folder, as `insole` for `load/insole`.
+    Files of the load node may be given without their folder, like `insole` for `load/insole`.
     """
     names = [name, f"{name}.yaml", f"load/{name}", f"load/{name}.yaml"]
     return next((path for path in map(find_file, names) if path.is_file()), find_file(name))
@@ -107,14 +107,14 @@ def refuse_twice(paths: Sequence[Path], what: str = "") -> None:
 
 
 PART = 1 << 18
-"""Number of bytes that are read at a time"""
+"""Number of bytes read at a time"""
 
 
 def open_regular(path: Path) -> BufferedReader:
     """Open a regular file for reading.
 
     Raises:
-        OSError: it cannot be opened, or is no regular file (a folder, pipe, socket or device).
+        OSError: it cannot be opened, or is not a regular file (but a folder, pipe, socket or device).
     """
     try:
         descriptor = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -154,11 +154,11 @@ def sha256_of(file: BufferedReader) -> str:
 
 
 LARGEST = 2**16
-"""Largest size of a file [B] by default: one with all parameters has some 3000"""
+"""Default of the largest size of a file [B]: one with all parameters has about 3000"""
 LARGEST_METADATA = 2**20
 """Largest size [B] of the `metadata.yaml` of a rosbag2 folder: a thousand topics, or some thousand files"""
 MOST_NODES = 100_000
-"""Largest number of texts, numbers, lists and mappings; what an alias repeats counts at each place"""
+"""Largest number of texts, numbers, lists and mappings; repeats by aliases count each time"""
 DEEPEST = 50
 """Largest depth of nested lists and mappings"""
 MOST_BITS = 64
@@ -173,15 +173,15 @@ END = object()
 
 
 class BadYamlError(ValueError):
-    """A text is no YAML, or beyond the bounds; the text of the error is one line."""
+    """A text is not YAML, or exceeds the bounds; the text of the error is one line."""
 
 
 def read_yaml(path: Path, most: int = LARGEST) -> Any:
     """Read a YAML file of at most `most` bytes.
 
     Raises:
-        OSError: it cannot be read, is no regular file or too long.
-        BadYamlError: it is no YAML in UTF-8, or beyond the bounds.
+        OSError: it cannot be read, is not a regular file, or is too long.
+        BadYamlError: it is not YAML in UTF-8, or exceeds the bounds.
     """
     try:
         return parse_yaml(read_regular(path, most).decode("utf-8"))
@@ -193,7 +193,7 @@ def parse_yaml(text: str) -> Any:
     """Parse a YAML text.
 
     Raises:
-        BadYamlError: it is no YAML, or beyond the bounds.
+        BadYamlError: it is not YAML, or exceeds the bounds.
     """
     from ruamel.yaml import YAML
 
@@ -217,7 +217,7 @@ def read_mapping(
     """Read a YAML file that holds a mapping; errors call it a `kind` that must map `what`.
 
     Raises:
-        UsageError: it cannot be read, or holds no mapping.
+        UsageError: it cannot be read, or is not a mapping.
     """
     try:
         content = read_yaml(path)
@@ -236,7 +236,7 @@ def opened(text: str) -> int:
 
 
 def _check(content: Any) -> None:
-    """Refuse content beyond the bounds, which would take long to process; aliases count at each place."""
+    """Refuse content that exceeds the bounds, which would take long to process; aliases count each time."""
     branches, nodes = [iter([content])], 0
     while branches:
         node = next(branches[-1], END)

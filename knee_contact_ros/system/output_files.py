@@ -1,11 +1,11 @@
 """Output files get their names when they are complete; until then they have the suffix `.partial`.
 
-The writer of a recording holds a lock (`flock`) on its unfinished file, which ends with the process in any case. This
-distinguishes a file that is being written from one that was cut off. Only plain files are opened: a link would lead
-elsewhere, and a pipe would block.
+The writer of a recording holds a lock (`flock`) on its unfinished file; the lock always ends with the process. So a
+file that is being written differs from one that was cut off. Only plain files are opened: a link would lead elsewhere,
+and a pipe would block.
 
-A command with a folder of results writes them into a `work_folder` first: they appear when all are done, and an
-interrupted command leaves nothing there.
+A command with a folder of results first writes into a `work_folder`. The results appear when all are done, and an
+interrupted command leaves nothing.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ FIRST = "_0"
 MENDS = {".mcap": "knee-contact recover {} OUT.mcap", ".rrd": "rerun rrd merge {} -o OUT.rrd"}
 """Commands that repair a recording that was cut off, by suffix"""
 LOCK_TRIES, LOCK_PAUSE = 5, 0.01
-"""Number of attempts to lock a file, and pause between them [s]: others may hold the lock for a moment to check it"""
+"""Number of attempts to lock a file, and pause between them [s], as others may briefly hold the lock to check it"""
 NEW = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
 """Flags to create and open a new file"""
 
@@ -68,7 +68,7 @@ def stamped(path: str) -> str:
 
 
 def refuse_impossible(path: Path) -> None:
-    """Refuse an output that cannot be written; the trial leaves nothing behind.
+    """Refuse an output that cannot be written; checking it leaves no file.
 
     Raises:
         UsageError: the path is a folder or is too long, or nothing can be written to its folder, or to the nearest one
@@ -97,7 +97,7 @@ def _impossible(path: Path, error: OSError | ValueError) -> UsageError:
 
 
 def checked_output(path: Path, label: str, *suffixes: str) -> Path:
-    """Check the path of a future output, and return it. A missing folder is not made, as it may be misspelt.
+    """Check the path of a future output, and return it. A missing folder is not created, as it may be misspelt.
 
     Raises:
         UsageError: its folder does not exist, or its name ends with none of `suffixes`, if there are any.
@@ -141,7 +141,7 @@ def cut_off(partial: Path) -> str:
 def claim(path: Path, overwrite: bool = False) -> IO[bytes]:
     """Make the folder of an output, and open its unfinished file, locked, for writing.
 
-    With `overwrite`, an existing file is replaced in the end; of a link the link itself, and not its target.
+    With `overwrite`, an existing file is replaced at the end; a link is replaced itself, not its target.
 
     Raises:
         UsageError: the output or an unfinished one of its name exists, or it cannot be written.
@@ -242,7 +242,7 @@ def write_new(path: Path, data: bytes) -> None:
     """Write a file and sync it to the disk; an existing file of its name is replaced.
 
     Raises:
-        OSError: it cannot be written; it does not exist then.
+        OSError: it cannot be written; no file is left then.
     """
     path.unlink(missing_ok=True)
     with os.fdopen(os.open(path, NEW, 0o666), "wb") as file:
@@ -257,7 +257,7 @@ def write_new(path: Path, data: bytes) -> None:
 
 
 def write_complete(contents: Mapping[Path, bytes]) -> None:
-    """Write files, which get their names when all of them are complete, and replace others.
+    """Write files, which get their names when all of them are complete; existing files are replaced.
 
     Raises:
         UsageError: one cannot be written.

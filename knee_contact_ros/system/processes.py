@@ -1,4 +1,4 @@
-"""Starts, watches and ends all other processes of the package, so that none is left behind; and their TCP ports."""
+"""Starts, watches and ends the package's other processes, so that none is left behind; finds their TCP ports."""
 
 from __future__ import annotations
 
@@ -19,9 +19,9 @@ from knee_contact_ros.system.errors import UsageError
 
 Process = subprocess.Popen[bytes]
 PATIENCE = 30.0
-"""Longest time [s] that a process may take to end, as a rule"""
+"""Usual longest time [s] that a process may take to end"""
 INFORMATION = "[INFO]"
-"""Mark of lines in which ROS logs what is not wrong"""
+"""Mark of ROS log lines that report nothing wrong"""
 LAST_WORDS = 5.0
 """Longest time [s] that a process may take to end once its socket is closed"""
 RUN_MODULE = (
@@ -32,7 +32,7 @@ RUN_MODULE = (
 OWN_GROUP: dict[str, Any] = {"process_group": 0} if sys.version_info >= (3, 11) else {"preexec_fn": os.setpgrp}
 """Arguments of `Popen` for a process group of its own"""
 ENDS_WITH_US = [setpriv, "--pdeathsig", "TERM"] if (setpriv := shutil.which("setpriv")) else []
-"""Words before a command that gets SIGTERM when the thread that started it has ended, unless it had not begun then"""
+"""Prefix of a command that then gets SIGTERM when the thread that started it ends, if the command has begun"""
 
 
 class Child(NamedTuple):
@@ -48,7 +48,7 @@ class Child(NamedTuple):
         """Check that the process still runs.
 
         Raises:
-            UsageError: it has ended; the text has the last line of its output that is more than information.
+            UsageError: it has ended; the text has the last line of its output above the level of information.
         """
         if self.process.poll() is not None:
             lines = self.log.read_text(encoding="utf-8", errors="replace").strip().splitlines() or ["it said nothing"]
@@ -67,7 +67,7 @@ def start(command: Sequence[str], output: IO[bytes] | None, **options: Any) -> P
 
 @contextmanager
 def kept(command: Sequence[str], output: IO[bytes], patience: float, **options: Any) -> Iterator[Process]:
-    """Run a process within the `with` block, and end it in any case, even if we are killed; see `start` and `end`."""
+    """Run a process within the `with` block, and always end it, even if we are killed; see `start` and `end`."""
     process = None
     try:
         with signals_later():
@@ -110,10 +110,10 @@ def python_module(module: str, *arguments: str) -> dict[str, Any]:
 def connected(module: str, *arguments: str) -> tuple[Connection, Process]:
     """Start a module in a process of its own; return our end of a pair of sockets, and the process.
 
-    The first argument of its command line is the number of its own end. The process has a process group of its own, so
-    that Ctrl-C in a terminal does not end it before we do. It has no session of its own: Linux may share the processors
-    out by session (`sched_autogroup_enabled`), and then a process that works a little at a time starves beside busy
-    ones of another session, and niceness has no effect.
+    The first argument of its command line is the number of its own end. The process has its own process group, so that
+    Ctrl-C in a terminal does not end it before we do. It does not have its own session: Linux may divide processor time
+    by session (`sched_autogroup_enabled`). Then a process with little work would starve when another session is busy,
+    and niceness would have no effect.
 
     Raises:
         OSError: no process can be started.
@@ -169,7 +169,7 @@ def signals_later() -> Iterator[None]:
 
 @contextmanager
 def interrupted_by_sigterm() -> Iterator[None]:
-    """Let SIGTERM act like Ctrl-C within the `with` block, so that unfinished work is cleaned up.
+    """Make SIGTERM act like Ctrl-C within the `with` block, so that unfinished work is cleaned up.
 
     To be used in the main thread, the only one that handles signals.
 

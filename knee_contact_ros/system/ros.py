@@ -1,4 +1,4 @@
-"""Joins a ROS graph, or a private one on loopback only, and makes the fastest executor for its callbacks."""
+"""Joins a ROS graph, or a private one on loopback, and makes the fastest executor for its callbacks."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def joining() -> Iterator[None]:
 
 @contextmanager
 def private_graph() -> Iterator[dict[str, str]]:
-    """Environment variables for processes that communicate with each other and with no others, here or elsewhere.
+    """Environment variables for processes that communicate only with each other, and with nothing else.
 
     `ROS_AUTOMATIC_DISCOVERY_RANGE=LOCALHOST` alone still opens sockets on every interface with Fast DDS; the profile in
     `config/fastdds_loopback.xml` binds them all to 127.0.0.1.
@@ -80,7 +80,7 @@ def executor_of(*nodes: Node) -> Executor:
 
 
 STAND_IN = "ANY_TEXT"
-"""What stands for `*` where ROS allows names only"""
+"""Replacement for `*` where ROS allows only names"""
 
 
 def resolved(node: Node, topic: str) -> str:

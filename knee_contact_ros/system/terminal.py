@@ -1,4 +1,4 @@
-"""Output for a person on the terminal: progress bars (none in a pipe), and lines with foreign texts."""
+"""Output for people on the terminal: progress bars (none in a pipe), and lines with foreign texts."""
 
 from __future__ import annotations
 
@@ -31,11 +31,11 @@ WIDTH = 78
 UNBOUNDED = 10_000
 """Width in columns that no table reaches"""
 PERIOD = 0.05
-"""Time [s] from one update of a bar to the next: an update takes some 20 µs, more than many a message"""
+"""Time [s] between two updates of a bar: an update takes about 20 µs, longer than many messages"""
 
 
 _BAR: ContextVar[Bar | None] = ContextVar("bar", default=None)
-"""Bar that is on the terminal now"""
+"""Bar that is now on the terminal"""
 
 
 class Bar:
@@ -57,7 +57,7 @@ class Bar:
             self._bar.update(self._task, completed=done, total=total)
 
     def describe(self, what: str) -> None:
-        """Change the description beside the bar."""
+        """Change the description of the bar."""
         self.what = what
         self._bar.update(self._task, description=shown(what))
 
@@ -80,7 +80,7 @@ def progress(what: str) -> Iterator[Bar]:
 
 @contextmanager
 def busy(what: str) -> Iterator[None]:
-    """Announce on stderr what takes time: on a terminal beside its bar, if any, or with a clock; else as a line."""
+    """Announce slow work on stderr: on a terminal in its bar, if any, or with a clock; else as a line."""
     console, bar = Console(stderr=True), _BAR.get()
     if bar:
         before = bar.what
@@ -105,10 +105,10 @@ def warn(sentences: Iterable[str]) -> None:
 
 
 def say(line: str, *, err: bool = False, hang: int | None = None) -> None:
-    """Print a line, whatever foreign names and texts are in it; with `err` on stderr.
+    """Print a line safely, whatever foreign names and texts are in it; with `err` on stderr.
 
     With `hang`, a line that is too long for the terminal is broken between words, and continued with an indentation of
-    so many columns.
+    that many columns.
     """
     text = printable(line)
     if hang is not None and sys.stdout.isatty():
@@ -121,5 +121,5 @@ def say(line: str, *, err: bool = False, hang: int | None = None) -> None:
 
 
 def shown(text: str) -> str:
-    """Text for a cell or a bar of Rich, whatever foreign names and texts are in it."""
+    """Safe text for a cell or a bar of Rich, whatever foreign names and texts are in it."""
     return escape(printable(text))
