@@ -42,9 +42,8 @@ def leg_sample(message: JointState, parameters: LoadParameters, data: bytes, del
     """Sample with angles and actuators' torques from a JointState; `data` and `delay` as for `angle_sample`.
 
     Raises:
-        RefusedSampleError: a joint that the parameters name is missing, lacks a position, or lacks an effort although
-        it
-            is assisted; a value is not finite or too large; or the stamp is not valid.
+        RefusedSampleError: a joint that the parameters name is missing, lacks a position, or lacks an effort
+            although it is assisted; a value is not finite or too large; or the stamp is not valid.
     """
     knee, ankle = parameters.knee, parameters.ankle
     flexion = _angle(message, knee)

@@ -430,9 +430,8 @@ def as_joint_state(data: bytes, wanted: Collection[str] = ()) -> bytes:
     Velocities and efforts are left out, as they are not used.
 
     Raises:
-        RefusedSampleError: the bytes are not such a message, the numbers of names and values differ, or one of the
-        joints
-            `wanted` has no position.
+        RefusedSampleError: the bytes are not such a message, the numbers of names and values differ, or one of
+            the joints `wanted` has no position.
     """
     try:
         message: Any = _types().deserialize_cdr(data, DYNAMIC_JOINT_STATE)
