@@ -9,24 +9,17 @@ from typing import Any
 import pytest
 
 from knee_contact_ros.bags.recorder import ABSOLUTE_NAMES, Limits, Settings
-from knee_contact_ros.node.outputs import sections_of_outputs, sink_of
+from knee_contact_ros.node.outputs import sink_of
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.output import Knee
 from knee_contact_ros.streams.topics import KNEE_CONTACT
-from tests.helpers.needs import needs_viewer
 
 
 def described(**parameters: Any) -> Knee:
     """A knee that outputs are described from."""
     read = load_parameters({name.replace("__", "."): value for name, value in parameters.items()})
     return Knee(read, {KNEE_CONTACT: ContactStream(read, compiled=False).model}, ABSOLUTE_NAMES, {"version": "1"})
-
-
-def test_every_output_is_described_by_the_module_that_its_section_names() -> None:
-    assert sections_of_outputs(Parameters) == ["record", "rerun"]
-    assert [sink_of(section, described()) for section in sections_of_outputs(Parameters)] == [None, None]
 
 
 OFF = dict.fromkeys(("sync_period", "max_size", "max_duration", "min_free"), 0.0)
@@ -49,14 +42,3 @@ def test_megabytes_and_seconds_become_bytes_and_nanoseconds(
     assert sink
     assert sink.name == path
     assert sink.arguments[1:4] == ({"version": "1"}, ABSOLUTE_NAMES, expected)
-
-
-@needs_viewer
-def test_a_scene_is_a_file_or_served(tmp_path: Path) -> None:
-    to_file = sink_of("rerun", described(rerun__mode="file", rerun__path=str(tmp_path / "knee.rrd")))
-    served = sink_of("rerun", described(rerun__mode="serve", rerun__port=9999))
-    assert to_file
-    assert served
-    assert (to_file.kind, to_file.name) == ("Rerun recording", str(tmp_path / "knee.rrd"))
-    assert (served.kind, served.name) == ("Rerun scene on port 9999", "")
-    assert to_file.niceness > 0

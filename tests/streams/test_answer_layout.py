@@ -11,8 +11,8 @@ from hypothesis import strategies as st
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from knee_contact_ros.model.types import FLAT, MESSAGE, ROW, TOLD, blank
-from knee_contact_ros.streams.columns import ADDED, PRESENT, TYPE, decode_answers, layout_of, places_of
+from knee_contact_ros.model.types import FLAT, TOLD, blank
+from knee_contact_ros.streams.columns import ADDED, PRESENT, TYPE, decode_answers, places_of
 from knee_contact_ros.streams.messages import encode_answer
 from knee_contact_ros.streams.topics import NANOSECONDS, definition
 
@@ -29,17 +29,6 @@ def message(stamp: int, frame: str) -> bytes:
     for number, name in enumerate(TOLD):
         rows.view(FLAT)[name] = number
     return encode_answer(stamp, frame, rows.tobytes())
-
-
-def test_the_row_is_what_the_definition_says() -> None:
-    """Name, type and place of every number, in the order of `KneeContact.msg`."""
-    layout = layout_of(places_of(PRESENT)[0], "<", 4)  # an empty frame ends at a multiple of 8 B
-    ours = [(name, FLAT.fields[name][0], FLAT.fields[name][1]) for name in TOLD]
-    begin = layout.fields[TOLD[0]][1]
-    assert [(name, *layout.fields[name][:2]) for name in layout.names[2:]] == [
-        (name, kind, begin + place) for name, kind, place in ours
-    ]
-    assert layout.itemsize == begin + MESSAGE.stop < begin + ROW.itemsize
 
 
 def without(*names: str) -> str:

@@ -60,13 +60,6 @@ def refusal(frame: ForceFrame, given: WrenchStamped) -> RefusedSampleError:
     return refused.value
 
 
-def test_by_default_a_force_is_taken_as_it_comes() -> None:
-    frame = ForceFrame()
-    for name in ("tibia_r", "tibia_r"):
-        given = wrench(name, (1.0, -700.0, 2.0))
-        assert take(frame, given) is given
-
-
 def test_a_stream_that_changes_its_frame_is_refused_until_it_is_forgotten() -> None:
     frame = ForceFrame()
     take(frame, wrench("left", NOWHERE))
@@ -96,15 +89,6 @@ def test_a_frame_by_rep_103_is_turned_upright() -> None:
     assert turned.torque == pytest.approx((4.0, 6.0, -5.0), abs=ROUNDING)
     assert isb_transform("tibia_isb") == Transform("tibia", "tibia_isb", NOWHERE, FROM_REP_103)
     assert isb_transform("tibia_r") is None
-
-
-def test_a_force_beside_the_origin_turns_about_it() -> None:
-    """700 N down, 20 mm to the left: the moment about x is that of -z × -y, in the tibia frame."""
-    frame = ForceFrame("tibia_isb")
-    told(frame, Transform("tibia", "sensor", (0.0, 0.02, 0.0), UPRIGHT))
-    turned = take(frame, wrench("sensor", (0.0, 0.0, -700.0)))
-    assert turned.force == pytest.approx((0.0, -700.0, 0.0), abs=1e3 * ROUNDING)
-    assert turned.torque == pytest.approx((-14.0, 0.0, 0.0), abs=1e3 * ROUNDING)
 
 
 @given(quaternions, vectors, vectors, vectors, vectors)

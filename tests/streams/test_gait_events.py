@@ -152,18 +152,3 @@ def test_squats_are_no_steps(period: float) -> None:
     down = 0.5 - 0.5 * np.cos(2.0 * np.pi / period * TIME)
     events = found((STAMPS, np.radians(90.0 * down), 200.0 + 900.0 * down))  # the load is largest in deep flexion
     assert {event.kind for event in events} <= {LOAD_PEAK}
-
-
-def test_time_that_goes_back_starts_anew() -> None:
-    stamps, angle, load = RIGHT
-    again = (np.append(stamps, stamps), np.append(angle, angle), np.append(load, load))
-    assert found(again) == [*found(RIGHT), *found(RIGHT)]
-
-
-def test_a_gap_starts_anew_and_a_short_one_does_not() -> None:
-    stamps, angle, load = walking(200.0, 10.0)
-    steps = len(times(found((stamps, angle, load)), HEEL_STRIKE))
-    hole = (stamps < stamps[0] + 4_300_000_000) | (stamps > stamps[0] + 4_330_000_000)
-    assert len(times(found((stamps[hole], angle[hole], load[hole])), HEEL_STRIKE)) == steps
-    late = stamps + np.where(hole.cumsum() > 1200, 700_000_000, 0)
-    assert len(times(found((late, angle, load)), HEEL_STRIKE)) in {steps - 1, steps}

@@ -156,16 +156,6 @@ def test_every_byte_matters_to_us_as_it_does_to_ros(kind: Kind, little_endian: b
 
 
 @each_kind
-@pytest.mark.parametrize("frame", [b"\x08\x00\x00\x00tibia\x00_\x00", b"\x08\x00\x00\x00tibia_rr",
-                                   b"\x00\x00\x00\x00tibia_r\x00", b"\xff\xff\xff\xfftibia_r\x00"])  # fmt: skip
-def test_odd_texts_are_none(kind: Kind, frame: bytes) -> None:
-    message = kind.example._replace(frame_id="tibia_r")
-    data = kind.coder.encode(message)
-    assert kind.decode(data) == message
-    assert kind.decode(data[:12] + frame + data[24:]) is None
-
-
-@each_kind
 @pytest.mark.parametrize("text", [b"tibia\xff_", b"ti\xed\xa0\x80_r"])
 def test_a_text_that_is_no_utf_8_is_read_as_rclpy_does_and_recorded_as_text(kind: Kind, text: bytes) -> None:
     data = kind.coder.encode(kind.example._replace(frame_id="tibia_r"))

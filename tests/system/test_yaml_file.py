@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 
 import pytest
@@ -27,13 +26,6 @@ def test_what_is_beyond_the_bounds_is_refused(name: str) -> None:
     content, words = BEYOND[name]
     with pytest.raises(BadYamlError, match=words):
         parse_yaml(str(content))
-
-
-def test_what_is_no_file_is_not_waited_for(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe")
-    for path in (tmp_path / "pipe", Path("/dev/zero"), tmp_path, tmp_path / "a\0b"):
-        with pytest.raises(OSError, match=r"regular file|directory|this name"):
-            read_yaml(path)
 
 
 def test_a_file_is_read_to_a_limit(tmp_path: Path) -> None:
