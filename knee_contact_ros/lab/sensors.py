@@ -16,7 +16,7 @@ from knee_contact_ros.lab.tables import DAY, Column, Header, Series, Table
 from knee_contact_ros.parameters.files import first_error
 from knee_contact_ros.parameters.schema import Section, one_of
 from knee_contact_ros.streams.topics import NANOSECONDS
-from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.errors import UsageError, listed, meant
 from knee_contact_ros.system.files import find_file, read_mapping
 from knee_contact_ros.system.output_files import work_folder
 
@@ -184,7 +184,7 @@ def _meant(error: ValidationError) -> str:
     first, sections = error.errors()[0], (SensorMap, tables.TableFormat, tables.TimeColumn, AngleChannel, LoadChannel)
     if first["type"] != "extra_forbidden":
         return ""
-    return f"; {tables.meant(str(first['loc'][-1]), [name for section in sections for name in section.model_fields])}"
+    return f"; {meant(str(first['loc'][-1]), [name for section in sections for name in section.model_fields])}"
 
 
 def read_channels(files: Sequence[Path], sensors: SensorMap, wanted: Sequence[str]) -> dict[str, Series]:
@@ -257,7 +257,8 @@ def _home(channel: Channel, name: str, headers: dict[Path, Header]) -> Path:
         given = ", ".join(path.name for path in headers)
         raise UsageError(f"map: {name}.file: no file is named as {channel.file}; given are {given}")
     missing, where = min(lacking.values(), key=len)[0], " and ".join(map(str, named))
-    hint = tables.meant(str(missing), [each for header in named.values() for each in header.names])
+    names = [each for header in named.values() for each in header.names]
+    hint = meant(str(missing), names, f"it has {listed(names)}")
     raise UsageError(f"{where} has no column {missing} (map: {name}); {hint}")
 
 
@@ -323,8 +324,11 @@ def gait_of(channels: dict[str, Series], sensors: SensorMap) -> Gait:
 def _wrench(channels: dict[str, Series], parts: Sequence[str], main: str, unknown: float) -> Signal:
     """Make a wrench from the channels `parts` at the stamps of channel `main`; missing channels become `unknown`."""
     stamps = channels[main].stamps
-    columns = [channels[name].at(stamps) if name in channels else np.full(len(stamps), unknown) for name in parts]
-    return Signal(stamps, np.column_stack(columns))
+    columns = [
+        _signal(channels[name]).at(stamps).values if name in channels else np.full((len(stamps), 1), unknown)
+        for name in parts
+    ]
+    return Signal(stamps, np.hstack(columns))
 
 
 def _signal(series: Series) -> Signal:

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import codecs
 import csv
-import difflib
 import io
 import math
 import re
@@ -27,7 +26,7 @@ from scipy import constants
 
 from knee_contact_ros.parameters.schema import Section, one_of
 from knee_contact_ros.streams.topics import NANOSECONDS
-from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.errors import UsageError, listed, meant
 from knee_contact_ros.system.files import open_regular, require
 
 Floats = NDArray[np.float64]
@@ -39,8 +38,6 @@ STORAGES, PARQUETS, C3D = {".sto", ".mot"}, {".parquet", ".pq"}, ".c3d"
 END = "endheader"
 LAST_TIME = 2**31
 """First time [s] that a ROS stamp cannot hold"""
-MOST_NAMES = 12
-"""Largest number of column names in an error message"""
 MOST_STANDING = 0.1
 """Largest fraction of rows that may have the same time as the next row"""
 COMMENT = "#"
@@ -159,10 +156,6 @@ class Series(NamedTuple):
     notes: tuple[str, ...] = ()
     """What was left out, as sentences"""
 
-    def at(self, stamps: Stamps) -> Floats:
-        """Interpolate linearly at other stamps [ns]; beyond the known stamps the end values are kept."""
-        return np.asarray(np.interp(stamps - self.stamps[0], self.stamps - self.stamps[0], self.values))
-
     @property
     def where(self) -> str:
         """Text with file and columns, for messages."""
@@ -248,7 +241,8 @@ class Header(NamedTuple):
             cure = f"say which: {', '.join(each[0] for each in full)}" if all(full) else "their names must differ"
             raise UsageError(f"{self.path} has {len(found)} columns {name}; {cure}")
         if not found:
-            raise UsageError(f"{self.path} has no column {name}; {meant(str(name), self.names)}")
+            hint = meant(str(name), self.names, f"it has {listed(self.names)}")
+            raise UsageError(f"{self.path} has no column {name}; {hint}")
         return found[0]
 
 
@@ -688,16 +682,3 @@ def _is_number(text: str) -> bool:
     except ValueError:
         return False
     return True
-
-
-def some(names: Sequence[str]) -> str:
-    """List names for an error message, `MOST_NAMES` at most."""
-    more = len(names) - MOST_NAMES
-    return ", ".join(names[:MOST_NAMES]) + (f" and {more} more" if more > 0 else "")
-
-
-def meant(name: str, names: Sequence[str]) -> str:
-    """Hint for a message: the column whose name is closest to an unknown one, or all names."""
-    lower = {other.lower(): other for other in names if other}
-    near = difflib.get_close_matches(name.lower(), lower, n=1, cutoff=0.6)
-    return f"did you mean {lower[near[0]]}?" if near else f"it has {some([other for other in names if other])}"

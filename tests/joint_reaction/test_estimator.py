@@ -1,4 +1,4 @@
-"""Estimates sample by sample: what each level makes of what is sensed, and their bytes against those of the message."""
+"""Estimates sample by sample: what each level makes of what is sensed."""
 
 from __future__ import annotations
 
@@ -10,9 +10,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from knee_contact_ros.joint_reaction.estimator import LEVELS, PACKING, Estimate, Estimator, Level
+from knee_contact_ros.joint_reaction.estimator import LEVELS, Estimate, Estimator
 from knee_contact_ros.joint_reaction.leg import (
     STANDING,
     UNKNOWN,
@@ -23,26 +22,16 @@ from knee_contact_ros.joint_reaction.leg import (
     Turning,
     net_moments,
 )
-from knee_contact_ros.model.types import UNUSABLE, Status
-from tests import ROOT
+from knee_contact_ros.model.types import Status
 from tests.joint_reaction.examples import EPOCH, LEG, MS, PERSON, STANDING_STILL, angles, ground, motion
 from tests.joint_reaction.lagrange import Chain
 
-TYPE = "knee_contact_ros/msg/LoadEstimate"
 WINDOW = 0.05
 STANCE = Ground((20.0, 700.0, -15.0), (3.0, 2.0, 40.0))
 NOT_MEASURED = (UNKNOWN, UNKNOWN, UNKNOWN)
 FEW = 1e-11
 """[N m] or [N]: some roundings of 1e-16 of 3000 N at most"""
 draws = st.integers(0, 2**32).map(Random)
-
-
-@pytest.fixture(scope="module")
-def store() -> Any:
-    """Messages of rosbags, ours among them."""
-    store, path = get_typestore(Stores.ROS2_JAZZY), ROOT / "msg" / "LoadEstimate.msg"
-    store.register(get_types_from_msg(path.read_text(encoding="utf-8"), TYPE))
-    return store
 
 
 class Seeing:
@@ -53,18 +42,6 @@ class Seeing:
 
     def at(self, stamp: int, joints: Joints, sensed: Ground, status: int = 0) -> Estimate:
         return self.estimator.at(stamp, joints, self.motion.see(stamp, joints), sensed, status)
-
-
-def test_fields_and_constants_are_those_of_the_message(store: Any) -> None:
-    (header, _), *fields = store.fielddefs[TYPE][1]
-    assert header == "header"
-    assert tuple(name for name, _ in fields) == Estimate._fields
-    codes = {"float64": "d", "uint8": "B", "bool": "?"}
-    assert PACKING.format == "<" + "".join(codes[detail[0]] for _, (_, detail) in fields)
-    constants = {name: value for name, _, value in store.fielddefs[TYPE][0]}
-    levels = {level.name: level.value for level in Level}
-    bits = {bit.name: bit.value for bit in [Status.OK, *Status] if bit.name in constants}
-    assert constants == levels | bits | {"UNUSABLE": UNUSABLE & sum(bits.values())}
 
 
 @pytest.mark.parametrize(

@@ -80,14 +80,6 @@ def test_moments_and_compression_are_those_of_lagrange_and_newton(leg: Leg, draw
     assert alone.frontal == pytest.approx(still(flat, under, leg).frontal, abs=FEW)
 
 
-def test_standing_on_a_straight_leg() -> None:
-    """Half of 75 kg through ankle and knee: the foot's weight alone bends the ankle, and the knee by as much."""
-    found = still(Joints(0.0, 0.0, 0.0), Ground((0.0, 367.749375, 0.0), (0.0, 0.0, 0.0)))
-    foot = 0.0145 * 75.0 * 9.80665 * 0.25 * 0.152 * 1.8  # [N m], its centre a quarter of a foot ahead
-    compression, frontal = 367.749375 - 0.061 * 75.0 * 9.80665, -367.749375 * 0.008 * 1.8
-    assert found == pytest.approx((foot, -foot, compression, frontal), abs=FEW)
-
-
 @given(draw=draws)
 def test_the_frontal_moment_is_that_of_all_the_grounds_wrench_about_the_knee(draw: Random) -> None:
     joints, (force, torque) = angles(draw), ground(draw)
@@ -132,13 +124,13 @@ def test_it_is_numpys_fit_all_along_a_stream(window: float, shaken: float) -> No
 @pytest.mark.parametrize(("step", "shaken"), [(MS, 0.0), (MS, 0.9), (7 * MS, 0.5), (MS // 40, 0.0), (MS // 40, 0.9)])
 def test_bits_depend_on_what_is_in_the_window_alone(step: int, shaken: float) -> None:
     """However long the stream has run, and whatever came before: no sum goes on from one stamp to the next."""
-    samples = walking(8000, step, shaken)
+    samples = walking(3000, step, shaken)
     told = MotionFilter(WINDOW)
     for number in range(1000):
         told.see(EPOCH - 2000 * MS + number * MS, Joints(1e300, -1e300, 1e17))
     found = [told.see(*sample) for sample in samples]
     assert found[-1] != STILL
-    for number in range(4000, 8000, 97):
+    for number in range(2000, 3000, 97):
         assert along(within(samples[: number + 1]))[-1] == found[number]
 
 

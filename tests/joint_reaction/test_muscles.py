@@ -85,22 +85,6 @@ def test_the_forces_make_the_moment_that_is_asked_for_and_both_sides_pull_with_h
         assert muscles.quadriceps == 0.5 * floor
 
 
-@pytest.mark.parametrize(
-    ("moment", "calf", "floor", "scale", "forces"),
-    [
-        (44.63, 0.0, 0.0, 1.0, (1000.0, 0.0, 0.0)),
-        (-26.16, 0.0, 0.0, 1.0, (0.0, 1000.0, 0.0)),
-        (44.63, 0.0, 0.0, 2.0, (500.0, 0.0, 0.0)),
-        (44.63, 500.0, 0.0, 1.0, (1000.0 + 22.20 / 44.63 * 500.0, 0.0, 500.0)),
-        (44.63, 50.0, 400.0, 1.0, (1000.0 + (22.20 * 50.0 + 26.16 * 150.0) / 44.63, 150.0, 50.0)),
-        (0.0, 0.0, 400.0, 1.0, (200.0, 200.0 * 44.63 / 26.16, 0.0)),
-    ],
-)
-def test_forces_by_hand(moment: float, calf: float, floor: float, scale: float, forces: tuple[float, ...]) -> None:
-    """Of a straight knee: arms of 44.63, 26.16 and 22.20 mm."""
-    assert muscles_of(moment, 0.0, calf, floor, scale) == pytest.approx(forces, rel=ROUNDINGS)
-
-
 MS = 1_000_000
 """[ns]"""
 

@@ -16,7 +16,6 @@ from knee_contact_ros.lab.tables import Floats, Series
 from knee_contact_ros.offline.notebooks import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.errors import UsageError
-from tests.helpers.needs import TRIALS, needs_trials
 from tests.lab.trials import DELAY, MAP, OFFSET, flexion, write_csv, write_trial
 
 
@@ -51,12 +50,12 @@ def test_what_was_put_in_is_found_to_a_fraction_of_a_sample(lag: float, gain: fl
 
 
 def test_intervals_hold_what_was_put_in_as_often_as_they_say() -> None:
-    """95 % of 60: binomially 52 or more, but for one time in a hundred."""
-    tries = [found(noise=2.0, seed=seed) for seed in range(60)]
+    """95 % of 30: binomially 25 or more, but for one time in a hundred."""
+    tries = [found(noise=2.0, seed=seed) for seed in range(30)]
     for name, right in (("lag", 0.0137), ("offset", math.radians(-7.0)), ("gain", 1.0)):
         bounds = [getattr(got, name).bounds for got in tries]
         held = sum(low <= right <= high for low, high in bounds)
-        assert held >= 52, (name, held)
+        assert held >= 25, (name, held)
         widths = np.array([high - low for low, high in bounds])
         error = np.std([getattr(got, name).value for got in tries])
         assert 2.0 * 1.5 * error < np.median(widths) < 2.0 * 3.0 * error, name  # 1.96 if it were normal
@@ -139,24 +138,3 @@ def test_a_map_without_a_reference_is_told(tmp_path: Path, capsys: pytest.Captur
         == 2
     )
     assert "plausible is 0 to 180: is reference.unit right" in capsys.readouterr().err
-
-
-@needs_trials
-@pytest.mark.parametrize(
-    ("trial", "offset", "lag", "gain", "r"),
-    [("og5", -5.4, 0.0224, 0.835, 0.991), ("tm_fast1", -7.6, 0.0101, 0.891, 0.994)],
-)
-def test_measured_goniometers(
-    tmp_path: Path, trial: str, offset: float, lag: float, gain: float, r: float, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """What was found on them once: both move less than the motion capture says."""
-    map_file = tmp_path / "map.yaml"
-    map_file.write_text(MAP, encoding="utf-8")
-    files = [str(TRIALS / f"ngait_{trial}_{part}.csv") for part in ("motion", "tibia_cells")]
-    assert main(["align", *files, "--map", str(map_file), "--output", str(tmp_path / "a.yaml")]) == 0
-    parameters = load_parameters(tmp_path / "a.yaml")
-    assert math.degrees(parameters.knee.flexion_offset) == pytest.approx(offset, abs=0.05)
-    assert parameters.pairing.angle_delay == pytest.approx(lag, abs=2e-4)
-    said = capsys.readouterr()
-    assert f"moves {gain:.3f} times as far" in " ".join(said.err.split())
-    assert float(re.search(r"aligned: r ([0-9.]+)", said.out)[1]) == pytest.approx(r, abs=1e-3)

@@ -29,9 +29,9 @@ from knee_contact_ros.lab.opensim.results import (
     words,
 )
 from knee_contact_ros.lab.opensim.run import NOTHING, XML, last_words, read_xml, run_python, text_in
-from knee_contact_ros.lab.tables import Floats, Stamps, Table, read_storage, some
+from knee_contact_ros.lab.tables import Floats, Stamps, Table, read_storage
 from knee_contact_ros.streams.topics import NANOSECONDS
-from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.errors import UsageError, listed
 from knee_contact_ros.system.files import require
 
 GROUND = {"ground", "/ground", *NOTHING}
@@ -114,7 +114,7 @@ def read_ground(ground: Path, data: Path, side: str) -> GroundFile:
             raise UsageError(f"{where} has no {'point' if force.force else 'force'}_identifier")
         forces.append(_complete(force, table))
     if not forces:
-        named = some(list(dict.fromkeys(filter(None, bodies))))
+        named = listed(list(dict.fromkeys(filter(None, bodies))))
         raise UsageError(f"{ground} applies no force to the {side} foot; its forces act on {named or 'nothing'}")
     notes = tuple(f"ground: what acts on {body} is left out" for body in dict.fromkeys(elsewhere))
     return GroundFile(table, tuple(forces), notes)
@@ -123,7 +123,7 @@ def read_ground(ground: Path, data: Path, side: str) -> GroundFile:
 def _complete(force: FootForce, table: Table) -> FootForce:
     missing = [name + axis for name in force if name for axis in "xyz" if name + axis not in table.names]
     if missing:
-        raise UsageError(f"{table.path} has no column {', '.join(missing)}; it has {some(table.names)}")
+        raise UsageError(f"{table.path} has no column {', '.join(missing)}; it has {listed(table.names)}")
     return force
 
 
@@ -145,13 +145,13 @@ def _by_names(table: Table, side: str) -> FootForce:
     """Find the only force whose columns name the foot, or are named as in OpenSim's examples."""
     stems = [match[1] for match in map(FORCE.fullmatch, table.names) if match]
     if not stems:
-        raise UsageError(f"{table.path} has no ground force, as ground_force_vx, but {some(table.names)}")
+        raise UsageError(f"{table.path} has no ground force, as ground_force_vx, but {listed(table.names)}")
     fitting = [stem for stem in stems if words(stem) & SIDE_WORDS[side]]
     if set(stems) == set(EXAMPLES):
         fitting = [stem for stem in stems if EXAMPLES[stem] == side]
     if len(fitting) != 1:
         raise UsageError(
-            f"{table.path}: which of {some([f'{stem}vx' for stem in stems])} is of the {side} foot? "
+            f"{table.path}: which of {listed([f'{stem}vx' for stem in stems])} is of the {side} foot? "
             "Give the external loads file (.xml) in its place"
         )
     stem = fitting[0]
@@ -323,7 +323,7 @@ def tibia_in(
         )
     if found.unknown:
         raise UsageError(
-            f"{kinematics.path} has no coordinate {some(found.unknown)} of {model.name}, by which {found.names[0]} "
+            f"{kinematics.path} has no coordinate {listed(found.unknown)} of {model.name}, by which {found.names[0]} "
             f"moves in {found.names[1]}, in which the reaction is expressed"
         )
     (ours, theirs, _), (origin, other, centre) = (np.moveaxis(each, 1, 0) for each in found[1:3])

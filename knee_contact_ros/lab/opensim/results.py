@@ -17,8 +17,8 @@ from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.lab import checks
 from knee_contact_ros.lab.gait_bag import MIRROR, Signal
 from knee_contact_ros.lab.opensim.run import read_xml
-from knee_contact_ros.lab.tables import Floats, Stamps, Table, read_storage, some
-from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.lab.tables import Floats, Stamps, Table, read_storage
+from knee_contact_ros.system.errors import UsageError, listed
 
 RIGHT, LEFT = "right", "left"
 SIDE_WORDS = {RIGHT: {"r", "right"}, LEFT: {"l", "left"}}
@@ -126,11 +126,11 @@ def angle_column(table: Table, side: str, coordinate: str | None) -> str:
     if coordinate is not None:
         fitting = [coordinate] if coordinate in names else [name for name in names if coordinate_of(name) == coordinate]
         if not fitting:
-            raise UsageError(f"{table.path} has no column {coordinate} (--coordinate); it has {some(names)}")
+            raise UsageError(f"{table.path} has no column {coordinate} (--coordinate); it has {listed(names)}")
     else:
         fitting = [name for name in names if is_knee_angle(coordinate_of(name) or "", side)]
     if len(fitting) != 1:
-        found = ", ".join(fitting) or f"no angle of the {side} knee, but {some(names)}"
+        found = ", ".join(fitting) or f"no angle of the {side} knee, but {listed(names)}"
         raise UsageError(f"{table.path} has {found}; choose one with --coordinate NAME")
     return fitting[0]
 
@@ -175,11 +175,11 @@ def find_reactions(table: Table, side: str, joint: str | None) -> list[Reaction]
                            for match in map(MOCO.fullmatch, table.names) if match)  # fmt: skip
     if not there:
         raise UsageError(
-            f"{table.path} has no reaction <joint>_on_<body>_in_<frame>_fx ...; it has {some(table.names)}"
+            f"{table.path} has no reaction <joint>_on_<body>_in_<frame>_fx ...; it has {listed(table.names)}"
         )
     joints = list(dict.fromkeys(reaction.joint for reaction in there))
     if joint is not None and joint not in joints:
-        raise UsageError(f"{table.path} has no joint {joint} (--joint); it has {some(joints)}")
+        raise UsageError(f"{table.path} has no joint {joint} (--joint); it has {listed(joints)}")
     usable: dict[str, Reaction] = {}
     for each in sorted(there, key=lambda each: each.rank):
         if is_part(each.body, (*TIBIA, *FEMUR)) or (is_part(each.joint, COMPARTMENTS) and each.frame != GROUND):
@@ -194,8 +194,8 @@ def find_reactions(table: Table, side: str, joint: str | None) -> list[Reaction]
     found = [joint] if joint in usable else next((each for each in ways if len(each) == 1), pair)
     if not found or joint not in {None, *found}:
         raise UsageError(
-            f"{table.path}: of {joint or some(joints)} none acts on the tibia of the {side} knee, or several do; name "
-            f"one that does with --joint NAME, or run JointReaction again, {HOW}"
+            f"{table.path}: of {joint or listed(joints)} none acts on the tibia of the {side} knee, or several do; "
+            f"name one that does with --joint NAME, or run JointReaction again, {HOW}"
         )
     if missing := [name for each in found for name in map(usable[each].column, AXES) if name not in table.names]:
         raise UsageError(f"{table.path} has no column {', '.join(missing)}")

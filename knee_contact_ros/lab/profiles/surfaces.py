@@ -26,9 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from knee_contact_ros.lab.checks import outside, refuse
-from knee_contact_ros.lab.tables import some
 from knee_contact_ros.model.types import Floats
-from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.errors import UsageError, listed
 
 Integers = NDArray[np.int64]
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
@@ -242,7 +241,7 @@ def _read_label_map(path: Path, label: int | None, axes: str | None) -> tuple[Fl
 
     values, affine, lacks = read_label_map(path)
     labels = [float(value) for value in np.unique(values) if value != 0]
-    shown = some([f"{value:g}" for value in labels]) or "(none but 0)"
+    shown = listed([f"{value:g}" for value in labels]) or "(none but 0)"
     wanted = labels[0] if label is None and len(labels) == 1 else label
     if wanted not in labels:
         given = "" if label is None else f"--label {label}: "

@@ -11,9 +11,7 @@ import pytest
 
 from knee_contact_ros import UsageError, calibrate, load_model
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.lab.calibrate.fit import samples_per_value
 from knee_contact_ros.parameters.files import values_set_in
-from tests.lab.calibrate.legs import noise
 from tests.lab.calibrate.trials import FINE, START, TRUE, answers, inputs, trial, written
 
 STIFFNESS, DAMPING = FREE = ["contact.stiffness", "contact.damping"]
@@ -38,9 +36,9 @@ def holds(found: Any, name: str, true: float) -> bool:
 
 
 def test_the_truth_is_found_within_its_intervals_and_with_its_noise() -> None:
-    # One in twenty may fail; P(more than 3 of 20) is 1.6 %, and the seeds are fixed.
+    # One in twenty may fail; P(more than 1 of 6) is 3 %, and the seeds are fixed; `studies.calibration` counts more.
     missed = 0
-    for seed in range(10):
+    for seed in range(3):
         found = fitted(trial(seed), starts=1)
         for name in FREE:
             assert holds(found, name, found.values[name])
@@ -48,7 +46,7 @@ def test_the_truth_is_found_within_its_intervals_and_with_its_noise() -> None:
             missed += not holds(found, name, TRUE[name])
         assert found.noise["penetration_depth"] == pytest.approx(3e-6, rel=0.3)  # 5 deviations: 1/sqrt(2 x 198)
         assert found.warnings == ()
-    assert missed <= 3
+    assert missed <= 1
 
 
 def test_without_noise_the_truth_itself_is_found_and_models_take_it() -> None:
@@ -138,17 +136,6 @@ def test_open_intervals_ends_of_ranges_and_what_a_model_cannot_describe_are_told
     assert told(fitted(trial(9), [STIFFNESS], {DAMPING: 30000.0}), "correlated from sample to sample")
     at_end = fitted(trial(9), {STIFFNESS: (8e7, 1e8)}, {DAMPING: 4000.0})
     assert told(at_end, "the fit lies at the end of its range, 8e+07")
-
-
-def test_correlated_values_are_worth_what_theory_says() -> None:
-    for r in (0.3, 0.6, 0.9):  # of ρ(k) = r^k: τ = (1 + r) / (1 - r)
-        found = [samples_per_value(noise(20_000, seed, r)) for seed in range(20)]
-        assert np.median(found) == pytest.approx((1.0 + r) / (1.0 - r), rel=0.05)  # they spread by 7 %
-    # A correlation of four of its deviations has a probability of 3e-5.
-    assert {samples_per_value(noise(300, seed)) for seed in range(100)} == {1.0}
-    for few in (np.zeros(0), np.zeros(1), np.zeros(50), np.tile([1.0, -1.0], 100)):
-        assert samples_per_value(few) == 1.0
-    assert samples_per_value(np.ones(100)) == pytest.approx(100.0)
 
 
 def test_the_command_writes_parameters_that_others_take(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

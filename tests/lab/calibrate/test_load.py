@@ -28,10 +28,10 @@ def fitted(bag: Path, free: Any = FREE, *params: Any, **options: Any) -> Any:
 
 @pytest.mark.parametrize("correlation", [0.0, 0.9])
 def test_the_truth_is_found_within_its_intervals(tmp_path: Path, correlation: float) -> None:
-    # Of 12 one in twenty may fail; P(more than 2) is 2 %, and the seeds are fixed. Without counting the samples as
+    # Of 6 one in twenty may fail; P(more than 1) is 3 %, and the seeds are fixed. Without counting the samples as
     # fewer, about half of those with correlated noise would. `studies.calibration` counts thousands.
     missed = 0
-    for seed in range(4):
+    for seed in range(2):
         bag = trial(tmp_path, seed, correlation=correlation)
         found = fitted(bag)
         bag.unlink()
@@ -42,7 +42,7 @@ def test_the_truth_is_found_within_its_intervals(tmp_path: Path, correlation: fl
             assert opened == [False, False] or correlation
         assert found.rms[AXIAL] == pytest.approx(60.0, rel=0.2 if correlation == 0.0 else 0.6)
         assert bool(found.warnings) == (correlation > 0.0)
-    assert missed <= 2
+    assert missed <= 1
 
 
 @pytest.mark.parametrize("level", ["ground_force", "knee_moment", "ankle_moment"])

@@ -87,9 +87,8 @@ def test_two_radii_are_told_apart_within_the_tolerance() -> None:
     assert sum(errors[0]) < sum(errors[1])
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_noise_neither_dents_the_profile_nor_bends_its_circles(seed: int) -> None:
-    found = fit(femur(noise=0.15 * MM, seed=seed), MIDDLE)
+def test_noise_neither_dents_the_profile_nor_bends_its_circles() -> None:
+    found = fit(femur(noise=0.15 * MM), MIDDLE)
     assert found.shape.curvature.min() > -1.0
     # A point of the slice is the mean of two vertices, or one: RMS 0.11 to 0.15 mm; half is left to chance.
     assert 0.05 * MM < found.smoothed.roughness < 0.2 * MM
@@ -105,7 +104,7 @@ def test_noise_moves_the_contact_point_little() -> None:
         return np.array([-profile.support(angle)[1] for angle in angles])
 
     clean = path(0.0, 0)
-    shifts = [np.abs(path(0.1 * MM, seed) - clean).max() for seed in range(1, 6)]
+    shifts = [np.abs(path(0.1 * MM, seed) - clean).max() for seed in (1, 2)]
     assert max(shifts) < 0.2 * MM  # the limit that is promised
 
 
@@ -142,17 +141,17 @@ def test_the_automatic_slice_is_that_of_the_ridge() -> None:
     assert contact_centre(tibia(), False, True) == pytest.approx(MIDDLE, abs=0.05 * MM)
 
 
-@pytest.mark.parametrize("suffix", [".stl", ".ply", ".obj", ".vtp", ".vtk"])
 @pytest.mark.parametrize(
-    ("space", "columns", "signs"),
-    [("RAS", [2, 0, 1], (1, 1, 1)), ("LPS", [2, 0, 1], (-1, -1, 1)), ("LAS", [2, 0, 1], (-1, 1, 1))],
-)
+    ("suffix", "space", "signs"),
+    [(".stl", "RAS", (1, 1, 1)), (".ply", "LPS", (-1, -1, 1)), (".obj", "LAS", (-1, 1, 1)), (".vtp", "RAS", (1, 1, 1)),
+     (".vtk", "LPS", (-1, -1, 1))],
+)  # fmt: skip
 def test_axes_and_unit_follow_from_the_header_of_slicer(
-    suffix: str, space: str, columns: list[int], signs: tuple[int, ...], tmp_path: Path
+    suffix: str, space: str, signs: tuple[int, ...], tmp_path: Path
 ) -> None:
     """A right knee; the header says to which sides x, y and z point."""
     points, triangles = swept(femoral_curve())
-    path = spaced(tmp_path / f"a{suffix}", (points[:, columns] * signs, triangles), space)
+    path = spaced(tmp_path / f"a{suffix}", (points[:, [2, 0, 1]] * signs, triangles), space)
     read = read_surface(path)
     assert np.sort(read.points, axis=0) == pytest.approx(np.sort(points, axis=0), abs=1e-6)
     assert f"follow from SPACE={space}" in read.remarks[0]
@@ -271,14 +270,29 @@ def test_a_model_takes_a_tibia(config: Path, tmp_path: Path) -> None:
     assert model.run(np.array([0.0, 0.01]), np.array([0.1, 0.2]), np.array([800.0, 800.0])).penetration_depth[1] > 0.0
 
 
-@pytest.mark.parametrize("kind", ["femur", "tibia"])
-def test_the_picture_cuts_nothing(kind: str) -> None:
+def test_the_picture_cuts_nothing() -> None:
     from PIL import Image
 
-    made = femur if kind == "femur" else tibia
-    found = fit(made(), MIDDLE, femur=kind == "femur", bone=made(inwards=2.0 * MM))
+    found = fit(femur(), MIDDLE, bone=femur(inwards=2.0 * MM))
     with Image.open(io.BytesIO(picture(found, "a_long_name_of_a_mesh_$_of_somebody.stl"))) as image:
         pixels = np.asarray(image.convert("L"))
     assert (pixels < 200).any()
     for edge in (pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1]):
         assert edge.min() == 255
+
+
+def test_a_knee_from_mri_has_the_radii_and_thicknesses_that_were_published(reference_data: Path) -> None:
+    """The one that the shipped profiles come from; it is not in the project."""
+    names = ("_R_femur_cartilage_surface", "-R-femur-subchondral-bone", "_R_tibia_medial_cartilage_surface",
+             "-R-tibia-subchondral-bone")  # fmt: skip
+    condyle, below, plateau, under = (read_surface(reference_data / f"meshes/lenhart2015{name}.stl") for name in names)
+    of_femur, of_tibia = fit(condyle, MIDDLE, bone=below), fit(plateau, MIDDLE, femur=False, bone=under)
+    first, second, third = radii(of_femur)
+    assert first == pytest.approx(34.0 * MM, abs=0.5 * MM)
+    assert [second, third] == pytest.approx([26.7 * MM, 21.4 * MM], abs=MM)
+    assert of_femur.shape.curvature.min() > 0.0
+    assert all(74.0 * MM <= radius <= 137.0 * MM for radius in radii(of_tibia))
+    ((begin, end),) = concave(of_tibia.shape)
+    assert begin < 0.0 < end
+    thickness = [each.thickness.mean for each in (of_femur, of_tibia) if each.thickness]
+    assert thickness == pytest.approx([2.7 * MM, 1.7 * MM], abs=0.05 * MM)  # as the figures were rounded

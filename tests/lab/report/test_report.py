@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import math
 import re
 from pathlib import Path
 
@@ -203,6 +204,7 @@ def test_recordings_of_others_and_of_two_knees_in_one(recording: Path, tmp_path:
     assert not list(out.glob("knee_*.png"))  # of surfaces that nobody knows
     assert "Recorded without its parameters; healthy.yaml is taken for body weight and law." in text_of(out)
     assert main(["report", str(path), "-p", "body_weight:=600.0", "--output", str(tmp_path / "again")]) == 0
+    assert not (tmp_path / "again" / "peak_pressure.png").exists()  # of a law that nobody knows
     row = rows_of(tmp_path / "again" / "peaks.csv")[0]
     assert float(row["load_BW"]) == pytest.approx(float(row["load_N"]) / 600.0, rel=1e-8)
 
@@ -244,8 +246,13 @@ def test_where_the_height_drives_a_report_is_of_the_contact_force(tmp_path: Path
     rows, out = [(i * 5_000_000, 0.1, 800.0) for i in range(100)], tmp_path / "out"
     bag = make_bag(tmp_path / "pressed.mcap", rows, heights=0.0335 - 3e-4 * np.sin(0.05 * np.arange(100.0)) ** 2)
     solve(bag, load_parameters({"drive": "displacement"}), tmp_path / "height.mcap", silent)
-    assert main(["report", str(tmp_path / "height.mcap"), "--output", str(out)]) == 0
+    (tmp_path / "sd.yaml").write_text("contact.stiffness: 20 %\n")
+    asked = ["report", str(tmp_path / "height.mcap"), "--uncertainty", str(tmp_path / "sd.yaml"), "--output", str(out)]
+    assert main(asked) == 0
+    assert "At the largest contact force, with sign" in text_of(out)
     force = read_answers(tmp_path / "height.mcap")["contact_force"].max()
+    stiffer = float(rows_of(out / "uncertainty.csv")[0]["force_at_largest_load_N"])
+    assert stiffer == pytest.approx(math.sinh(0.2) * force, rel=0.05)  # all but what the dashpot bears
     assert f"largest contact force [BW] {force / BODY_WEIGHT:.2f}" in text_of(out)
     assert "The femoral height is prescribed (height)" in text_of(out)
     assert "largest load [" not in text_of(out)

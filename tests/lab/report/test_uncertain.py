@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import pytest
 
 import knee_contact_ros
@@ -12,7 +11,6 @@ from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.report import UNCERTAINTY_COLUMNS
 from knee_contact_ros.lab.report.figures import ALL_OF_THEM, NUMERICAL
 from tests.lab.report.pages import check_html, page_of, rows_of, text_of
-from tests.offline.test_solve import make_bag
 
 GIVEN = "axial_load: 5 %\nmedial_share: 0.06\ncontact.stiffness: 20 %\nfemur.radius: 0.002\n"
 
@@ -62,19 +60,3 @@ def test_both_compartments_of_a_recording(right_bag: Path, deviations: Path, tmp
     assert medial == pytest.approx(-lateral, rel=0.01)  # quasi-static: what one gains the other loses
     assert (out / "uncertainty_2.png").exists()
     assert "femur.profile: femur_medial.csv, femur_lateral.csv" in text_of(out)
-
-
-def test_where_the_height_drives_it_is_told_at_the_largest_force(tmp_path: Path) -> None:
-    rows = [(i * 5_000_000, 0.1, 800.0) for i in range(60)]
-    heights = 0.0335 - 3e-4 * np.sin(0.05 * np.arange(60.0)) ** 2
-    bag = make_bag(tmp_path / "in.mcap", rows, heights=heights)
-    (tmp_path / "sd.yaml").write_text("contact.stiffness: 20 %\n")
-    asked = ["report", str(bag), "-p", "drive:=displacement", "--output", str(tmp_path / "out")]
-    assert main([*asked, "--uncertainty", str(tmp_path / "sd.yaml")]) == 0
-    parameters = {"drive": "displacement"}
-    found = knee_contact_ros.uncertainty(bag, parameters, {"contact.stiffness": "20 %"}).medial
-    at = int(found.rows["contact_force"].argmax())
-    assert at > 0  # where the load, the same throughout, would be "largest"
-    first = rows_of(tmp_path / "out" / "uncertainty.csv")[0]
-    assert float(first["force_at_largest_load_N"]) == pytest.approx(next(iter(found.parts.values()))[1][at], rel=1e-8)
-    assert "At the largest contact force, with sign" in text_of(tmp_path / "out")
