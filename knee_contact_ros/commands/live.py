@@ -15,7 +15,7 @@ from knee_contact_ros.commands.options import (
     FILE,
     Given,
     InBag,
-    Output,
+    folder_option,
     names_in_bag_options,
     number_option,
     parameter_files_option,
@@ -42,10 +42,7 @@ CLOCK, NUMBER = "--clock", re.compile(r"[-+]?[\d.]+(e[-+]?\d+)?")
     "--load-params", "FILE", "Parameter file of the load node, for --from-sensors. [default: load/gait2354]",
     "load_files", multiple=True,
 )  # fmt: skip
-@click.option(
-    "--output", type=Output(folder=True), default="knee_contact_demo", show_default=True, metavar="DIR",
-    help="Folder for the results. Results of an earlier demo are replaced.",
-)  # fmt: skip
+@folder_option("knee_contact_demo", "Folder for the results. Results of an earlier demo are replaced.")
 @number_option("--rate", 0.01, 100.0, 1.0, "Seconds of gait per second.")
 @click.option(
     "--companion", is_flag=True, help="Also run the example of an assist controller, examples/assist_as_needed.py."
@@ -169,10 +166,7 @@ class OptionalClockRate(click.Command):
     CLOCK, 0.0, 10_000.0, None, "Publish /clock HZ times a second, or with every message without HZ.", "[HZ]"
 )
 @number_option("--start-offset", 0.0, 1e9, 0.0, "Skip the first SECONDS of the bag.", "SECONDS")
-@click.option(
-    "--duration", type=click.FloatRange(0.0, 1e9, min_open=True), metavar="SECONDS",
-    help="Publish only SECONDS of the bag.",
-)  # fmt: skip
+@number_option("--duration", 0.0, 1e9, None, "Publish only SECONDS of the bag.", "SECONDS", min_open=True)
 @number_option("--delay", 0.0, 1e6, 0.0, "Wait SECONDS before the first message.", "SECONDS")
 @click.option("--start-paused", is_flag=True, help="Wait for a key before the first message.")
 @number_option("--wait", 0.0, 3600.0, 10.0, "Wait for subscribers for at most this long [s].")

@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 
 from knee_contact_ros import __version__
-from knee_contact_ros.commands import fit, imports, live, offline, studies
+from knee_contact_ros.commands import live, offline, own_data, studies
 from knee_contact_ros.system.errors import IncompleteError, UsageError, printable
 
 INTERRUPTED = 130
@@ -23,7 +23,8 @@ GROUPS = {
     "See it": (live.demo, offline.view, studies.report, offline.table),
     "Compute": (live.node, live.load, live.replay, offline.solve, offline.estimate_load, offline.recover, offline.warm),
     "Bring your own data": (
-        imports.import_opensim, imports.import_csv, imports.align, fit.fit_profile, fit.fit_share, fit.calibrate,
+        own_data.import_opensim, own_data.import_csv, own_data.align, own_data.fit_profile, own_data.fit_share,
+        own_data.calibrate,
     ),
     "Study": (studies.sweep, studies.sensitivity, studies.trade),
 }  # fmt: skip

@@ -18,6 +18,7 @@ from knee_contact_ros.commands.options import (
     Output,
     input_path,
     names_in_bag_options,
+    number_option,
     output_option,
     overwrite_option,
     parameter_options,
@@ -176,10 +177,7 @@ def recover(source: Path, output: Path, overwrite: bool) -> None:
 @click.option("--save", type=Output(".rrd"), metavar="OUT.rrd", help="Write a Rerun file instead of opening a window.")
 @overwrite_option("Replace OUT.rrd if it exists.")
 @click.option("--serve", is_flag=True, help="Serve the scene to browsers and viewers on this machine instead.")
-@click.option(
-    "--port", type=click.IntRange(1024, 65534), default=9876, show_default=True,
-    help="Port for --serve. The next port is used too.",
-)  # fmt: skip
+@number_option("--port", 1024, 65534, 9876, "Port for --serve. The next port is used too.")
 def view(sources: tuple[str, ...], given: Given, save: Path | None, overwrite: bool, serve: bool, port: int) -> None:
     """Show recordings in Rerun.
 
@@ -192,13 +190,9 @@ def view(sources: tuple[str, ...], given: Given, save: Path | None, overwrite: b
     for source in sources:
         input_path(source)  # an address is no path that is there
     executable()  # before what imports its library
-    from knee_contact_ros.bags.reader import others_beside
     from knee_contact_ros.commands.view import run_view
-    from knee_contact_ros.parameters.files import load_parameters
-    from knee_contact_ros.system.terminal import warn
 
-    warn(sentence for source in sources for sentence in others_beside(Path(source)))
-    run_view(sources, load_parameters([*given.files(), given.values()]), save, overwrite, serve, port)
+    run_view(sources, given, save, overwrite, serve, port)
 
 
 @click.command()

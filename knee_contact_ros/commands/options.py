@@ -79,22 +79,34 @@ def output_option(metavar: str, text: str, *suffixes: str, replace: str = "") ->
     return together(output, overwrite_option(replace)) if replace else output
 
 
+def folder_option(default: str, text: str) -> Callable[[Function], Function]:
+    """Make the option `--output` for a folder of results."""
+    kind = Output(folder=True)
+    return click.option("--output", type=kind, default=default, show_default=True, metavar="DIR", help=text)
+
+
 def overwrite_option(text: str) -> Callable[[Function], Function]:
     """Make the option `--overwrite`."""
     return click.option("--overwrite", is_flag=True, help=text)
 
 
 def choice_option(name: str, values: Sequence[str], text: str, default: str | None) -> Callable[[Function], Function]:
-    """Make an option with a choice of values; it must be given if there is no default."""
-    own: dict[str, Any] = {"default": default, "show_default": True} if default else {"required": True}
+    """Make an option with a choice of values; it must be given if the default is None, and may be left out if empty."""
+    own: dict[str, Any] = {"default": default, "show_default": True} if default else {"required": default is None}
     return click.option(name, type=click.Choice(values), help=text, **own)
 
 
 def number_option(
-    name: str, low: float, high: float, default: float | None, text: str, metavar: str | None = None
+    name: str,
+    low: float,
+    high: float | None,
+    default: float | None,
+    text: str,
+    metavar: str | None = None,
+    **ends: bool,
 ) -> Callable[[Function], Function]:
-    """Make an option with a number from `low` to `high`."""
-    kind = click.FloatRange(low, high)
+    """Make an option with a number from `low` to `high`, an integer if these are; `ends` are Click's for open ones."""
+    kind = (click.IntRange if isinstance(low, int) else click.FloatRange)(low, high, **ends)  # type: ignore[arg-type]
     return click.option(name, type=kind, default=default, show_default=True, metavar=metavar, help=text)
 
 

@@ -13,7 +13,9 @@ from knee_contact_ros.commands.options import (
     Given,
     InBag,
     Output,
+    folder_option,
     names_in_bag_options,
+    number_option,
     parameter_options,
     together,
 )
@@ -27,9 +29,7 @@ study_options = together(
         metavar="DIR",
         help="Folder of the results, a path or an fsspec address. Cases that it holds are not computed again.",
     ),
-    click.option(
-        "--workers", type=click.IntRange(1, 1024), help="Number of processes. [default: one for each processor]"
-    ),
+    number_option("--workers", 1, 1024, None, "Number of processes. [default: one for each processor]"),
     click.option(
         "--scheduler",
         default="",
@@ -74,11 +74,14 @@ def sensitivity(study: Path, output: str, workers: int | None, scheduler: str) -
 @click.argument("bag", type=FILE)
 @parameter_options()
 @names_in_bag_options()
-@click.option(
+@number_option(
     "--worth",
-    type=click.FloatRange(min=0.0, min_open=True),
-    metavar="METRES",
-    help="Error of the depth that your measured data cause anyway. [default: that of a 1 % change of the load]",
+    0.0,
+    None,
+    None,
+    "Error of the depth that your measured data cause anyway. [default: that of a 1 % change of the load]",
+    "METRES",
+    min_open=True,
 )
 @click.option(
     "--picture",
@@ -118,13 +121,8 @@ def trade(bag: Path, given: Given, in_bag: InBag, worth: float | None, picture: 
 
 @click.command()
 @click.argument("files", nargs=-1, required=True, type=FILE, metavar="FILE...")
-@click.option(
-    "--output",
-    type=Output(folder=True),
-    default="knee_contact_report",
-    show_default=True,
-    metavar="DIR",
-    help="Folder for the page, its figures and data. Those of an earlier report are replaced.",
+@folder_option(
+    "knee_contact_report", "Folder for the page, its figures and data. Those of an earlier report are replaced."
 )
 @parameter_options()
 @click.option(

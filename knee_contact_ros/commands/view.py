@@ -14,12 +14,13 @@ from urllib.parse import quote
 import click
 
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, Change, read_provenance
-from knee_contact_ros.bags.reader import answer_blocks, answer_topics, refuse_input
+from knee_contact_ros.bags.reader import answer_blocks, answer_topics, others_beside, refuse_input
+from knee_contact_ros.commands.options import Given
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import Rows
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.build import build_model
-from knee_contact_ros.parameters.files import curve_texts
+from knee_contact_ros.parameters.files import curve_texts, load_parameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.contact_stream import answering
 from knee_contact_ros.streams.topics import KNEE, LATERAL, MEDIAL, compartment_name, is_lateral, knee_name
@@ -27,7 +28,7 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import refuse_twice
 from knee_contact_ros.system.output_files import refuse_existing
 from knee_contact_ros.system.processes import LOCALHOST, interrupted_by_sigterm, refuse_taken
-from knee_contact_ros.system.terminal import progress, say
+from knee_contact_ros.system.terminal import progress, say, warn
 from knee_contact_ros.view import viewer
 from knee_contact_ros.view.anatomy import KneeOutlines, drawings_of
 from knee_contact_ros.view.output import RerunFile
@@ -55,14 +56,12 @@ class RecordedKnee(NamedTuple):
 
 
 @interrupted_by_sigterm()
-def run_view(
-    sources: Sequence[str], parameters: Parameters, save: Path | None, overwrite: bool, serve: bool, port: int
-) -> None:
+def run_view(sources: Sequence[str], given: Given, save: Path | None, overwrite: bool, serve: bool, port: int) -> None:
     """Show recordings, gait bags, a Rerun file or scenes that nodes serve, in a window.
 
     Args:
         sources: Names of files, or addresses.
-        parameters: Parameters of files that do not hold their own.
+        given: Parameters of files that do not hold their own.
         save: Rerun file to write instead.
         overwrite: Whether it may exist.
         serve: Whether to serve the scene to browsers and viewers on this machine instead.
@@ -72,6 +71,8 @@ def run_view(
         UsageError: a source or an option cannot be used.
         IncompleteError: the viewer failed.
     """
+    warn(sentence for source in sources for sentence in others_beside(Path(source)))
+    parameters = load_parameters([*given.files(), given.values()])
     addresses = [source for source in sources if source.startswith(SERVED)]
     if addresses and (len(addresses) < len(sources) or save or serve):
         raise UsageError(f"{addresses[0]}: a served scene can only be viewed, and not together with files")

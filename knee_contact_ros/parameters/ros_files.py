@@ -3,7 +3,7 @@
 A file maps names of nodes, with wildcards, to `ros__parameters`. Names may be nested: `left: {knee_contact: ...}` is
 `/left/knee_contact`. All sections that fit a node are used, in the order in which their names first appear, and a later
 one wins: a `/**` behind a section of the node's own name wins over that. Scalars are those of YAML 1.1, but numbers are
-C's: `010` is 8. ROS 2 knows no null. A name that one section of a file gives twice is refused.
+C's: `010` is 8. ROS 2 knows no null. A name that a file gives twice in one place is refused.
 """
 
 from __future__ import annotations
@@ -62,7 +62,7 @@ def scalar(text: str) -> Any:
 
 
 def _content(event: Any, more: Iterator[Any]) -> Any:
-    """Content that begins with an event of a YAML text and takes `more` of them; a mapping is a list of pairs."""
+    """Content that begins with an event of a YAML text and takes `more` of them."""
     if isinstance(event, events.AliasEvent):
         raise UsageError(f"ROS 2 reads no aliases (*{event.anchor})")
     if isinstance(event, events.ScalarEvent):
@@ -75,16 +75,14 @@ def _content(event: Any, more: Iterator[Any]) -> Any:
     inner = takewhile(lambda each: not isinstance(each, events.CollectionEndEvent), more)
     if isinstance(event, events.SequenceStartEvent):
         return [_content(each, more) for each in inner]
-    pairs = Pairs()
+    mapping: dict[str, Any] = {}
     for key in inner:
         if not isinstance(key, events.ScalarEvent):
             raise UsageError("a name is no text")
-        pairs.append((str(key.value), _content(next(more), more)))
-    return pairs
-
-
-class Pairs(list[tuple[str, Any]]):
-    """Entries of a mapping; names may be repeated."""
+        if key.value in mapping:
+            raise UsageError(f"{key.value} is given twice")
+        mapping[str(key.value)] = _content(next(more), more)
+    return mapping
 
 
 def read_sections(path: Path, known: Sections | None = None) -> Sections:
@@ -113,7 +111,7 @@ def read_sections(path: Path, known: Sections | None = None) -> Sections:
 
 
 def contents(text: str) -> list[Any]:
-    """Contents of the documents of a YAML text; mappings are `Pairs`.
+    """Contents of the documents of a YAML text.
 
     Raises:
         UsageError: it is no YAML, or nested too deep.
@@ -136,19 +134,15 @@ def as_sections(mapping: Mapping[str, Any]) -> Sections | None:
     Raises:
         UsageError: what it has for a node are no parameters.
     """
-
-    def pairs(value: Any) -> Any:
-        return Pairs((str(name), pairs(each)) for name, each in value.items()) if isinstance(value, Mapping) else value
-
-    content, sections = pairs(mapping), Sections()
-    if not _has_nodes(content):
+    if not _has_nodes(mapping):
         return None
-    _add(sections, content)
+    sections: Sections = {}
+    _add_nodes(sections, mapping, "")
     return sections
 
 
 def _add(sections: Sections, content: Any) -> None:
-    if not isinstance(content, Pairs):
+    if not isinstance(content, Mapping):
         raise UsageError("not a parameter file: it must map node names to ros__parameters")
     if _has_nodes(content):
         _add_nodes(sections, content, "")
@@ -157,12 +151,12 @@ def _add(sections: Sections, content: Any) -> None:
 
 
 def _has_nodes(content: Any) -> bool:
-    return isinstance(content, Pairs) and any(name == PARAMETERS or _has_nodes(value) for name, value in content)
+    return isinstance(content, Mapping) and (PARAMETERS in content or any(map(_has_nodes, content.values())))
 
 
-def _add_nodes(sections: Sections, content: Pairs, before: str) -> None:
-    for name, value in content:
-        if not isinstance(value, Pairs):
+def _add_nodes(sections: Sections, content: Mapping[str, Any], before: str) -> None:
+    for name, value in content.items():
+        if not isinstance(value, Mapping):
             where = f"{before or name}: ros__parameters" if name == PARAMETERS else name
             raise UsageError(f"{where} must map names to values, got {str(value)[:80]}")
         if name == PARAMETERS:
@@ -170,13 +164,13 @@ def _add_nodes(sections: Sections, content: Pairs, before: str) -> None:
                 raise UsageError(f"{before!r} is not the name of a node")
             _add_values(sections.setdefault(before, {}), value)
         else:
-            _add_nodes(sections, value, before + name if not before or before.endswith("/") else f"{before}/{name}")
+            _add_nodes(sections, value, f"{before}{'' if not before or before.endswith('/') else '/'}{name}")
 
 
-def _add_values(values: dict[str, Any], content: Pairs, before: str = "") -> None:
-    for name, value in content:
-        full = before + name
-        if isinstance(value, Pairs):
+def _add_values(values: dict[str, Any], content: Mapping[str, Any], before: str = "") -> None:
+    for name, value in content.items():
+        full = f"{before}{name}"
+        if isinstance(value, Mapping):
             _add_values(values, value, f"{full}.")
         elif full in values:
             raise UsageError(f"{full} is given twice")
@@ -220,5 +214,5 @@ def parameters_of(rules: Iterable[str]) -> dict[str, Any]:
             (value,) = contents(text)
         except (UsageError, ValueError):
             raise UsageError(f"-p {rule!r}: the value is not YAML; put it in quotes") from None
-        values[name] = dict(value) if isinstance(value, Pairs) else value
+        values[name] = value
     return values

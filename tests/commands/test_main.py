@@ -1,8 +1,9 @@
-"""How the command ends."""
+"""How a command ends, where it writes and what it refuses to; `warm`."""
 
 from __future__ import annotations
 
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -12,6 +13,7 @@ import click
 import pytest
 
 from knee_contact_ros.commands.main import INTERRUPTED, knee_contact, main
+from knee_contact_ros.model import compiler
 from knee_contact_ros.system.files import share_folder
 from tests import ROOT
 
@@ -105,3 +107,109 @@ def test_help_loads_nothing_heavy() -> None:
     heavy = "{'numpy', 'pydantic', 'rich', 'rclpy', 'subprocess', 'multiprocessing'}"
     code = f"import sys, knee_contact_ros.commands.main; print({heavy} & {{*sys.modules}})"
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "set()\n"
+
+
+FIT_SHARE = ["fit-share", "--trial", "a.csv", "--axial", "a", "--medial", "a", "--flexion", "a", "--body-weight", "700"]
+
+
+MISSING = "there is no folder typo; make it first"
+REFUSED: list[tuple[list[str], str]] = [
+    (["solve", "{bag}", "--output", "typo/out.mcap"], MISSING),
+    (["estimate-load", "{bag}", "--output", "typo/out.mcap"], MISSING),
+    (["recover", "{file}", "typo/out.mcap"], MISSING),
+    (["view", "{bag}", "--save", "typo/out.rrd"], MISSING),
+    (["report", "{bag}", "--output", "typo/report"], MISSING),
+    (["demo", "--output", "typo/demo"], MISSING),
+    (["fit-profile", "{file}", "--slice", "auto", "--output", "typo/out.csv"], MISSING),
+    ([*FIT_SHARE, "--output", "typo/share.csv"], MISSING),
+    (["calibrate", "trial.csv", "--free", "contact.stiffness", "--output", "typo/fitted.yaml"], MISSING),
+    (["import-csv", "cells.csv", "--map", "map.yaml", "--output", "typo/bag"], MISSING),
+    (["align", "cells.csv", "--map", "map.yaml", "--output", "typo/align.yaml"], MISSING),
+    (["import-opensim", "--side", "right", "--kinematics", "q", "--reactions", "r", "--output", "typo/bag"], MISSING),
+    (["trade", "{bag}", "--picture", "typo/trade.png"], MISSING),
+    (["solve", "{bag}", "--output", "out.csv"], "--output out.csv: its name must end with .mcap"),
+    (["estimate-load", "{bag}", "--output", "out.db3"], "--output out.db3: its name must end with .mcap"),
+    (["recover", "{file}", "out"], "output out: its name must end with .mcap"),
+    (["view", "{bag}", "--save", "x.png"], "--save x.png: its name must end with .rrd"),
+    (["trade", "{bag}", "--picture", "x.pdf"], "--picture x.pdf: its name must end with .png"),
+    (["fit-profile", "{file}", "--slice", "0", "--output", "x.yaml"], "--output x.yaml: its name must end with .csv"),
+    ([*FIT_SHARE, "--output", "x.yaml"], "--output x.yaml: its name must end with .csv"),
+]
+
+
+@pytest.mark.parametrize(("arguments", "says"), REFUSED)
+def test_a_misspelt_folder_and_a_wrong_ending_are_refused(
+    arguments: list[str], says: str, right_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    file = right_bag / "gait2354_right_0.mcap"
+    assert main([argument.format(bag=right_bag, file=file) for argument in arguments]) == 2
+    said = capsys.readouterr().err
+    assert said.startswith("knee-contact: ")
+    assert said.endswith(f"{says}\n")
+    assert not list(tmp_path.iterdir())
+
+
+def test_solve_leaves_a_file_and_nothing_beside(
+    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Two in one folder are two recordings: of the folder none is taken, and both are named."""
+    for name in ("a", "b"):
+        assert main(["solve", str(right_bag), "--output", str(tmp_path / f"{name}.mcap")]) == 0
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.mcap", "b.mcap"]
+    assert main(["solve", str(tmp_path / "a.mcap"), "--output", str(tmp_path / "b.mcap")]) == 2
+    assert (
+        capsys.readouterr().err
+        == f"knee-contact: {tmp_path / 'b.mcap'} exists already; choose another name, or --overwrite\n"
+    )
+    assert main(["solve", str(tmp_path), "--output", str(tmp_path / "c.mcap")]) == 2
+    assert capsys.readouterr().err == (
+        f"knee-contact: {tmp_path} has more than one recording, and no usable metadata.yaml that names one; "
+        "give one of these files: a.mcap, b.mcap\n"
+    )
+
+
+def test_the_other_recordings_of_a_bags_folder_are_named(
+    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "bag"
+    shutil.copytree(right_bag, folder)
+    shutil.copy(folder / "gait2354_right_0.mcap", folder / "later.mcap")
+    assert main(["solve", str(folder), "--output", str(tmp_path / "out.mcap")]) == 0
+    told = "only gait2354_right_0.mcap is read; to read later.mcap, give it as a file\n"
+    assert capsys.readouterr().err == f"knee-contact: warning: {folder}: {told}"
+
+
+LOADED = """
+import knee_contact_ros
+knee_contact_ros.load_model(compiled=True).stream().tick(0.0, 0.3, 700.0)
+"""
+
+
+def test_what_it_compiles_is_there_for_others(capsys: pytest.CaptureFixture[str]) -> None:
+    assert main(["warm"]) == 0
+    first, where = capsys.readouterr().out.splitlines()
+    assert first in ("compiled", "was there already")
+    assert where == f"kept in {compiler.kept_files()[0].parent}"
+    done = subprocess.run([sys.executable, "-c", LOADED], capture_output=True, text=True, check=True)
+    assert done.stderr == ""
+    assert main(["warm", "--params", "mri_knee", "-p", "contact.law:=flores"]) == 0  # it is for every kind of knee
+    assert capsys.readouterr().out.splitlines()[0] == "was there already"
+    assert main(["warm", "--params", "nowhere"]) == 2
+
+
+def test_what_cannot_be_kept_is_no_success(capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(compiler, "kept_files", list)
+    assert main(["warm"]) == 1
+    assert "could not be compiled and kept in " in capsys.readouterr().err
+
+
+def test_without_a_home_one_line_says_what_is_missing(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(compiler, "folders", lambda _entry: [tmp_path])
+    monkeypatch.setattr(compiler, "kept_files", list)
+    assert main(["warm"]) == 2
+    *_, line = capsys.readouterr().err.splitlines()  # before it, maybe, that the model is compiled
+    assert "set XDG_CACHE_HOME" in line

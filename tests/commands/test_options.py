@@ -1,18 +1,33 @@
-"""Options on the command line as a user types them."""
+"""Options on the command line as a user types them; `load` and `estimate-load`."""
 
 from __future__ import annotations
 
+import math
 import os
+import re
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
+from knee_contact_ros import estimate_load as estimate_load_in_python
+from knee_contact_ros.bags.provenance import change_record, provenance_record
 from knee_contact_ros.bags.reader import read_bag
+from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.commands.live import replay
 from knee_contact_ros.commands.main import main
-from knee_contact_ros.streams.topics import MESSAGE_TYPES, RECORDED
+from knee_contact_ros.joint_reaction.estimator import LEVELS
+from knee_contact_ros.joint_reaction.leg import GRAVITY
+from knee_contact_ros.offline.estimate_load import estimate_load
+from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.schema import LoadParameters
+from knee_contact_ros.streams.output import LOAD_PROVENANCE
+from knee_contact_ros.streams.topics import LOAD_INPUTS, MESSAGE_TYPES, RECORDED
 from tests.helpers.bags import write_rosbag2
 from tests.helpers.messages import raw_inputs
+from tests.helpers.needs import HAS_REPORT, needs_viewer
+from tests.helpers.walking import WHOLE_LEG, walk, walking_bag
 
 TOPICS = {f"/{topic}": MESSAGE_TYPES[topic] for topic in RECORDED}
 
@@ -111,3 +126,125 @@ def test_what_is_no_file_is_refused_in_one_line_and_not_waited_for(
     path = "/dev/zero" if kind == "device" else kind
     assert main([word.format(path) for word in COMMANDS[name]]) == 2
     assert len(capsys.readouterr().err.splitlines()) == 1
+
+
+Said = pytest.CaptureFixture[str]
+
+
+@pytest.fixture(scope="module")
+def walking(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A bag of a walking leg."""
+    return walking_bag(tmp_path_factory.mktemp("walk") / "walk.mcap", walk())
+
+
+@pytest.fixture(scope="module")
+def estimated(walking: Path) -> Path:
+    """What is made of it with all that it tells."""
+    output = walking.with_name("load.mcap")
+    estimate_load(walking, load_parameters(WHOLE_LEG, LoadParameters), output, lambda *_: None)
+    return output
+
+
+@pytest.mark.parametrize("asks", [["load", "--help"], ["load", "-h"], ["estimate-load", "--help"]])
+def test_help_needs_no_ros_and_says_which_topics(asks: list[str]) -> None:
+    code = (
+        "import sys; sys.modules['rclpy'] = None; from knee_contact_ros.commands.main import main; "
+        f"sys.exit(main({asks}))"
+    )
+    done = subprocess.run([sys.executable, "-c", code, *asks], capture_output=True, text=True, timeout=60, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
+    assert done.stdout.startswith(f"Usage: knee-contact {asks[0]} ")
+    assert re.search(r"joint_states\s+and\s+/?ground_reaction_force", done.stdout)
+
+
+def test_the_table_says_the_level_the_parts_and_how_sure_it_is(walking: Path, tmp_path: Path, capsys: Said) -> None:
+    output = tmp_path / "out.mcap"
+    arguments = ["estimate-load", str(walking), "--params", "load/inverse_dynamics", "-p", "person.mass:=80"]
+    assert main([*arguments, "--output", str(output)]) == 0
+    said = capsys.readouterr()
+    rows = dict(re.findall(r"^ ?((?:  )?[a-z][a-z ]*?)  +(\S.*?) *$", said.out, re.MULTILINE))
+    forces = {
+        name: float(value.split()[0]) for name, value in rows.items() if re.match(r"-?\d+\.\d +-?\d+\.\d\d$", value)
+    }
+    parts = [forces[f"  {name}"] for name in ("without muscles", "quadriceps", "hamstrings", "gastrocnemius")]
+    assert sum(parts) == pytest.approx(forces["largest joint reaction"], abs=0.25)  # five numbers of one decimal
+    floor, part = LEVELS["ankle_moment"].uncalibrated
+    deviation = math.hypot(floor * 80.0 * GRAVITY, part * forces["largest joint reaction"])
+    assert forces["standard deviation"] == pytest.approx(deviation, abs=0.1)  # one decimal
+    assert rows["level"] == "ankle_moment"
+    assert rows["constants"].startswith("not calibrated to this person")
+    assert rows["parameters"] == "load/inverse_dynamics, person.mass:=80"
+    assert rows["estimates"] == "240 over 1.20 s"
+    assert (rows["samples refused"], rows["estimates flagged"]) == ("0", "0")
+    assert f"Bag: {output}" in said.out
+
+
+def test_a_recording_is_computed_again_with_its_own_parameters(
+    estimated: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Said
+) -> None:
+    own = estimate_load_in_python(estimated)
+    assert (own == estimate_load_in_python(estimated, WHOLE_LEG)).all()
+    other = estimate_load_in_python(estimated, values={"person.tone": 0.5})
+    assert (other == estimate_load_in_python(estimated, [WHOLE_LEG, {"person.tone": 0.5}])).all()
+    assert (own["axial_force"] < other["axial_force"]).all()
+    assert main(["estimate-load", str(estimated), "--output", str(tmp_path / "again.mcap")]) == 0
+    assert re.search(r"parameters +those in load\.mcap", capsys.readouterr().out)
+    assert (estimate_load_in_python(tmp_path / "again.mcap") == own).all()
+
+
+def test_changes_of_parameters_in_a_recording_are_told(tmp_path: Path, capsys: Said) -> None:
+    bag = tmp_path / "changed.mcap"
+    with BagWriter(bag) as writer:
+        for topic in LOAD_INPUTS:
+            writer.add_topic(f"/{topic}", MESSAGE_TYPES[topic])
+        writer.add_metadata(LOAD_PROVENANCE, provenance_record(load_parameters(WHOLE_LEG, LoadParameters)))
+        writer.add_metadata("parameters_changed", change_record(10, {"person.tone": 0.5}))
+        writer.add_metadata("parameters_changed", change_record(20, {"diagnostics.timeout": 2.0}))
+        for message in walk():
+            writer.write(message.topic, message.log_time, message.data)
+    assert main(["estimate-load", str(bag), "--output", str(tmp_path / "again.mcap")]) == 0
+    assert "parameters changed 1 times in it; those of its beginning are used" in " ".join(
+        capsys.readouterr().err.split()
+    )
+
+
+def test_bad_parameters_and_rules_are_told_in_one_line(walking: Path, tmp_path: Path, capsys: Said) -> None:
+    for more, words in (
+        (["--params", "healthy"], r"healthy\.yaml: no parameters for node knee_load; found /\*\*/knee_contact"),
+        (["--params", "inverse_dynamic"], r"did you mean load/inverse_dynamics\?"),
+        (["-p", "knee.joint_nam:=x"], r"unknown parameter knee\.joint_nam; did you mean knee\.joint_name\?"),
+        (["-p", "level:=5"], "parameter level: 5 is not allowed"),
+        (["--remap", "joint_reaction_force:=/x"], "FROM must be joint_states or ground_reaction_force"),
+    ):
+        assert main(["estimate-load", str(walking), *more, "--output", str(tmp_path / "out.mcap")]) == 2
+        said = capsys.readouterr()
+        assert re.search(words, said.err), said.err
+        assert (said.out, len(said.err.splitlines())) == ("", 1)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("asks", ["solve", "replay", "estimate-load", "replay --sensors"])
+def test_what_is_not_an_input_is_not_taken_for_one(
+    walking: Path, right_bag: Path, tmp_path: Path, capsys: Said, asks: str
+) -> None:
+    sensed = asks in ("solve", "replay")
+    missing, there = ("joint_reaction_force", "ground_reaction_force")[:: 1 if sensed else -1]
+    words = rf"no topic /{missing} .*; its topics: /{there}, .*; --remap {missing}:=TOPIC or --namespace NAME reads ano"
+    output = [] if "replay" in asks else ["--output", str(tmp_path / "out.mcap")]
+    assert main([*asks.split(), str(walking if sensed else right_bag), *output]) == 2
+    said = capsys.readouterr().err
+    assert re.search(words, said)
+    assert len(said.splitlines()) == 1
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.skipif(not HAS_REPORT, reason="needs the extra report")
+def test_a_report_computes_the_contact_of_estimated_loads(estimated: Path, tmp_path: Path) -> None:
+    assert main(["report", str(estimated), "--output", str(tmp_path / "report")]) == 0
+    assert (tmp_path / "report" / "report.html").exists()
+
+
+@needs_viewer
+def test_a_view_computes_the_contact_of_estimated_loads(estimated: Path, tmp_path: Path) -> None:
+    assert main(["view", str(estimated), "--save", str(tmp_path / "knee.rrd")]) == 0
+    assert (tmp_path / "knee.rrd").exists()

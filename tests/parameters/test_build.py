@@ -1,25 +1,33 @@
-"""From names to models, in this process and another; surfaces and mechanisms: `tests/view/test_markers.py`."""
+"""From names to models, in this process and another; subject files; and what makes no sense in parameters is told."""
 
 from __future__ import annotations
 
 import copy
+import shutil
+import warnings
 from concurrent.futures import ProcessPoolExecutor
 from multiprocessing import get_context
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
 import pytest
 from pydantic import ValidationError
 
 import knee_contact_ros
+from knee_contact_ros.bags.provenance import read_provenance
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.model.knee import BUDGET, KneeModel
 from knee_contact_ros.model.laws import CONTACT_LAWS, ContactLaw, Layer, Range
 from knee_contact_ros.model.ticks import LEVELS
+from knee_contact_ros.offline.solve import Subject
 from knee_contact_ros.parameters import schema
-from knee_contact_ros.parameters.build import retuned
+from knee_contact_ros.parameters.build import build_model, retuned
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import ContactParameters, with_constants_of_laws
+from knee_contact_ros.streams.watch import Doubts, doubts_about
 from knee_contact_ros.system.errors import UsageError
+from tests.offline.test_solve import make_bag
 
 TIME = np.arange(0.0, 0.1, 0.005)
 ANGLE = 0.3 + 0.3 * np.sin(20.0 * TIME)
@@ -27,26 +35,23 @@ LOAD = 700.0 + 200.0 * np.sin(25.0 * TIME)
 
 
 @pytest.mark.parametrize("law", CONTACT_LAWS)
-@pytest.mark.parametrize("tibia", ["plane", "circle"])
-@pytest.mark.parametrize("drive", ["force", "displacement"])
-def test_every_law_works_with_both_drives(law: str, tibia: str, drive: str) -> None:
-    forced = knee_contact_ros.load_model({"contact.law": law, "tibia.geometry": tibia, "fidelity.tolerance": 1e-9})
-    series = forced.run(TIME, ANGLE, LOAD)
-    if drive == "displacement":
-        led = knee_contact_ros.load_model({"contact.law": law, "tibia.geometry": tibia, "drive": drive})
-        followed = led.run(TIME, ANGLE, LOAD, series.femoral_height)
-        # Rounding of heights of 34 mm
-        assert followed.penetration_depth == pytest.approx(series.penetration_depth, abs=1e-16)
-        for contact in followed:
-            layer = [layer for layer in led.law.layers if layer.begin < contact.penetration_depth][-1]
-            # Pressed from the start, which counts as no impact
-            force = layer.force_at(contact.penetration_depth, contact.penetration_rate, 0.0)[0]
-            # The very numbers that were published go into the very formula.
-            assert contact.contact_force == max(force, 0.0)
-        series = followed
-    for field in ("contact_force", "penetration_depth", "penetration_rate", "femoral_height", "error_estimate"):
-        assert np.isfinite(series[field]).all(), field
-    assert np.all(series.contact_force >= 0.0)
+def test_every_law_works_with_both_drives(law: str) -> None:
+    names = {"contact.law": law, "tibia.geometry": "circle", "fidelity.tolerance": 1e-9}
+    forced = knee_contact_ros.load_model(names).run(TIME, ANGLE, LOAD)
+    led = knee_contact_ros.load_model(names | {"drive": "displacement"})
+    followed = led.run(TIME, ANGLE, LOAD, forced.femoral_height)
+    # Rounding of heights of 34 mm
+    assert followed.penetration_depth == pytest.approx(forced.penetration_depth, abs=1e-16)
+    for contact in followed:
+        layer = [layer for layer in led.law.layers if layer.begin < contact.penetration_depth][-1]
+        # Pressed from the start, which counts as no impact
+        force = layer.force_at(contact.penetration_depth, contact.penetration_rate, 0.0)[0]
+        # The very numbers that were published go into the very formula.
+        assert contact.contact_force == max(force, 0.0)
+    for series in (forced, followed):
+        for field in ("contact_force", "penetration_depth", "penetration_rate", "femoral_height", "error_estimate"):
+            assert np.isfinite(series[field]).all(), field
+        assert np.all(series.contact_force >= 0.0)
 
 
 def test_stiffness_from_the_material_is_hertz() -> None:
@@ -120,9 +125,188 @@ def bits(knee: KneeModel) -> bytes:
     return knee.run(time, 0.1 + time, 600.0 + 4e3 * time).tobytes()
 
 
-@pytest.mark.parametrize("compiled", [None, False])
-def test_a_loaded_model_works_in_another_process(compiled: bool | None) -> None:
-    knee = knee_contact_ros.load_model(["osteoarthritis", "mri_femur"], compiled=compiled)
+def test_a_loaded_model_works_in_another_process() -> None:
+    knee = knee_contact_ros.load_model(["osteoarthritis", "mri_femur"])
     with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as pool:
         assert pool.submit(bits, knee).result(120.0) == bits(knee)
     assert isinstance(copy.deepcopy(knee).run([0.0], [0.1], [700.0]), knee_contact_ros.Results)
+
+
+def subject(folder: Path, text: str) -> Path:
+    path = folder / "subject.yaml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_the_generic_model_is_the_papers(tmp_path: Path) -> None:
+    parameters = load_parameters(Subject(subject(tmp_path, "mass: 75.16\n")).sources())
+    assert parameters.body_weight == pytest.approx(737.068, abs=5e-4)  # as the parameter files round it
+    assert parameters.femur.mass == pytest.approx(9.3014, rel=1e-12)
+    scaled = load_parameters(Subject(subject(tmp_path, "mass: 72.6\n")).sources())
+    assert scaled.femur.mass == pytest.approx(8.984, abs=1e-3)  # OpenSim's own scaling of this model
+    assert scaled.body_weight == pytest.approx(711.963, abs=1e-3)
+
+
+def test_all_that_it_may_say(tmp_path: Path, config: Path) -> None:
+    shutil.copy(config / "femur_medial.csv", tmp_path / "mine.csv")
+    text = """
+name: somebody
+mass: 60
+parameters: [osteoarthritis.yaml]
+profile: mine.csv
+tibial_profile: tibia_medial.csv
+scale: 0.95
+thickness: 0.0004
+joint: knee_r
+bag: gait
+"""
+    found = Subject(subject(tmp_path, text))
+    (tmp_path / "gait").mkdir()
+    parameters = load_parameters(found.sources())
+    assert found.bag == tmp_path / "gait"
+    assert parameters.contact.law == "two_layer_viscoelastic"
+    assert parameters.contact.layer_depth == 0.0004
+    assert parameters.knee.joint_name == "knee_r"
+    assert (parameters.femur.geometry, parameters.femur.profile) == ("profile", str(tmp_path / "mine.csv"))
+    assert parameters.tibia.profile == str(config / "tibia_medial.csv")
+    assert (parameters.femur.scale, parameters.tibia.scale) == (0.95, 0.95)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "not a subject file"),
+        ("mass", "not a subject file"),
+        ("mass: [", "not a YAML file"),
+        ("name: x\n", "mass: is missing"),
+        ("mass: -3\n", "mass: -3 is not allowed; it should be greater than or equal to 1"),
+        ("mass: heavy\n", "mass: 'heavy' is not allowed"),
+        ("mass: 70\nthicknes: 1\n", "thicknes: is not known"),
+        ("mass: 70\nthickness: 3.0\n", "thickness: 3.0 is not allowed; it should be less than or equal to 0.1"),
+        ("mass: 70\nscale: 0\n", "scale: 0 is not allowed"),
+        ("mass: 70\nparameters: []\n", "parameters: [] is not allowed"),
+        ("mass: 70\nparameters: [none.yaml]\n", "none.yaml"),
+    ],
+)
+def test_what_is_not_allowed_is_one_line(tmp_path: Path, text: str, words: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        Subject(subject(tmp_path, text)).sources()
+    assert words in str(caught.value)
+    assert len(str(caught.value).splitlines()) == 1
+
+
+def test_solve_takes_it_and_says_what_is_missing(
+    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    path = subject(tmp_path, f"mass: 72.6\nthickness: 0.0006\nparameters: [osteoarthritis.yaml]\nbag: {right_bag}\n")
+    values = ["-p", "contact.layer_depth:=0.0007", "--output", str(tmp_path / "out.mcap")]
+    assert main(["solve", "--subject", str(path), *values]) == 0
+    assert "2.27" in capsys.readouterr().out  # 1613.8 N in body weights of 711.96 N
+    found = read_provenance(tmp_path / "out.mcap")
+    assert found
+    assert found.parameters.contact.layer_depth == 0.0007
+    path = subject(tmp_path, "mass: 70\n")
+    assert main(["solve", "--subject", str(path), "--output", str(tmp_path / "a.mcap")]) == 2
+    assert "no BAG: give a BAG, or a --subject file that names one" in capsys.readouterr().err
+    assert main(["solve", "--subject", "none.yaml", "--output", str(tmp_path / "a.mcap")]) == 2
+    assert "none.yaml: cannot read the subject file" in capsys.readouterr().err
+
+
+TYPED = {"contact.stiffness": 2500.0}
+"""N/mm^1.5 for N/m^1.5"""
+FIFTH = r"beyond 6\.8 mm, a fifth of the femoral radius"
+HALF = r"under 368\.5 N \(0\.5 body weights\)"
+MILLISECOND = 1_000_000
+
+
+def doubts(**values: Any) -> Doubts:
+    """Those about parameters, `__` standing for a dot."""
+    parameters = load_parameters({name.replace("__", "."): value for name, value in values.items()})
+    return doubts_about(parameters, build_model(parameters))
+
+
+def test_the_defaults_and_all_shipped_files_make_sense(config: Path) -> None:
+    combinations = [[], ["healthy.yaml"], ["osteoarthritis.yaml"]]
+    combinations += [[*files, knee] for files in combinations[1:] for knee in ("mri_femur.yaml", "mri_knee.yaml")]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for files in combinations:
+            knee_contact_ros.load_model([config / name for name in files])
+    for name in ("elastic_foundation", "two_layer_viscoelastic", "flores"):
+        assert doubts(contact__law=name).sentences == []
+    assert doubts(contact__stiffness_from="material").sentences == []
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        (TYPED, rf"^contact\.stiffness 2500 N/m\^1\.5 gives 279 mm of depth {HALF}, {FIFTH}; "
+                r"2500 N/mm\^1\.5 would be 7\.905694e\+07 N/m\^1\.5$"),
+        ({"pairing.angle_delay": 0.12},
+         r"^pairing\.wait 0\.1 s does not exceed pairing\.angle_delay 0\.12 s: live, the node answers every force .* "
+         r"\(INPUT_HELD\)$"),
+        (TYPED | {"load.compartment": "total"}, r"under 737\.1 N \(1 body weights\), "),
+        (TYPED | {"load.compartment": "moment_balance"}, HALF),
+        (TYPED | {"load.share": 0.7}, r"under 515\.9 N \(0\.7 body weights\), "),
+        ({"contact.law": "elastic_foundation", "contact.youngs_modulus": 24.0},
+         rf"^contact\.youngs_modulus 24 Pa gives 466 mm of depth {HALF}, beyond 4\.4 mm, the cartilage's thickness; "
+         r"24 MPa would be 2\.4e\+07 Pa$"),
+        ({"contact.stiffness_from": "material", "contact.youngs_modulus": 24.0},
+         rf"^contact\.youngs_modulus 24 Pa gives 1\.94e\+04 mm of depth {HALF}, {FIFTH}; 24 MPa would"),
+        ({"contact.law": "two_layer_elastic", "contact.stiffness_2": 98408.0},
+         r"^contact\.stiffness_2 98408 N/m\^1\.5 is below contact\.stiffness, 7\.905694e\+07: bone softer "
+         r"than cartilage; 98408 N/mm\^1\.5 would be 3\.111934e\+09 N/m\^1\.5$"),
+        ({"contact.law": "two_layer_elastic", "contact.stiffness": 2500.0, "contact.stiffness_2": 98408.0},
+         r"^contact\.stiffness 2500 N/m\^1\.5 gives 24\.6 mm .*; 2500 N/mm\^1\.5 would be 7\.905694e\+07"),
+        ({"body_weight": 75.0}, r"^body_weight 75 N: is it kg\? 75 kg weigh 735\.5 N$"),
+    ],
+)  # fmt: skip
+def test_parameters_in_another_unit_are_told_in_a_sentence(values: dict[str, Any], words: str) -> None:
+    with pytest.warns(UserWarning, match=words) as told:
+        knee_contact_ros.load_model(values)
+    assert len(told) == 1
+    assert "\n" not in str(told[0].message)
+    assert told[0].filename == __file__  # where the user called
+
+
+def test_a_contact_that_is_on_no_plateau_says_so() -> None:
+    """Of a femur whose origin is at the hip."""
+    nothing = dict.fromkeys(("flexion_angle", "penetration_depth", "gap"), np.zeros(4))
+    watch = Doubts()
+    watch.add_all(nothing | {
+        "stamp": np.arange(4), "load": np.ones(4), "penetration_depth": np.array([1e-4, 1e-4, 1e-4, 0.0]),
+        "status": np.array([32, 32, 0, 0]), "contact_point_x": np.array([0.061, -0.5, 0.059, 0.061]),
+    })  # fmt: skip
+    assert watch.sentences[0].startswith(
+        "the contact is up to 500 mm ahead of the tibia's origin or behind it, outside"
+    )
+    assert "in 2 of 4 ticks (IMPLAUSIBLE)" in watch.sentences[0]
+    assert (watch.too_deep, watch.flown) == (0, 0)
+
+
+def test_solve_says_it_on_the_terminal_and_in_its_table(
+    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    output = tmp_path / "out.mcap"
+    arguments = [str(right_bag), "-p", "contact.stiffness:=2500", "-p", "body_weight:=75.16", "--output", str(output)]
+    assert main(["solve", *arguments]) == 0
+    printed = capsys.readouterr()
+    lines = printed.err.splitlines()
+    assert [line.partition(" warning: ")[2].split()[0] for line in lines] == ["body_weight", "contact.stiffness", "387"]
+    assert lines[2].startswith(
+        "knee-contact: warning: 387 of 387 ticks are up to 359 mm deep, beyond 6.8 mm, a fifth of"
+    )
+    assert "387 x IMPLAUSIBLE" in printed.out
+    words = " ".join(printed.out.split())
+    for line in lines:
+        assert f"warning {line.partition(' warning: ')[2][:30]}" in words
+
+
+def test_solve_marks_the_peaks_of_a_landing(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    loads = [-200.0 if 50 <= i < 60 else 900.0 for i in range(121)]
+    thrown = make_bag(tmp_path / "thrown.mcap", [(i * 10 * MILLISECOND, 0.1, load) for i, load in enumerate(loads)])
+    assert main(["solve", str(thrown), "--output", str(tmp_path / "thrown_out.mcap")]) == 0
+    printed = capsys.readouterr()
+    assert "largest !" in printed.out
+    assert "! from an answer that is IMPLAUSIBLE" in printed.out
+    assert "mm above the tibia, beyond 10 mm:" in printed.err

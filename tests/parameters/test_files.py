@@ -1,19 +1,34 @@
-"""Parameters of both nodes, from files and mappings: what is read, and what is refused in one line."""
+"""Parameters of both nodes, from files and mappings, and the files that they name: what is read and what is refused."""
 
 from __future__ import annotations
 
+import json
+import os
+import re
+import warnings
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 import knee_contact_ros
+from knee_contact_ros.bags.provenance import provenance_record, read_provenance
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.joint_reaction.estimator import LEVELS
-from knee_contact_ros.parameters.files import check_file, flat_parameters, load_parameters, variations_of
+from knee_contact_ros.parameters.files import (
+    LARGEST,
+    MOST_POINTS,
+    check_file,
+    flat_parameters,
+    load_parameters,
+    variations_of,
+)
 from knee_contact_ros.parameters.schema import LoadParameters, NodeSection, Parameters, allowed_levels, has_both
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import shipped_parameter_files
+from tests.helpers.recordings_of import recording_with
 
 
 def test_mappings_may_be_nested_dotted_or_a_files_content() -> None:
@@ -251,6 +266,7 @@ def test_what_is_not_allowed_is_refused_in_one_line(schema: type[NodeSection], s
         ("/**:\n  ros__parameters: {contact: {damping: -1.0}}", "contact.damping"),
         ("\xff", "unknown|map node names|YAML"),
         ("/**:\n  ros__parameters:\n    femur.mass: 8\n    femur: {mass: 9.5}", r"femur\.mass is given twice$"),
+        ("/**:\n  ros__parameters: {}\n/**:\n  ros__parameters: {}", r"/\*\* is given twice$"),
         ("/**/knee_contact:\n  ros__parameters: [1]", r"ros__parameters must map names to values, got \[1\]"),
         ("/**/knee_contact:\n  ros__parameters: 5", "ros__parameters must map names to values, got 5"),
     ],
@@ -293,6 +309,11 @@ def test_knees_may_share_a_file(tmp_path: Path, schema: type[NodeSection], conte
 PROFILE = {"femur.geometry": "profile", "femur.profile": "{}"}
 TABLE = {"translation.mechanism": "table", "translation.table": "{}"}
 PLATEAU = {"tibia.geometry": "profile", "tibia.profile": "{}"}
+NAMED = {"femur.profile": PROFILE, "translation.table": TABLE, "tibia.profile": PLATEAU}
+
+
+def naming(values: dict[str, str], path: Path | str) -> dict[str, Any]:
+    return {name: value.format(path) for name, value in values.items()}
 
 
 @pytest.mark.parametrize(
@@ -316,7 +337,73 @@ def test_bad_curves_are_refused(tmp_path: Path, values: dict[str, str], content:
     if content is not None:
         path.write_text(content)
     with pytest.raises(UsageError, match=words) as caught:
-        knee_contact_ros.load_model({name: value.format(path) for name, value in values.items()})
+        knee_contact_ros.load_model(naming(values, path))
     assert str(caught.value).startswith(f"parameter {list(values)[1]}: ")
     assert str(path) in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize("parameter", NAMED)
+def test_what_is_no_file_or_too_large_is_refused_by_the_parameter(parameter: str, tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    for no_file in (tmp_path / "pipe", "/dev/zero", tmp_path, "a\0b", "~nobody_of_this_name/x.csv"):
+        with pytest.raises(UsageError, match=f"parameter {parameter}: cannot read"):
+            knee_contact_ros.load_model(naming(NAMED[parameter], no_file))
+    path = tmp_path / "curve.csv"
+    path.write_text("".join(f"{number * 1e-6:g},0\n" for number in range(MOST_POINTS + 1)))
+    words = f"parameter {parameter}: .* has {MOST_POINTS + 1} points; at most {MOST_POINTS} are allowed"
+    with pytest.raises(UsageError, match=words):
+        knee_contact_ros.load_model(naming(NAMED[parameter], path))
+    path.write_text("#" * (LARGEST + 1))
+    with pytest.raises(UsageError, match="longer than"):
+        knee_contact_ros.load_model(naming(NAMED[parameter], path))
+
+
+def test_no_file_is_opened_that_a_recording_names(
+    right_bag: Path, config: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A pipe that is opened would never end. Of view and report: `tests/hostile`."""
+    recording, pipe = tmp_path / "theirs.mcap", tmp_path / "pipe"
+    os.mkfifo(pipe)
+    record = provenance_record(load_parameters({}), {}) | {"parameters": json.dumps(naming(PROFILE, pipe))}
+    recording_with(recording, right_bag, [("knee_contact", record)])
+    how = ["solve", str(recording), "--output", str(tmp_path / "out.mcap")]
+    assert main(how) == 2
+    assert capsys.readouterr().err == (
+        f"knee-contact: {recording} does not hold the file that its parameter femur.profile names ({pipe}): give your "
+        "own with -p femur.profile:=FILE, or all parameters with --params\n"
+    )
+    assert main([*how, "-p", f"femur.profile:={config / 'femur_medial.csv'}"]) == 0
+
+
+@pytest.mark.parametrize(
+    "parameters", ['"/dev/zero"', '["/dev/zero"]', "[" * 100_000, '{"a": ' * 500 + "1" + "}" * 500]
+)
+def test_parameters_of_a_recording_are_names_and_values(parameters: str, right_bag: Path, tmp_path: Path) -> None:
+    """A text or a list would be names of files."""
+    record = provenance_record(load_parameters({}), {}) | {"parameters": parameters}
+    recording_with(tmp_path / "theirs.mcap", right_bag, [("knee_contact", record)])
+    with pytest.raises(
+        UsageError, match="its record knee_contact, which has the parameters, is damaged: give --params"
+    ):
+        read_provenance(tmp_path / "theirs.mcap")
+
+
+@pytest.mark.parametrize(
+    ("origin", "words"),
+    [
+        ([0.0, 0.4], r"touches the tibia at x = 0 to 346 mm .* \(fit-profile --origin\)\?"),
+        ([0.1, 0.0], r"touches the tibia at x = -100 to -50 mm .* \(fit-profile --origin\)\?"),
+        ([0.01, 0.01], ""),
+    ],
+)
+def test_a_femur_that_leaves_the_plateau_is_told(origin: list[float], words: str, tmp_path: Path) -> None:
+    """The arc's centre lies near the femur's origin, or far from it as of a mesh from a scanner."""
+    turn = np.linspace(2.2, -0.3, 60)
+    path = tmp_path / "curve.csv"
+    arc = -0.03 * np.column_stack([np.sin(turn), np.cos(turn)]) - origin
+    path.write_text("".join(f"{x:.6f},{y:.6f}\n" for x, y in arc))
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        knee_contact_ros.load_model(naming(PROFILE, path))
+    assert [bool(re.search(words, str(each.message))) for each in told] == [True] * bool(words)

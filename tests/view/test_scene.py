@@ -1,4 +1,4 @@
-"""The scene: what is in it, where and when; curves, states and events."""
+"""The scene: what is in it, where and when; curves, states, events; frame, titles and colours of the layout."""
 
 from __future__ import annotations
 
@@ -10,13 +10,16 @@ import pytest
 
 pytest.importorskip("rerun", reason="needs the extra viewer")
 
+
 from knee_contact_ros.model.types import ROW, Rows
 from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.results import DATES_FROM
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.strides import strides_of
-from knee_contact_ros.view.anatomy import POINTS, KneeOutlines, drawing_of
+from knee_contact_ros.view import layout
+from knee_contact_ros.view.anatomy import POINTS, KneeOutlines, drawing_of, drawings_of, placed
+from knee_contact_ros.view.colours import KNEE_COLOURS
 from knee_contact_ros.view.layout import DETAILS, FORCES, KNEE, SOLVER, about, plane_title, plots_of, title_of
 from knee_contact_ros.view.scene import PICTURE_PERIOD
 from tests.helpers.answers import contact
@@ -201,31 +204,18 @@ def test_a_single_answer_is_seen_in_every_plot(knee: Knee, tmp_path: Path) -> No
     assert not constant(written(tmp_path / "two.rrd", drawing, [rows[:1], rows[1:2]]), "SeriesPoints:marker_sizes")
 
 
-def test_states_are_written_where_they_change(knee: Knee, tmp_path: Path) -> None:
+def test_states_are_written_where_they_change_and_repeated_where_what_is_old_gets_lost(
+    knee: Knee, drawn: Path, tmp_path: Path
+) -> None:
     drawing, rows = knee
-    path = written(tmp_path / "knee.rrd", drawing, [rows[:100], rows[100:]])
     states = [("apart", "cartilage", "bone")[state] for state in rows["contact_state"]]
     changes = [state for i, state in enumerate(states) if i == 0 or state != states[i - 1]]
-    assert texts_of(path, "states/contact", "StateChange:state") == changes
+    assert texts_of(drawn, "states/contact", "StateChange:state") == changes
     assert len(changes) > 3
-
-
-def test_states_are_repeated_where_what_is_old_gets_lost(knee: Knee, tmp_path: Path) -> None:
-    drawing, rows = knee
     parts = [at(rows[:1], SECOND * second) for second in (100, 103, 20, 23)]  # stamps may go back
     path = written(tmp_path / "knee.rrd", drawing, parts, forgetful=True)
-    states = lists(path, "/knee/states/contact", "StateChange:state")
-    assert [(stamp // SECOND, state[0]) for stamp, state in states] == [(s, "cartilage") for s in (20, 23, 100, 103)]
-
-
-def test_a_new_layer_depth_moves_the_line_and_is_told(knee: Knee, tmp_path: Path) -> None:
-    drawing, rows = knee
-    changed = ("parameters_changed", {"tick": "10", "contact.layer_depth": "0.001"})
-    path = written(tmp_path / "knee.rrd", drawing, [rows[:10], changed, rows[10:20], ("reset", {"tick": "20"})])
-    assert column(path, "/knee/curves/layer").ravel() == pytest.approx([0.5, 0.5, 1.0, 1.0])
-    assert {"0.575 s  parameters changed: contact.layer_depth = 0.001", "0.625 s  reset"} <= set(texts_of(path))
-    assert len(column(path, "/knee/curves/pressure")) == 10  # of another law nothing is said
-    assert len(column(path, "/knee/curves/loading_rate")) == 19
+    kept = lists(path, "/knee/states/contact", "StateChange:state")
+    assert [(stamp // SECOND, state[0]) for stamp, state in kept] == [(s, "cartilage") for s in (20, 23, 100, 103)]
 
 
 def test_stamps_of_today_are_dates_and_a_note_before_the_first_answer_waits_for_its_stamp(
@@ -255,3 +245,78 @@ def test_events_are_told_with_their_times(knee: Knee, drawn: Path) -> None:
     (one,) = strides_of(knee[1], WEIGHT)
     words = f"stride of {one.span.duration:.2f} s: impulse {one.impulse:.1f} N s, stance {one.stance_impulse:.1f} N s"
     assert f"{one.span.end / 1e9:.3f} s  {words}" in texts
+
+
+def test_knees_of_one_scene_have_one_frame(config: Path) -> None:
+    drawings = [drawing_of(load_model([config / file for file in files]), "knee", WEIGHT) for files in SHIPPED]
+    ends_of = layout.bounds_of(drawings).range.as_arrow_array().to_pylist()[0].values()
+    for drawing in drawings:
+        knee = drawing.anatomy
+        lowest = knee.femur_cartilage[:, 1].min()
+        for angle in (0.0, 1.0):
+            points = 1e3 * np.concatenate([placed(knee.femur_bone, angle, 0.0, -lowest), knee.tibia_bone])
+            for axis, ends in zip((points[:, 0], -points[:, 1]), ends_of, strict=True):
+                assert ends[0] < axis.min() < axis.max() < ends[1]
+
+
+@pytest.mark.parametrize("changes", [{"tibia.slope": -0.7}, {"tibia.slope": 0.7}, {"femur.radius": 0.2}])
+def test_a_steep_or_large_knee_is_seen_whole_with_its_words(changes: dict[str, float]) -> None:
+    model = load_model(["healthy", changes])
+    drawing = drawing_of(model, "knee", WEIGHT)
+    frame = layout.frame_of(drawing)
+    for angle in (0.0, 1.0):
+        x, _ = model.pair.mechanism.translation(angle)
+        touching = model.closest(angle, 1.0)
+        height = 1.0 + touching.depth / touching.normal_y  # a circle and a plane: the normal stays
+        assert frame.y[0] < -1e3 * placed(drawing.anatomy.femur_bone, angle, x, height)[:, 1].max()
+    assert (frame.y[1] - frame.scale[1]) / (frame.y[1] - frame.y[0]) > 0.05  # below the marks, where their words stand
+
+
+def test_both_compartments_are_drawn_as_one_knee(config: Path) -> None:
+    profiles = [{"femur.profile": str(config / f"femur_{side}.csv")} for side in ("medial", "lateral")]
+    models = [load_model([config / "mri_femur.yaml", profile]) for profile in profiles]
+
+    def sizes(drawing: KneeOutlines) -> tuple[float, float]:
+        """Widths of the femur's shaft and of the tibia [m]."""
+        femur = drawing.anatomy.femur_bone
+        return float(np.ptp(femur[femur[:, 1] > femur[:, 1].max() - 1e-6, 0])), float(
+            np.ptp(drawing.anatomy.tibia_bone[:, 0])
+        )
+
+    alone = [sizes(drawing_of(model, "knee", WEIGHT)) for model in models]
+    assert alone[1] > tuple(1.1 * size for size in alone[0])
+    medial, lateral = map(sizes, drawings_of(models, ["medial", "lateral"], WEIGHT))
+    assert medial == pytest.approx(lateral, rel=1e-9)
+
+
+def test_several_knees_are_told_apart_by_their_colours(knee: Knee) -> None:
+    drawing, _ = knee
+    both = [drawing._replace(knee="left"), drawing._replace(knee="right", body_weight=800.0)]
+    assert title_of(both, KNEE[1]).endswith("[BW of 737 or 800 N]: left blue, right orange")
+    still = drawing._replace(knee="circle", contact_range=(0.0, 0.0))
+    assert title_of([still, drawing], DETAILS[0]).endswith("[mm]: knee orange")
+    assert len({*KNEE_COLOURS.values()}) == len(KNEE_COLOURS)
+    four = [drawing._replace(knee=f"{side}_{of}") for side in ("left", "right") for of in ("medial", "lateral")]
+    assert title_of(four, KNEE[0]) == (
+        "Flexion angle [deg]: left_medial blue, left_lateral orange, right_medial green, right_lateral violet"
+    )
+    for plot in (*KNEE, *DETAILS, *SOLVER):
+        title = title_of(four, plot)
+        assert len(title) <= layout.LONGEST_TITLE
+        assert title.endswith((": colours as for flexion", "right_lateral violet"))
+
+
+def test_curves_can_be_seen_in_a_dark_and_in_a_light_viewer() -> None:
+    """Rerun follows the user's theme; in a browser that is mostly the light one."""
+
+    def luminance(colour: tuple[int, int, int]) -> float:
+        """Relative luminance of the web's contrast formula (WCAG 2)."""
+        parts = [part / 255.0 for part in colour]
+        linear = [part / 12.92 if part <= 0.03928 else ((part + 0.055) / 1.055) ** 2.4 for part in parts]
+        return float(np.dot([0.2126, 0.7152, 0.0722], linear))
+
+    series = {series.colour for plot in (*KNEE, *DETAILS, *SOLVER) for series in plot.series}
+    for colour in {layout.LAYER_COLOUR, *KNEE_COLOURS.values(), *series}:
+        light = luminance(colour)
+        assert 1.05 / (light + 0.05) > 2.5, colour
+        assert (light + 0.05) / (luminance((16, 17, 20)) + 0.05) > 2.5, colour

@@ -1,8 +1,9 @@
-"""`knee-contact view`: recordings and bags to a scene, and what cannot be seen."""
+"""`knee-contact view`: recordings and bags to a scene, what a person sees of it, and what cannot be seen."""
 
 from __future__ import annotations
 
 import os
+import resource
 import signal
 import socket
 import subprocess
@@ -11,13 +12,16 @@ import urllib.request
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from http.client import HTTPException
+from importlib import invalidate_caches
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import psutil
 import pytest
 
 pytest.importorskip("rerun", reason="needs the extra viewer")
+
 from rerun.experimental import ViewerClient
 
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, change_record, provenance_record
@@ -29,13 +33,16 @@ from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.topics import MESSAGE_TYPES, Ending
 from knee_contact_ros.system.processes import free_port
 from knee_contact_ros.view.anatomy import drawing_of
+from knee_contact_ros.view.colours import BONE, CARTILAGE, COVER, DEPTH, FEMUR, FORCE, TIBIA
 from knee_contact_ros.view.layout import CONTACT_POINT, DETAILS, KNEE, SOLVER
 from knee_contact_ros.view.output import open_output
+from knee_contact_ros.view.viewer import NOT_INSTALLED, executable
 from tests.helpers.messages import raw_inputs
-from tests.helpers.processes import has_ended
-from tests.helpers.viewer import rendered, wait_for
+from tests.helpers.processes import NO_BYTECODE, has_ended
+from tests.helpers.viewer import pixels_of, rendered, wait_for
 from tests.view.scenes import column, entities, lists, texts_of
 
+pytestmark = pytest.mark.xdist_group("the scene")  # what is drawn once is read by several
 RECORDED = [plot for plot in (*KNEE, *DETAILS, *SOLVER) if not (plot.live or plot.read_off)]
 ANSWERS = MESSAGE_TYPES["knee_contact"]
 
@@ -126,6 +133,8 @@ def test_what_happened_to_the_node_is_seen_where_it_happened(right_bag: Path, co
     assert {"1.025 s  parameters changed: contact.layer_depth = 0.0006", "1.525 s  reset"} <= set(texts_of(path))
     line = lists(path, "/knee/curves/layer", "Scalars:scalars")
     assert min(stamp for stamp, value in line if value[0] > 0.55) == 1_030_000_000
+    assert len(column(path, "/knee/curves/pressure")) == 100  # of another law nothing is said
+    assert len(column(path, "/knee/curves/loading_rate")) == 386
 
 
 @pytest.mark.parametrize(
@@ -166,15 +175,6 @@ def test_bad_input_is_told_in_one_line(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["old.rrd", "text.mcap"]
 
 
-def test_a_port_that_is_taken_is_told(osteoarthritic: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    with socket.socket() as other:
-        other.bind(("127.0.0.1", 0))
-        other.listen()
-        port = other.getsockname()[1]
-        assert main(["view", str(osteoarthritic), "--serve", "--port", str(port)]) == 2
-    assert f"--port: {port} on 127.0.0.1: Address already in use" in capsys.readouterr().err
-
-
 def test_an_old_file_gives_way_when_asked(osteoarthritic: Path, tmp_path: Path) -> None:
     (tmp_path / "old.rrd").write_text("old")
     assert main(["view", str(osteoarthritic), "--save", str(tmp_path / "old.rrd"), "--overwrite"]) == 0
@@ -199,9 +199,9 @@ def viewing(*arguments: str) -> Iterator[subprocess.Popen[str]]:
         process.communicate()
 
 
-def test_browsers_are_served_until_ctrl_c(osteoarthritic: Path) -> None:
+def test_browsers_are_served_until_ctrl_c(osteoarthritic: Path, capsys: pytest.CaptureFixture[str]) -> None:
     port = next(port for port in (free_port() for _ in range(100)) if port < 65_000)
-    with viewing(str(osteoarthritic), "--serve", "--port", str(port)) as process:
+    with viewing(*(arguments := [str(osteoarthritic), "--serve", "--port", str(port)])) as process:
 
         def page() -> bytes:
             # While nobody listens, a connection to a port for outgoing ones may be answered by itself.
@@ -217,6 +217,8 @@ def test_browsers_are_served_until_ctrl_c(osteoarthritic: Path) -> None:
         }  # fmt: skip
         with rendered(f"rerun+http://127.0.0.1:{port}/proxy") as screen:
             assert "knee: events" in screen.views()
+        assert main(["view", *arguments]) == 2
+        assert f"--port: {port} on 127.0.0.1: Address already in use" in capsys.readouterr().err
         os.kill(process.pid, signal.SIGINT)
         said, errors = process.communicate(timeout=30.0)
         assert (process.returncode, errors) == (0, "")
@@ -249,3 +251,85 @@ def test_a_window_opens_and_a_signal_closes_it(osteoarthritic: Path, hidden_scre
         assert (process.returncode, said, errors.strip()) == (130, "", "knee-contact: interrupted")
         assert has_ended(viewer)
         assert not folder.exists()
+
+
+def test_the_viewer_is_found_among_the_packages_of_a_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "rerun_cli").mkdir()
+    for name in ("__init__.py", "rerun"):
+        (tmp_path / "rerun_cli" / name).touch()
+    monkeypatch.delitem(sys.modules, "rerun_cli", raising=False)
+    monkeypatch.syspath_prepend(tmp_path)
+    invalidate_caches()
+    assert executable() == tmp_path / "rerun_cli" / "rerun"
+
+
+@pytest.mark.parametrize("arguments", [["nowhere.mcap"], ["{bag}", "--save", "out.rrd"], ["rerun+http://127.0.0.1/"]])
+def test_the_command_tells_what_to_install(
+    arguments: list[str], right_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Any
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setitem(sys.modules, "rerun_cli", None)
+    assert main(["view", *(each.format(bag=right_bag) for each in arguments)]) == 2
+    assert capsys.readouterr().err == f"knee-contact: {NOT_INSTALLED}\n"
+    assert not list(tmp_path.iterdir())
+
+
+def test_view_ends_with_one_line_when_the_disk_is_full(osteoarthritic: Path, tmp_path: Path) -> None:
+    path = tmp_path / "pictures" / "knee.rrd"
+    path.parent.mkdir()
+    done = subprocess.run(
+        [sys.executable, "-m", "knee_contact_ros.commands.main", "view", str(osteoarthritic), "--save", str(path)],
+        capture_output=True, text=True, timeout=180, check=False, env=os.environ | NO_BYTECODE,
+        preexec_fn=lambda: resource.setrlimit(resource.RLIMIT_FSIZE, (300_000, 300_000)),
+    )  # fmt: skip
+    assert done.stderr.splitlines()[-1] == f"knee-contact: {path}.partial: File too large"
+    assert done.returncode == 1
+    assert not list(path.parent.iterdir())
+
+
+PEAK = 2_430_000_000
+
+
+@pytest.fixture(scope="module")
+def scene(osteoarthritic: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("scene") / "knee.rrd"
+    assert main(["view", str(osteoarthritic), "--save", str(path)]) == 0
+    return path
+
+
+def test_the_first_tab_shows_the_knee_and_its_curves(scene: Path) -> None:
+    with rendered(scene) as screen:
+        screen.set_time("stamp", PEAK)
+        shown = set(screen.views())
+        others = {plot.title for plot in (*DETAILS, *SOLVER) if not plot.live}
+        others |= {f"knee: {name}" for name in ("leg and contact force", "contact and level", "events")}
+        others |= {"What you see", "Stance, shaded, and swing"}
+        assert others < shown
+        assert len(shown) == 1 + len(KNEE) + len(others)
+        for plot in KNEE:
+            (title,) = (name for name in shown if name.startswith(plot.title.split("{")[0]))
+            picture = screen.picture(title)
+            for series in plot.series:
+                if series.name.startswith(("contact force", "depth [", "flexion", "anterior")):
+                    assert pixels_of(picture, series.colour, within=40) > 200, (title, series.name)
+        plane = screen.picture("knee: sagittal plane, cartilage 2 × 0.25 mm")
+        height, width, _ = plane.shape
+        assert width > 700  # half of the window
+        bones = pixels_of(plane, FEMUR) + pixels_of(plane, TIBIA)
+        assert 0.15 < bones / (height * width) < 0.6
+        assert pixels_of(plane, FORCE, within=30) > 300
+        assert pixels_of(plane, COVER, within=30) > 300
+        assert pixels_of(plane, CARTILAGE) > 500  # the overlap, magnified
+        assert pixels_of(plane, BONE, within=30) > 30  # 0.04 mm of it, and the contact point
+        assert screen.complaints() == []
+        whole = screen.picture()
+    assert whole.shape == (900, 1600, 3)
+    assert pixels_of(whole, DEPTH, within=20) > 300
+
+
+def test_rerun_alone_draws_the_leg_of_a_recording(osteoarthritic: Path) -> None:
+    with rendered(osteoarthritic) as screen:
+        wait_for(lambda: not screen.complaints(), "the frames to be connected")
+        (space,) = (view for view in screen.state.views if view.view_class == "3D")
+        shown = screen.picture(space.name)
+    assert pixels_of(shown, (204, 199, 191), within=60) > 200
