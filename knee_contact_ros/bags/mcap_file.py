@@ -181,14 +181,19 @@ class Records:
         return Segment(offset, end, begin, index.uncompressed_size, index.compression, checksum)
 
     def _chunk(self, offset: int) -> Segment | None:
-        """Chunk at an offset as its head tells it; None if there is no head whose lengths fit each other."""
+        """Chunk at an offset as its head tells it; None without one.
+
+        If its two lengths differ, that of its data counts, where another record follows and a checksum judges it.
+        """
         head = self.read(offset, offset + CHUNK_HEAD.size + LONGEST_NAME + 8)
         if len(head) < CHUNK_HEAD.size + 8:
             return None
         _, length, *times, size, checksum, name = CHUNK_HEAD.unpack_from(head)
         begin, end = CHUNK_HEAD.size + name + 8, offset + HEAD.size + length
-        if begin > len(head) or length - begin + HEAD.size != int.from_bytes(head[begin - 8 : begin], "little"):
+        data_end = offset + begin + int.from_bytes(head[begin - 8 : begin], "little")
+        if begin > len(head) or (end != data_end and not (checksum and self._may_begin(data_end))):
             return None
+        end = data_end
         compression = head[CHUNK_HEAD.size : begin - 8].decode("ascii", "replace")
         cut = end > self.size and not self.magic_at(max(self.size - len(MAGIC), 0))
         if end > self._limit(offset) and not cut:

@@ -82,7 +82,8 @@ def load_parameters_for(
 
 
 def estimate_load(
-    bag: Path, parameters: LoadParameters, output: Path | None, advance: Callable[[int, int], None],
+    bag: Path, parameters: LoadParameters, output: Path | None,
+    advance: Callable[[int, int], None] = lambda _done, _total: None,
     overwrite: bool = False, names: Names = OWN_NAMES, keep: Callable[[LoadStream], object] | None = None,
 ) -> LoadSummary:  # fmt: skip
     """Estimate the joint reaction at every ground force of `bag`; write inputs and estimates to `output`, if given.

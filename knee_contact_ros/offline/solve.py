@@ -60,7 +60,7 @@ def solve(
     bag: Path,
     basis: Parameters | Provenance,
     output: Path | None,
-    advance: Callable[[int, int], None],
+    advance: Callable[[int, int], None] = lambda _done, _total: None,
     overwrite: bool = False,
     names: Names = OWN_NAMES,
     *,

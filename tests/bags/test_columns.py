@@ -15,7 +15,7 @@ from knee_contact_ros.bags.mcap_file import DamagedError, contents_of
 from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.streams.columns import Column
 from knee_contact_ros.streams.topics import MESSAGE_TYPES, RECORDED
-from tests.hostile.bags import channel, message, record
+from tests.hostile.bags import message
 
 ROWS = [(number % 3, 7 * number % 40, b"%d" % number) for number in range(40)]
 NAMES = [f"/{topic}" for topic in RECORDED]
@@ -39,15 +39,6 @@ def test_blocks_are_of_one_size(most: int, sizes: list[int]) -> None:
 
 DATA = b"".join(message(number % 2 + 1, b"m" * (number % 5), 100 + number) for number in range(40))
 PLACES = [at for at in range(len(DATA)) if DATA[at : at + 1] == b"\5"]
-
-
-@pytest.mark.parametrize("others", [b"", channel(1, "/a"), record(0x80, b"anybody's")])
-def test_messages_are_found_among_other_records(others: bytes) -> None:
-    for data in (DATA + others, others + DATA):
-        heads, messages, declarations, _ = contents_of(data)
-        assert list(messages) == [b"m" * (number % 5) for number in range(40)]
-        assert heads["log"].tolist() == list(range(100, 140))
-        assert len(declarations) == (others[:1] == b"\4")
 
 
 @pytest.mark.parametrize("length", [0, 21, 2**63, 2**64 - 9])

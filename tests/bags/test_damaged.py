@@ -34,7 +34,7 @@ def test_answers_behind_a_hole_say_so(tmp_path: Path) -> None:
     for offset, length in chunks(bag)[2:4]:  # 30 ticks, 0.15 s: longer than may be between two stamps
         content[offset + length // 2] ^= 1
     bag.write_bytes(content)
-    summary = solve(bag, load_parameters({}), tmp_path / "out.mcap", lambda _done, _total: None)
+    summary = solve(bag, load_parameters({}), tmp_path / "out.mcap")
     assert summary.damage
     answers = [m.message for m in read_bag(tmp_path / "out.mcap", CONTACT)]
     stamps = [stamp_to_ns(answer.header.stamp) for answer in answers]

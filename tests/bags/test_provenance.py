@@ -30,10 +30,6 @@ from knee_contact_ros.system.errors import UsageError
 from tests.helpers.recordings_of import recording_with
 
 
-def silent(_done: int, _total: int) -> None:
-    """No progress bar."""
-
-
 def messages(path: Path) -> list[tuple[str, int, int, bytes]]:
     """All of a recording, in the order of the file."""
     with path.open("rb") as file:
@@ -55,7 +51,7 @@ def test_a_recording_is_computed_again_from_itself_alone(config: Path, right_bag
     shutil.copy(config / "femur_medial.csv", profile)
     mine.write_text(f"knee_contact: {{ros__parameters: {{femur: {{geometry: profile, profile: {profile}}}}}}}")
     first, second, third = (tmp_path / f"{name}.mcap" for name in ("first", "second", "third"))
-    solve(right_bag, load_parameters([config / "osteoarthritis.yaml", mine]), first, silent)
+    solve(right_bag, load_parameters([config / "osteoarthritis.yaml", mine]), first)
     profile.unlink()
     done = CliRunner().invoke(knee_contact, ["solve", str(first), "--output", str(second)], catch_exceptions=False)
     assert f"those in {first.name}, made with knee_contact_ros" in done.output
@@ -63,7 +59,7 @@ def test_a_recording_is_computed_again_from_itself_alone(config: Path, right_bag
     found = read_provenance(second)
     assert found is not None
     assert found.parameters == load_parameters([config / "osteoarthritis.yaml", mine])
-    solve(second, found, third, silent)
+    solve(second, found, third)
     assert messages(third) == messages(first)
     healthy = ["solve", str(first), "--params", "healthy.yaml", "--output", str(tmp_path / "fourth.mcap")]
     assert CliRunner().invoke(knee_contact, healthy).exit_code == 0
@@ -76,15 +72,15 @@ def test_a_recording_from_before_a_field_and_a_parameter_is_computed_again(
     found = read_provenance(old_recording)
     assert found is not None
     assert found.parameters.fidelity.force_tolerance == 0.0  # the default: it knew of none
-    solve(old_recording, found, tmp_path / "again.mcap", silent)
-    solve(right_bag, load_parameters([config / "healthy.yaml"]), tmp_path / "new.mcap", silent)
+    solve(old_recording, found, tmp_path / "again.mcap")
+    solve(right_bag, load_parameters([config / "healthy.yaml"]), tmp_path / "new.mcap")
     assert messages(tmp_path / "again.mcap") == messages(tmp_path / "new.mcap")
 
 
 def test_the_record_names_package_model_parameters_and_source(config: Path, right_bag: Path, tmp_path: Path) -> None:
     copied = tmp_path / "bag.mcap"
     shutil.copy(next(right_bag.glob("*.mcap")), copied)
-    solve(copied, load_parameters(config / "healthy.yaml"), tmp_path / "out.mcap", silent)
+    solve(copied, load_parameters(config / "healthy.yaml"), tmp_path / "out.mcap")
     record = dict(metadata(tmp_path / "out.mcap"))[PROVENANCE]
     assert record["source"] == "bag.mcap"
     assert record["source_sha256"] == hashlib.sha256(copied.read_bytes()).hexdigest()
@@ -106,9 +102,9 @@ def test_what_happened_to_the_node_happens_again(right_bag: Path, tmp_path: Path
     assert found.parameters.load.share == 0.6
     assert found.changes == (Change(100, {"contact.damping": 0.0, "deadline": 0.5}), Change(200, None))
     redone = tmp_path / "redone.mcap"
-    solve(right_bag, found, redone, silent)
+    solve(right_bag, found, redone)
     plain = tmp_path / "plain.mcap"
-    solve(right_bag, found.parameters, plain, silent)
+    solve(right_bag, found.parameters, plain)
     answers, unchanged = (read_answers(path)["penetration_depth"] for path in (redone, plain))
     assert np.array_equal(answers[:100], unchanged[:100])
     assert answers[100] != unchanged[100]
@@ -159,7 +155,7 @@ def test_a_change_that_cannot_be_made_is_refused(
 
 
 def test_a_recording_that_was_cut_off_still_says_it(config: Path, right_bag: Path, tmp_path: Path) -> None:
-    solve(right_bag, load_parameters(config / "osteoarthritis.yaml"), tmp_path / "out.mcap", silent)
+    solve(right_bag, load_parameters(config / "osteoarthritis.yaml"), tmp_path / "out.mcap")
     cut = tmp_path / "cut.mcap"
     cut.write_bytes((tmp_path / "out.mcap").read_bytes()[:-5000])
     found = read_provenance(cut)

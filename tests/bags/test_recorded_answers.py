@@ -25,7 +25,7 @@ CONTACT = MESSAGE_TYPES["knee_contact"]
 @pytest.fixture(scope="module")
 def recording(config: Path, right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("answers") / "osteoarthritic.mcap"
-    solve(right_bag, load_parameters([config / "osteoarthritis.yaml"]), path, lambda *_: None)
+    solve(right_bag, load_parameters([config / "osteoarthritis.yaml"]), path)
     return path
 
 
@@ -52,7 +52,7 @@ def message(stamp: int, frame: str) -> bytes:
 def test_recordings_from_before_a_field_stay_readable(
     old_recording: Path, config: Path, right_bag: Path, tmp_path: Path
 ) -> None:
-    solve(right_bag, load_parameters([config / "healthy.yaml"]), tmp_path / "now.mcap", lambda *_: None)
+    solve(right_bag, load_parameters([config / "healthy.yaml"]), tmp_path / "now.mcap")
     old, now = read_answers(old_recording), read_answers(tmp_path / "now.mcap")
     assert old["stamp"].tolist() == now["stamp"].tolist()
     for name in TOLD:

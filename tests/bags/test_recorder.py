@@ -55,7 +55,7 @@ def test_a_recording_holds_what_solve_writes(started: Started, right_bag: Path, 
     said = {"backlog": "0", "full [%]": "0", "dropped": "0", "written": "387", "process": ""}
     values, *wrong = sink.report()
     assert (values | {"process": ""}, wrong) == (said, ["", False])
-    solve(right_bag, parameters, tmp_path / "offline.mcap", lambda done, total: None)
+    solve(right_bag, parameters, tmp_path / "offline.mcap")
     live, offline = (
         [(m.topic, m.log_time, str(m.message)) for m in read_bag(tmp_path / name, TYPES)]
         for name in ("live.mcap", "offline.mcap")

@@ -34,7 +34,7 @@ def test_a_gait_takes_no_more_evaluations(name: str) -> None:
     def keep(rows: Any) -> None:
         counted.extend(int(part["evaluations"].sum()) for part in rows)
 
-    solve(BAG, load_parameters(["healthy", name]), None, lambda *_: None, keep=keep)
+    solve(BAG, load_parameters(["healthy", name]), None, keep=keep)
     assert 0.5 * EVALUATIONS[name] < sum(counted) <= ALLOWED * EVALUATIONS[name]
 
 

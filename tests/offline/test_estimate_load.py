@@ -33,14 +33,8 @@ REACTION, ESTIMATE = list(TYPES)[2:]
 WALK = walk()
 
 
-def silent(_done: int, _total: int) -> None:
-    """No progress bar."""
-
-
 def estimate(bag: Path, output: Path | None, values: Any = None, **how: Any) -> LoadSummary:
-    return estimate_load(
-        bag, load_parameters(WHOLE_LEG if values is None else values, LoadParameters), output, silent, **how
-    )
+    return estimate_load(bag, load_parameters(WHOLE_LEG if values is None else values, LoadParameters), output, **how)
 
 
 def raw(path: Path, types: dict[str, str] = TYPES) -> list[RawMessage]:
@@ -94,7 +88,7 @@ def test_the_recording_says_how_it_came_about(walking: Path, estimated: Path) ->
 
 
 def test_solve_goes_on_from_there(estimated: Path, tmp_path: Path) -> None:
-    summary = solve(estimated, load_parameters({}), tmp_path / "contact.mcap", silent)
+    summary = solve(estimated, load_parameters({}), tmp_path / "contact.mcap")
     assert (summary.ticks, summary.refused.total(), summary.flagged.total()) == (240, 0, 0)
     kept = raw(tmp_path / "contact.mcap", {ANGLES: TYPES[ANGLES], REACTION: TYPES[REACTION]})
     assert kept == [m for m in raw(estimated) if m.topic in (ANGLES, REACTION)]
@@ -123,7 +117,7 @@ def test_a_load_that_is_no_estimate_shows_in_the_contact(tmp_path: Path) -> None
         flagged = [stamp > begins for stamp in summary.stamps.tolist()]
         assert any(flagged)
         assert summary.flagged[Status.DOUBTFUL_LOAD.name if force == 0.0 else Status.IMPLAUSIBLE.name] == sum(flagged)
-        assert solve(loads, load_parameters({}), contact, silent, overwrite=True).ticks == 700
+        assert solve(loads, load_parameters({}), contact, overwrite=True).ticks == 700
         rows = read_answers(contact, "/knee_contact")
         assert ((rows["status"] & Status.DOUBTFUL_LOAD) != 0).tolist() == flagged
         stream, one_by_one = ContactStream(load_parameters({}), compiled=False), []
@@ -155,11 +149,11 @@ def test_solve_goes_on_from_a_recording_in_several_files(tmp_path: Path) -> None
 
 def test_the_frontal_moment_splits_the_load_where_it_is_known(walking: Path, estimated: Path, tmp_path: Path) -> None:
     by_moment = load_parameters({"load.compartment": "moment_balance"})
-    assert solve(estimated, by_moment, None, silent).ticks == 240
+    assert solve(estimated, by_moment, None).ticks == 240
     insole = tmp_path / "insole.mcap"
     estimate(walking, insole, {})
     with pytest.raises(UsageError, match=r"no tick could be computed \(240 x not_finite; .*torque\.x is nan"):
-        solve(insole, by_moment, None, silent)
+        solve(insole, by_moment, None)
 
 
 def test_a_damaged_bag_is_read_as_far_as_it_can_be(

@@ -132,7 +132,6 @@ def test_a_load_is_what_the_command_estimates(tmp_path: Path) -> None:
         bag,
         parameters,
         None,
-        lambda *_: None,
         keep=lambda stream: each_told.append((stream.sensed.stamp, *stream.estimate)),
     )
     found = knee_contact_ros.estimate_load(bag, WHOLE_LEG, {"person.mass": 60.0}, output=tmp_path / "out.mcap")

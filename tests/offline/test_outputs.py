@@ -19,15 +19,15 @@ from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.streams.messages import JointState, encode_joint_state
 from knee_contact_ros.system.errors import UsageError
 from tests.helpers.walking import ANGLES, FORCE, walk, walking_bag
-from tests.offline.test_solve import make_bag, silent
+from tests.offline.test_solve import make_bag
 
 WALK = walk()
 
 
 def computed(way: str, bag: Path, output: Path, values: dict[str, Any] | None = None, **how: Any) -> object:
     if way == "solve":
-        return solve(bag, load_parameters(values or {}), output, silent, **how)
-    return estimate_load(bag, load_parameters(values or {}, LoadParameters), output, silent, **how)
+        return solve(bag, load_parameters(values or {}), output, **how)
+    return estimate_load(bag, load_parameters(values or {}, LoadParameters), output, **how)
 
 
 @pytest.fixture(params=["solve", "estimate_load"])

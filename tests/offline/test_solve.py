@@ -55,7 +55,7 @@ def test_the_second_stance_has_the_papers_peaks(
     config: Path, right_bag: Path, tmp_path: Path, files: list[str], depth: float
 ) -> None:
     parameters = load_parameters([config / name for name in files])
-    summary = solve(right_bag, parameters, tmp_path / "out.mcap", silent)
+    summary = solve(right_bag, parameters, tmp_path / "out.mcap")
     assert (summary.ticks, summary.refused.total(), summary.flagged.total()) == (387, 0, 0)
     peaks = read_summary(tmp_path / "out.mcap", parameters.body_weight).load_peaks
     in_body_weights = [round(peak.load / parameters.body_weight, 2) for peak in peaks]
@@ -72,7 +72,7 @@ def test_a_bag_with_heights_drives_the_displacement(tmp_path: Path) -> None:
     heights = 0.034 - 6e-4 - 1e-4 * np.sin(np.arange(20.0))
     bag = make_bag(tmp_path / "in.mcap", rows, heights=heights)
     parameters = load_parameters({"drive": "displacement", "contact.law": "two_layer_elastic"})
-    assert solve(bag, parameters, tmp_path / "out.mcap", silent).ticks == 20
+    assert solve(bag, parameters, tmp_path / "out.mcap").ticks == 20
     answers = [m.message for m in read_bag(tmp_path / "out.mcap", {"/knee_contact": OUTPUTS["/knee_contact"]})]
     assert [answer.femoral_height for answer in answers] == heights.tolist()
     law = knee_contact_ros.load_model(parameters).law
@@ -80,12 +80,12 @@ def test_a_bag_with_heights_drives_the_displacement(tmp_path: Path) -> None:
     assert [answer.contact_force for answer in answers] == pytest.approx(expected, rel=1e-15)  # the same formula
     assert {answer.load for answer in answers} == {400.0}
     with pytest.raises(UsageError, match="no joint 'knee_height'; it has knee"):
-        solve(make_bag(tmp_path / "without.mcap", rows), parameters, tmp_path / "o" / "out.mcap", silent)
+        solve(make_bag(tmp_path / "without.mcap", rows), parameters, tmp_path / "o" / "out.mcap")
 
 
 def test_on_a_curved_tibia_the_wrench_leans_with_the_normal(config: Path, right_bag: Path, tmp_path: Path) -> None:
     paths = [config / "healthy.yaml", config / "mri_knee.yaml"]
-    solve(right_bag, load_parameters(paths), tmp_path / "out.mcap", silent)
+    solve(right_bag, load_parameters(paths), tmp_path / "out.mcap")
     model = knee_contact_ros.load_model(paths)
     messages = read_bag(tmp_path / "out.mcap", OUTPUTS)
     contacts, wrenches = ([m.message for m in messages if m.topic == topic] for topic in list(OUTPUTS)[-2:])
@@ -105,7 +105,7 @@ def test_a_bad_sample_is_refused_counted_and_flagged(config: Path, tmp_path: Pat
     rows = [(i * 5_000_000, 0.1, 800.0) for i in range(20)]
     rows[7] = (rows[7][0], 0.1, float("nan"))
     bag = make_bag(tmp_path / "in.mcap", rows)
-    summary = solve(bag, load_parameters(config / "healthy.yaml"), tmp_path / "o" / "out.mcap", silent)
+    summary = solve(bag, load_parameters(config / "healthy.yaml"), tmp_path / "o" / "out.mcap")
     assert summary.ticks == 19
     assert summary.refused == {"not_finite": 1}
     assert read_summary(tmp_path / "o" / "out.mcap", 737.068).refused == {"not_finite": 1}

@@ -31,10 +31,6 @@ MILLISECOND = 1_000_000
 Message = tuple[str, int, bytes]
 
 
-def silent(_done: int, _total: int) -> None:
-    """No progress bar."""
-
-
 def angle(stamp: int, value: float, names: tuple[str, ...] = ("hip", "knee"), frame: str = "") -> Message:
     positions = tuple(value if name == "knee" else 0.5 for name in names)
     return "/joint_states", stamp, encode_joint_state(JointState(stamp, frame, names, positions, positions, ()))
@@ -69,7 +65,7 @@ def outcome(bag: Path, parameters: Parameters, output: Path) -> Summary | str:
     """The summary, or why there is none."""
     output.unlink(missing_ok=True)
     try:
-        return solve(bag, parameters, output, silent, compiled=True)
+        return solve(bag, parameters, output, compiled=True)
     except UsageError as error:
         return str(error)
 
@@ -135,7 +131,7 @@ def test_an_angle_sensor_that_lags_by_the_delay_given_gives_the_bits_of_one_that
     for kept, messages, seconds in zip(rows, (prompt, late), (0.0, 1e-9 * delay), strict=True):
         bag, output = write(tmp_path / "bag.mcap", messages), tmp_path / "out.mcap"
         parameters = load_parameters({"pairing.angle_delay": seconds})
-        summary = solve(bag, parameters, output, silent, overwrite=True, keep=kept.append)
+        summary = solve(bag, parameters, output, overwrite=True, keep=kept.append)
         assert (summary.ticks, summary.refused.total(), summary.flagged["STALE_INPUT"]) == (400, 0, 0)
         with BagReader(output, INPUT_TYPES) as recorded:  # as they came, under the stamps they came with
             assert [(m.topic, m.log_time, m.data) for m in recorded.raw_messages()] == messages

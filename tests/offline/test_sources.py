@@ -121,7 +121,7 @@ def answers(path: Path, topic: str = "knee_contact") -> list[bytes]:
 def plain(tmp_path_factory: pytest.TempPathFactory) -> list[bytes]:
     """Answers to the usual messages."""
     folder = tmp_path_factory.mktemp("plain")
-    solve(bag_of(folder / "bag.mcap", dict([ANGLE, FORCE])), load_parameters({}), folder / "out.mcap", lambda *_: None)
+    solve(bag_of(folder / "bag.mcap", dict([ANGLE, FORCE])), load_parameters({}), folder / "out.mcap")
     return answers(folder / "out.mcap")
 
 
@@ -167,9 +167,9 @@ def test_answers_are_those_of_the_usual_messages(case: str, plain: list[bytes], 
     joint = "r_knee_*" if "*" in angles else "knee"
     how = load_parameters({"knee.source": angles, "load.source": forces, "knee.joint_name": joint})
     bag, out = bag_of(tmp_path / "bag.mcap", topics), tmp_path / "out.mcap"
-    solve(bag, how, out, lambda *_: None)
+    solve(bag, how, out)
     assert answers(out) == plain
-    solve(out, how, tmp_path / "again.mcap", lambda *_: None)  # a recording holds what was made of the sources
+    solve(out, how, tmp_path / "again.mcap")  # a recording holds what was made of the sources
     assert answers(tmp_path / "again.mcap") == plain
 
 
@@ -190,7 +190,7 @@ def test_forces_in_a_sensors_frame_give_the_same_answers_and_those_in_another_fr
         topics = dict([ANGLE, (FORCE[0], (FORCE[1][0], force)), (TF_STATIC, (TF_MESSAGE, lies))])
         made[name] = tmp_path / f"{name}.mcap"
         bag = bag_of(tmp_path / f"{name}_in.mcap", topics)
-        summary = solve(bag, load_parameters(values), made[name], lambda *_: None)
+        summary = solve(bag, load_parameters(values), made[name])
         assert summary.refused == ({"frame_changed": 20} if name == "changes" else {})
     assert answers(made["sensor"]) == answers(made["tibia"])
     assert answers(made["changes"]) == answers(made["tibia"])[:40]
@@ -198,7 +198,7 @@ def test_forces_in_a_sensors_frame_give_the_same_answers_and_those_in_another_fr
     assert (note["from"], note["to"]) == ("sensor", "tibia")
     recorded = read_provenance(made["sensor"])
     assert recorded is not None
-    solve(recorded.recording, recorded, tmp_path / "again.mcap", lambda *_: None)  # it needs no transform any more
+    solve(recorded.recording, recorded, tmp_path / "again.mcap")  # it needs no transform any more
     assert answers(tmp_path / "again.mcap") == answers(made["tibia"])
 
 
@@ -229,7 +229,7 @@ def test_what_cannot_be_read_is_told_at_the_start(angles: str, forces: str, word
     bag = bag_of(tmp_path / "bag.mcap", {"/state": ("exo_msgs/msg/State", state), **numbers, **dict([FORCE])})
     how = {"knee.source": angles, "load.source": forces or "joint_reaction_force"}
     with pytest.raises(UsageError, match=words):
-        solve(bag, load_parameters(how), None, lambda *_: None)
+        solve(bag, load_parameters(how), None)
 
 
 def test_joint_states_of_ros2_control_are_told_where_they_do_not_fit(tmp_path: Path) -> None:
@@ -240,7 +240,7 @@ def test_joint_states_of_ros2_control_are_told_where_they_do_not_fit(tmp_path: P
         made = (DYNAMIC_JOINT_STATE, partial(dynamic, interface=interface))
         bag = bag_of(tmp_path / f"{interface}.mcap", dict([("/dynamic_joint_states", made), FORCE]))
         with pytest.raises(UsageError, match=words):
-            solve(bag, load_parameters({"knee.source": source}), None, lambda *_: None)
+            solve(bag, load_parameters({"knee.source": source}), None)
 
 
 def test_forces_that_need_more_numbers_are_refused() -> None:
@@ -269,7 +269,7 @@ def test_another_body_takes_the_place_of_one_that_is_gone(tmp_path: Path) -> Non
         mcap.writer.add_message(force, stamp, data, stamp)
     how = load_parameters("rep155")
     kept: list[Any] = []
-    summary = solve(mcap.close(), how, None, lambda *_: None, keep=lambda rows: kept.append(rows[0].copy()))
+    summary = solve(mcap.close(), how, None, keep=lambda rows: kept.append(rows[0].copy()))
     angles = [angle for rows in kept for angle in rows["flexion_angle"]]
     gap = round(how.pairing.max_gap * 1e9 / STEP)
     assert angles[:100] == [0.1] * 100

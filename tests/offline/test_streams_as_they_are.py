@@ -85,7 +85,7 @@ def split(folder: Path, parts: Sequence[Sequence[RawMessage]]) -> Path:
 
 
 def solved(bag: Path, tmp_path: Path) -> list[bytes]:
-    solve(bag, load_parameters({}), tmp_path / "out.mcap", lambda _done, _total: None, overwrite=True, compiled=False)
+    solve(bag, load_parameters({}), tmp_path / "out.mcap", overwrite=True, compiled=False)
     topic = f"/{KNEE_CONTACT}"
     with BagReader(tmp_path / "out.mcap", {topic: MESSAGE_TYPES[KNEE_CONTACT]}) as reader:
         return [message.data for message in reader.raw_messages()]
