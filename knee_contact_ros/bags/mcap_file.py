@@ -191,7 +191,9 @@ class Records:
         _, length, *times, size, checksum, name = CHUNK_HEAD.unpack_from(head)
         begin, end = CHUNK_HEAD.size + name + 8, offset + HEAD.size + length
         data_end = offset + begin + int.from_bytes(head[begin - 8 : begin], "little")
-        if begin > len(head) or (end != data_end and not (checksum and self._may_begin(data_end))):
+        if begin > len(head):
+            return None
+        if end != data_end and not (checksum and data_end <= self._limit(offset) and self._may_begin(data_end)):
             return None
         end = data_end
         compression = head[CHUNK_HEAD.size : begin - 8].decode("ascii", "replace")

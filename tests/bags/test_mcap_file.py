@@ -10,11 +10,8 @@ import pytest
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
-from knee_contact_ros.bags.columns import MOST_AT_ONCE, by_arrival
-from knee_contact_ros.bags.mcap_file import (
-    MOST_RECORDS,
-    McapFile,
-)  # fmt: skip
+from knee_contact_ros.bags.columns import by_arrival
+from knee_contact_ros.bags.mcap_file import MOST_RECORDS, McapFile
 from knee_contact_ros.system.errors import UsageError
 from studies.fuzz_bags.bags import TICKS, Message, mcap, messages
 from tests.hostile.bags import channel, chunk, message, record, schema, whole, zstd_of_zeros
@@ -145,14 +142,12 @@ def test_a_chunk_holds_so_much_at_most(tmp_path: Path) -> None:
 
 
 def test_chunks_over_each_other_are_not_unpacked_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With a sixteenth of what is allowed, and in chunks of a sixteenth of the size that is usual."""
-    most = MOST_AT_ONCE // 16
-    monkeypatch.setattr("knee_contact_ros.bags.columns.MOST_AT_ONCE", most)
+    monkeypatch.setattr("knee_contact_ros.bags.columns.MOST_AT_ONCE", 2**20)
     path, topics = tmp_path / "bag.mcap", schema(1, STATE, b"") + channel(1, "/joint_states")
     for last, refused in ((0, False), (300, True)):
         parts = []
         for number in range(300):
-            data = message(1, bytes(2**16), number) + message(1, bytes(2**16), number + last)
+            data = message(1, bytes(2**12), number) + message(1, bytes(2**12), number + last)
             parts.append(chunk(data, len(data), "", number, number + last))
         path.write_bytes(whole(topics, *parts))
         with closing(McapFile(path)) as file:

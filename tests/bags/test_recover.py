@@ -204,8 +204,10 @@ def of_length(length: Callable[[list[int]], int]) -> Damage:
     return lambda content, chunks, summary: put(1, length(chunks).to_bytes(8, "little"), 1)(content, chunks, summary)
 
 
-def shortened(content: bytearray, size: int) -> None:
-    del content[size:]
+def without_index(damage: Damage) -> Damage:
+    return lambda content, chunks, summary: (
+        damage(content, chunks, summary), content.__delitem__(slice(summary, None)),
+    )  # fmt: skip
 
 
 def every_opcode(content: bytearray, chunks: list[int], _summary: int) -> None:
@@ -231,13 +233,10 @@ DAMAGES: dict[str, tuple[Damage, bool, str]] = {
     "length": (of_length(lambda chunks: chunks[2] - chunks[1]), True, HEAD_LIES),
     "length beyond all memory": (of_length(lambda _: 2**64 - 1), True, HEAD_LIES),
     "length over other chunks": (of_length(lambda chunks: chunks[3] - chunks[1] - 9), True, HEAD_LIES),
-    "length without an index": (
-        lambda content, chunks, summary: (
-            of_length(lambda _: 10**4)(content, chunks, summary),
-            shortened(content, summary),
-        ),
-        True,
-        "the end is missing",
+    "length without an index": (without_index(of_length(lambda _: 10**4)), True, "the end is missing"),
+    "size of the data without an index": (
+        without_index(lambda data, chunks, _: put(41 + data[chunks[1] + 37], b"\xff" * 8, 1)(data, chunks, 0)),
+        False, NO_RECORDS,
     ),
     "times of a chunk": (put(9, U * 16, 2), True, "the data do not fit their checksum"),
     "size of a chunk": (put(25, U * 2, 2), True, HEAD_LIES),
@@ -261,18 +260,16 @@ DAMAGES: dict[str, tuple[Damage, bool, str]] = {
     "magic at the beginning": (put(0, U * 8), True, "the data do not fit their checksum"),
     "header": (put(8, U * 9), True, "the beginning is damaged"),
     "cut in a chunk": (deleted(3, 300, 10**6), False, "is cut off; "),
-    "cut in the summary": (lambda content, _, summary: shortened(content, summary + 30), True, "the end"),
+    "cut in the summary": (lambda content, _, summary: content.__delitem__(slice(summary + 30, None)), True, "the end"),
     "zeros at the end": (put(300, bytes(10**6), 3), False, "the end is missing"),
     "bytes deleted": (deleted(1, -30, 80), False, NO_RECORDS),
     "bytes inserted": (inserted(lambda *_: b"\x11" * 77), True, NO_RECORDS),
     "attachment": (lambda data, *_: put(data.index(b"some text"), U)(data, [], 0), True, NO_RECORDS),
     "length of an attachment's data": (
-        lambda data, *_: put(data.index(b"some text") - 8, b"\xff" * 8)(data, [], 0),
-        True,
-        NO_RECORDS,
+        lambda data, *_: put(data.index(b"some text") - 8, b"\xff" * 8)(data, [], 0), True, NO_RECORDS,
     ),
     "a chunk twice": (inserted(lambda content, chunks: content[chunks[2] : chunks[3]]), True, "statistics do not fit"),
-}
+}  # fmt: skip
 """For each damage, whether all messages can be got back, and what is said"""
 
 

@@ -198,7 +198,7 @@ def broken(kind: str, rows: list[Message], at: int) -> list[Message]:
     return [*rows[:at], ONE_ROW[kind](*rows[at]), *rows[at + 1 :]]
 
 
-@settings(max_examples=25, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=15, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     st.lists(st.tuples(st.sampled_from([*ONE_ROW, *MANY_ROWS]), st.floats(0.0, 0.999)), max_size=4),
     st.sampled_from([1, 3, 10]),

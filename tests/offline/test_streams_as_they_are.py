@@ -99,11 +99,17 @@ FORMS = {
 """Ways of writing messages in their order"""
 
 
-@pytest.mark.parametrize("form", [*FORMS, "recording"])
+SET_BACK = [
+    ("", 7_000_000, 0), ("", 602_500_000, 1), ("", 10**12, 1), ("states", 700_000_000, 0), ("force", 700_000_000, 1)
+]  # fmt: skip
+"""Topic whose clock is set back, by how much [ns], and how many runs begin by that"""
+
+
 @pytest.mark.parametrize(
-    ("of", "back", "resets"),
-    [("", 7_000_000, 0), ("", 602_500_000, 1), ("", 10**12, 1), ("states", 700_000_000, 0), ("force", 700_000_000, 1)],
-)
+    ("form", "of", "back", "resets"),
+    [*((form, *back) for form in ("file", "recording") for back in SET_BACK),
+     *((form, *SET_BACK[1]) for form in ("sqlite3", "split"))],
+)  # fmt: skip
 def test_time_that_goes_back_makes_runs_of_their_own_as_live(
     gait: list[RawMessage], tmp_path: Path, form: str, of: str, back: int, resets: int
 ) -> None:
