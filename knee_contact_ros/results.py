@@ -280,27 +280,24 @@ def _as_text(rows: Rows) -> str:
         table.add_row(*cells)
     text = StringIO()
     Console(file=text, width=WIDTH).print(table)
-    lines = [_in_a_line(rows), _origin(rows), *(line.rstrip() for line in text.getvalue().splitlines())]
-    return "\n".join(filter(None, lines))
-
-
-def _origin(rows: Rows) -> str:
-    begin = _begin_in(rows)
-    return f"time from {NANOSECOND * begin:.3f} s on" if begin else ""
+    begin, lines = _begin_in(rows), [line.rstrip() for line in text.getvalue().splitlines()]
+    origin = f"time from {NANOSECOND * begin:.3f} s on" if begin else ""
+    return "\n".join(filter(None, [_in_a_line(rows), origin, *lines]))
 
 
 def _cells(rows: Rows) -> list[tuple[str, ...]]:
     """Give the cells of the table: of all rows, or of those at both ends."""
-    begin, whole = _begin_in(rows), np.asarray(rows)
+    begin, number = _begin_in(rows), len(rows)
+    shown = range(number) if number <= 2 * ENDS + 1 else [*range(ENDS), *range(number - ENDS, number)]
     cells: list[tuple[str, ...]] = [
         (
             stamp_text(int(row["stamp"]), begin), f"{np.degrees(row['flexion_angle']):.1f}",
             f"{row['load']:.1f}", f"{row['contact_force']:.1f}", f"{1e3 * row['penetration_depth']:.3f}",
             f"{1e3 * row['contact_point']['x']:.2f}", Status(int(row["status"])).name or str(row["status"]),
         )
-        for row in (whole if len(rows) <= 2 * ENDS + 1 else np.concatenate((whole[:ENDS], whole[-ENDS:])))
+        for row in np.asarray(rows)[shown]
     ]  # fmt: skip
-    return cells if len(cells) == len(rows) else [*cells[:ENDS], ("…",) * len(HEADINGS), *cells[ENDS:]]
+    return cells if len(cells) == number else [*cells[:ENDS], ("…",) * len(HEADINGS), *cells[ENDS:]]
 
 
 def _figure_of(rows: Rows) -> Any:
@@ -308,26 +305,25 @@ def _figure_of(rows: Rows) -> Any:
     matplotlib, pyplot = _library("matplotlib"), _library("matplotlib.pyplot")
     begin = _begin_in(rows)
     time, along = NANOSECOND * (np.asarray(rows["stamp"]) - begin), 1e3 * np.asarray(rows["contact_point"]["x"])
-    curves: list[tuple[str, list[tuple[Any, dict[str, Any]]]]] = [
-        ("flexion [°]", [(np.degrees(rows["flexion_angle"]), {"color": "black"})]),
-        ("force [N]", [(rows["load"], {"color": LOAD, "linewidth": 5.0, "label": "load"}),
-                       (rows["contact_force"], {"color": CONTACT, "label": "contact force"})]),
-        ("depth [mm]", [(1e3 * np.asarray(rows["penetration_depth"]), {"color": DEPTH})]),
-        ("contact point,\nanterior [mm]", [(along, {"color": POINT})]),
-    ]  # fmt: skip
-    figure, axes = pyplot.subplots(len(curves), 1, sharex=True, figsize=SIZE, layout="constrained")
-    for axis, (label, lines) in zip(axes, curves, strict=True):
-        for values, look in lines:  # a single point makes no line
-            axis.plot(time, values, marker="o" if len(time) == 1 else None, **look)
+    marker = "o" if len(time) == 1 else None  # a single point makes no line
+    figure, axes = pyplot.subplots(4, 1, sharex=True, figsize=SIZE, layout="constrained")
+    flexion, force, depth, point = axes
+    flexion.plot(time, np.degrees(rows["flexion_angle"]), color="black", marker=marker)
+    force.plot(time, rows["load"], color=LOAD, linewidth=5.0, label="load", marker=marker)
+    force.plot(time, rows["contact_force"], color=CONTACT, label="contact force", marker=marker)
+    depth.plot(time, 1e3 * np.asarray(rows["penetration_depth"]), color=DEPTH, marker=marker)
+    point.plot(time, along, color=POINT, marker=marker)
+    labels = "flexion [°]", "force [N]", "depth [mm]", "contact point,\nanterior [mm]"
+    for axis, label in zip(axes, labels, strict=True):
         axis.set_ylabel(label)
         axis.grid(visible=True, alpha=0.3)
         axis.margins(x=0.0)
-    axes[1].set_ylim(bottom=min(0.0, axes[1].get_ylim()[0]))
-    axes[1].legend(loc="best", frameon=False)
-    axes[2].set_ylim(bottom=0.0)
+    force.set_ylim(bottom=min(0.0, force.get_ylim()[0]))
+    force.legend(loc="best", frameon=False)
+    depth.set_ylim(bottom=0.0)
     if len(along) and np.ptp(along) < LEAST:
-        axes[3].set_ylim(along.mean() - LEAST, along.mean() + LEAST)
-    axes[3].set_xlabel(f"time [s] from {NANOSECOND * begin:.3f} s on" if begin else "time [s]")
+        point.set_ylim(along.mean() - LEAST, along.mean() + LEAST)
+    point.set_xlabel(f"time [s] from {NANOSECOND * begin:.3f} s on" if begin else "time [s]")
     figure.align_ylabels(axes)
     if "inline" in matplotlib.get_backend():
         pyplot.close(figure)  # a notebook shows the result of a cell anyway, and would show the figure twice
