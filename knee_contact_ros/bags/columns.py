@@ -1,4 +1,4 @@
-"""Messages of bags in columns, without an object for each: joined, in the order of arrival, and written in blocks."""
+"""Messages of bags as columns instead of objects: joined, put in the order of arrival, and written in blocks."""
 
 from __future__ import annotations
 
@@ -24,14 +24,14 @@ MESSAGE_HEADS = np.dtype(
 )
 """Layout `MESSAGE_HEAD` as a NumPy type"""
 MOST_AT_ONCE = 2**28
-"""Largest size [B] of the chunks that lie in memory at one time"""
+"""Largest size [B] of the chunks in memory at one time"""
 JITTER = 0.05
-"""Part of a topic's usual step by which log times may go back without any meaning"""
+"""Fraction of a topic's usual step by which log times may go back without meaning anything"""
 FEW = 4
-"""Messages behind a step back fill a hole if at most one earlier message lies among `FEW` of them"""
+"""Messages after a step back fill a hole if at most one earlier message lies among `FEW` of them"""
 UNSORTED, MOST_STEPS, WINDOW = 3, 10_000, 100_000
-"""A topic is just sorted if one of `UNSORTED` steps goes back, or more than `MOST_STEPS`; so many messages before and
-behind a step are compared"""
+"""A topic is simply sorted if one of `UNSORTED` steps goes back, or more than `MOST_STEPS` do; `WINDOW` messages before
+and after a step are compared"""
 LATEST = np.iinfo(np.int64).max
 
 
@@ -49,12 +49,12 @@ class Connection(NamedTuple):
 
 
 class Segment(NamedTuple):
-    """Piece of a file that is read at once: a chunk, or messages outside chunks."""
+    """Piece of a file that is read at a time: a chunk, or messages outside chunks."""
 
     offset: int
     """Offset [B] of the beginning in the file"""
     end: int
-    """Offset [B] behind it"""
+    """Offset [B] of its end"""
     begin: int
     """Offset [B] of the beginning of the data"""
     size: int
@@ -86,7 +86,7 @@ class Batch:
 
     @classmethod
     def together(cls, batches: Sequence[Batch]) -> Batch:
-        """Concatenation of batches of one file, at least one, in memory that holds little else."""
+        """Concatenation of batches of one file, at least one, in memory with little else."""
         numbers = np.concatenate([batch.numbers for batch in batches])
         times = np.concatenate([batch.times for batch in batches])
         return cls(numbers, times, Column.together([batch.messages.trimmed() for batch in batches]))
@@ -121,7 +121,7 @@ class Batch:
 
 
 class File(ABC):
-    """Open file of a bag, which has been looked through."""
+    """Open and checked file of a bag."""
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -149,7 +149,7 @@ class File(ABC):
         return Counter({number: counts[number] for number in self.connections})
 
     def note_undeclared(self) -> int:
-        """Add the fault that messages are of undeclared topics, if some are; number of all messages."""
+        """Return the number of messages; add a fault if some are of undeclared topics."""
         total = sum(sum(segment.counts.values()) for segment in self.segments)
         if lost := total - self.counts.total():
             self.faults.append(f"{lost} messages are of topics that nothing declares")
@@ -185,18 +185,18 @@ class Part(NamedTuple):
 
 
 def by_arrival(files: Sequence[File], numbers: Sequence[Mapping[int, int]]) -> Iterator[Batch]:
-    """Messages of files, which come in the order of recording: by log time, but not over a clock that was set back.
+    """Messages of files in the order of arrival: by log time, but not across a clock that was set back.
 
     Clocks can be set back, and our own recordings have stamps as log times, which go back when those of an input do.
-    So a bag is cut there, and only what lies between two cuts is sorted: the pipeline gets the messages as the node
-    got them.
+    So a bag is cut there, and messages are sorted only between two cuts: the pipeline gets them in the order in which
+    the node got them.
 
     Args:
         files: Files in the order of recording.
         numbers: For each file the number of each topic that is read, by its number in the file.
 
     Raises:
-        UsageError: Too much would lie in memory at once.
+        UsageError: Too much would be in memory at a time.
     """
 
     def read(part: Part) -> Batch:
@@ -255,7 +255,7 @@ def _cuts(topics: Sequence[NDArray[np.intp]], times: NDArray[np.int64]) -> list[
 
 
 def _fills_a_hole(before: NDArray[np.int64], after: NDArray[np.int64], usual: float) -> bool:
-    """Whether the messages up to the next step back, or to times beyond all `before`, fill a hole in these."""
+    """Whether the messages up to the next step back, or to times after all `before`, fill a hole in these."""
     ends = (np.diff(after) < 0) | (after[1:] > before.max())
     group = after[: int(np.argmax(ends)) + 1 if ends.any() else len(after)]
     among = np.count_nonzero((before > group[0] - 0.5 * usual) & (before < group[-1] + 0.5 * usual))
@@ -292,9 +292,9 @@ class Messages(NamedTuple):
 
 
 def write_messages(bag: BagWriter, rows: Sequence[Messages]) -> None:
-    """Write messages of several topics in the order of their places: the same bytes as by `BagWriter.write`.
+    """Write messages of several topics in the order of their places, with the same bytes as `BagWriter.write`.
 
-    All of them go into one file, whatever its limits.
+    All of them go into one file, regardless of its limits.
     """
     file, rows = bag.file, [row for row in rows if len(row.stamps)]
     if not rows:

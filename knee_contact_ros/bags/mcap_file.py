@@ -1,8 +1,8 @@
-"""What an MCAP file holds, whole or damaged, in one pass over its records.
+"""The content of an MCAP file, whole or damaged, in one pass over its records.
 
-The lengths that records claim are not trusted: a record counts if its content has exactly its length. The index of the
-chunks, if the summary fits its checksum, is a second source for a chunk whose head is wrong. Behind anything else
-reading continues at the record to which the length leads, or at the next chunk. Bytes that give nothing are named.
+Lengths in records are not trusted: a record counts if its content has exactly its length. If the summary fits its
+checksum, its index of chunks is a second source for a chunk with a wrong head. After any other damage, reading
+continues at the record to which the length leads, or at the next chunk. Unusable bytes are reported.
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ PARSERS: dict[int, Any] = {
 """Class of the `mcap` library that parses the records of each opcode"""
 MESSAGE_OPCODE, SCHEMA, CHANNEL = int(Opcode.MESSAGE), int(Opcode.SCHEMA), int(Opcode.CHANNEL)
 HOLE, PRIVATE = 0, 0x80
-"""In place of an opcode: bytes that are not records; the first opcode for private records of applications"""
+"""Instead of an opcode: bytes that are not records; and the first opcode of applications' private records"""
 CHUNK_HEAD = struct.Struct("<BQQQQII")
 """Beginning of a chunk: opcode, length, smallest and largest log time [ns], uncompressed size [B], CRC-32 of the
 records, and length [B] of the name of the compression, which follows with the compressed size"""
@@ -55,10 +55,10 @@ FOOTER_SIZE, LONGEST_NAME = 29, 16
 LARGEST, MOST_RECORDS = 2**30, 2**20
 """Largest size [B] of a record, and of the records in a chunk; largest number of these"""
 MOST_GROWTH, ALLOWED_SIZE = 200, 2**26
-"""Largest uncompressed size of all chunks: a multiple of the file's size (recordings of motion reach ten), but at
-least so many bytes"""
+"""Largest uncompressed size of all chunks: a multiple of the file's size (recordings of motion reach ten), and a size
+[B] that is always allowed"""
 BLOCK, LOOSE = 2**20, 64
-"""Bytes that are searched or summed at once; messages outside chunks that are read at once"""
+"""Bytes searched or summed at a time; messages outside chunks read at a time"""
 UNPACKERS: dict[str, Callable[[bytes], Any]] = {
     "": BytesIO,
     "zstd": lambda data: zstandard.ZstdDecompressor().stream_reader(data),
@@ -82,7 +82,7 @@ class DamagedError(Exception):
 
 
 class Piece(NamedTuple):
-    """Whole record of a file, or bytes that are none."""
+    """Whole record of a file, or bytes that are not a record."""
 
     opcode: int
     """Opcode, or `HOLE`"""
@@ -171,7 +171,7 @@ class Records:
         return not (begin and checksum) or (begin <= footer.offset and self.checksum(begin, footer.end - 4) == checksum)
 
     def _by_index(self, offset: int) -> Segment | None:
-        """Chunk at an offset as the index tells it; None if it tells of none, or there is no checksum to judge by."""
+        """Chunk at an offset according to the index; None if the index has none, or no checksum verifies it."""
         if not (index := self._index.get(offset)):
             return None
         end, place = offset + index.chunk_length, offset + CHUNK_HEAD.size - 8
@@ -181,9 +181,9 @@ class Records:
         return Segment(offset, end, begin, index.uncompressed_size, index.compression, checksum)
 
     def _chunk(self, offset: int) -> Segment | None:
-        """Chunk at an offset as its head tells it; None without one.
+        """Chunk at an offset according to its head; None without one.
 
-        If its two lengths differ, that of its data counts, where another record follows and a checksum judges it.
+        If its two lengths differ, that of its data counts if another record follows and a checksum confirms it.
         """
         head = self.read(offset, offset + CHUNK_HEAD.size + LONGEST_NAME + 8)
         if len(head) < CHUNK_HEAD.size + 8:
@@ -210,16 +210,16 @@ class Records:
         return opcode, offset + HEAD.size + length
 
     def _may_begin(self, offset: int) -> bool:
-        """Whether there is the head of a record that may be one."""
+        """Whether there is a plausible head of a record."""
         opcode, end = self._head(offset)
         return (0 < opcode <= Opcode.DATA_END or opcode >= PRIVATE) and end <= self._limit(offset)
 
     def _limit(self, offset: int) -> int:
-        """Offset of the next chunk behind `offset` that the index knows, or the size of the file."""
+        """Offset of the next chunk after `offset` that the index knows, or the size of the file."""
         return self._starts[min(bisect_right(self._starts, offset), len(self._starts) - 1)]
 
     def _hole(self, offset: int) -> Piece:
-        """Bytes from `offset` on that are no record: one whose length leads to the next, or all up to a chunk."""
+        """Bytes from `offset` that are not a record: up to where their length leads, or up to the next chunk."""
         _, end = self._head(offset)
         limit = self._limit(offset)
         if offset < end < limit and self._may_begin(end):
@@ -235,10 +235,10 @@ class Records:
 
 
 class McapFile(File):
-    """MCAP file that has been looked through: what of it can be read, and its faults."""
+    """Checked MCAP file: its readable content, and its faults."""
 
     def __init__(self, path: Path, advance: Advance = lambda _done, _total: None) -> None:
-        """Look through the file; `advance` is called with the progress in bytes.
+        """Check the file; `advance` is called with the progress in bytes.
 
         Raises:
             OSError: The file cannot be read.
@@ -301,7 +301,7 @@ class McapFile(File):
                     yield offset, Message(channel, log_time, data, publish_time, sequence)
 
     def _take(self, segment: Segment) -> None:
-        """Take in the records of a segment, or note why it is left out."""
+        """Add the records of a segment, or note why it is left out."""
         if segment.compression is not None and segment.size > self._bytes_left:
             words = f"the chunk is one too many: they hold more than {MOST_GROWTH} times the file"
             self._lost.append((segment.offset, segment.end, words))
@@ -337,7 +337,7 @@ class McapFile(File):
         """Records of a segment.
 
         Raises:
-            DamagedError: They cannot be decompressed, do not fit their size or checksum, or are too many or none.
+            DamagedError: They cannot be decompressed, do not fit size or checksum, or are too many or not records.
         """
         return contents_of(self._unpacked(segment), segment.cut, segment.starts)
 
@@ -370,14 +370,14 @@ class McapFile(File):
         return data
 
     def _declare(self, record: Schema | Channel | None) -> None:
-        """Take in a schema or channel."""
+        """Add a schema or channel."""
         if record is None:
             self._note("a topic's or a type's declaration cannot be read")
         elif self._declared.setdefault((type(record), record.id), record) != record:
             self._note("topics are declared in contradictory ways; the first one counts")
 
     def _take_other(self, piece: Piece) -> None:
-        """Take in what belongs to no segment."""
+        """Add a record that belongs to no segment."""
         match piece.content:
             case Schema() | Channel():
                 self._declare(piece.content)
@@ -435,7 +435,7 @@ class McapFile(File):
 
 
 HEAD_BYTES = np.dtype(f"V{MESSAGE_HEAD.size}")
-"""Head of a message as one item, which is copied at once"""
+"""Head of a message as one item, for fast copies"""
 
 
 class Contents(NamedTuple):
@@ -454,10 +454,10 @@ class Contents(NamedTuple):
 def contents_of(data: bytes, cut: bool = False, starts: NDArray[np.uint32] | None = None) -> Contents:
     """Messages, schemas and channels in `data`; if it is `cut` off, the whole ones at its beginning.
 
-    `starts` are those of the messages (`starts_of`) if they are known; then nothing else is looked for.
+    `starts` are those of the messages (`starts_of`) if known; then nothing else is searched.
 
     Raises:
-        DamagedError: There are too many records, or bytes that are none.
+        DamagedError: There are too many records, or bytes that are not records.
     """
     declarations = list[Any]()
     if starts is None:
@@ -498,7 +498,7 @@ def starts_of(data: bytes) -> tuple[NDArray[np.int64], int]:
 
 
 LENGTH = struct.Struct("<xQ")
-"""Head of a record: length [B] of its content, behind the opcode"""
+"""Head of a record: length [B] of its content, after the opcode"""
 
 
 @lru_cache(maxsize=64)

@@ -1,4 +1,4 @@
-"""Provenance of a recording, which it contains, so that its answers can be computed again from it alone."""
+"""Provenance of a recording, stored in it, so that its answers can be computed again from it alone."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import open_regular, sha256_of
 
 ORIGIN = "origin"
-"""Name of the metadata record of an imported bag, which says what it was made of"""
+"""Name of the metadata record of an imported bag, which describes its origin"""
 PARAMETERS_CHANGED, RESET = "parameters_changed", "reset"
 """Names of the metadata records of changed parameters and of a reset in a running node"""
 TICK = "tick"
@@ -48,7 +48,7 @@ class Change(NamedTuple):
 
 
 class Provenance(NamedTuple):
-    """Provenance of a recording: what its answers were computed with."""
+    """Provenance of a recording: how its answers were computed."""
 
     recording: Path
     """Path of the recording"""
@@ -140,7 +140,7 @@ def read_provenance(bag: Path) -> Provenance | None:
 
 
 def _values_in(bag: Path, name: str, record: Mapping[str, str] | None) -> dict[str, Any] | None:
-    """Parameters in the record `name` of a bag; None: there is none, or somebody else's has the same name.
+    """Parameters in the record `name` of a bag; None if it has no such record, or only another package's.
 
     Raises:
         UsageError: The record is damaged.
@@ -159,7 +159,7 @@ def _values_in(bag: Path, name: str, record: Mapping[str, str] | None) -> dict[s
 def stored_load(bag: Path) -> tuple[dict[str, Any], int] | None:
     """Parameters at the beginning of a recording of estimated loads, by name, and how often they changed in it.
 
-    None: the bag is no such recording.
+    None: the bag is not such a recording.
 
     Raises:
         UsageError: The record that has the parameters is damaged.

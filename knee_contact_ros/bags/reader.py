@@ -1,7 +1,7 @@
 """Reading of a bag: an `.mcap` file, or a rosbag2 folder with MCAP or sqlite3 files, from any ROS 2 recorder.
 
-Topics may have other names in a bag than in the node. What is damaged or missing is said (`BagReader.damage`), and the
-rest is read. Files of a folder are found even where its `metadata.yaml` is missing or wrong.
+Topics may have other names in a bag than in the node. Damaged or missing parts are reported (`BagReader.damage`), and
+the rest is read. Files of a folder are found even if its `metadata.yaml` is missing or wrong.
 """
 
 from __future__ import annotations
@@ -67,13 +67,13 @@ OTHER_WAYS = {
     JOINT_STATES: f"-p knee.source:={DYNAMIC_JOINT_STATES} reads those of ros2_control",
     JOINT_REACTION_FORCE: f"knee-contact estimate-load computes it from {GROUND_REACTION_FORCE}",
 }
-"""For an input that is missing in a bag, another way to it than another name"""
+"""For an input that is missing in a bag, an alternative to another name"""
 MCAP, SQLITE, ZSTD = ".mcap", ".db3", b"\x28\xb5\x2f\xfd"
-"""Suffixes of the files of a bag; first bytes of what is compressed by zstd, as no CDR message has them"""
+"""Suffixes of the files of a bag; first bytes of zstd data, which no CDR message begins with"""
 MAGICS = {MCAP: MAGIC, SQLITE: b"SQLite format 3\x00"}
 """First bytes of the files of a bag"""
 FIXED_TYPES = ("sensor_msgs/msg/JointState", "geometry_msgs/msg/WrenchStamped")
-"""Types whose messages are read by their definition in ROS 2, and by no other"""
+"""Types whose messages are read only by their definition in ROS 2"""
 PACKED = (ZSTD, b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"PK\x03\x04", b"\x04\x22\x4d\x18")
 """First bytes of files that are compressed as a whole: zstd, gzip, bzip2, xz, zip and lz4"""
 FOREIGN = {
@@ -81,15 +81,15 @@ FOREIGN = {
     b"version https://git-lfs": "is a pointer of Git LFS and not the file itself: fetch it with `git lfs pull`",
     **dict.fromkeys(PACKED, "is compressed: give the folder of the bag, or unpack the file first"),
 }
-"""Kinds of files that are no bags, by their first bytes"""
+"""Kinds of files that are not bags, by their first bytes"""
 NUMBERED = re.compile(r"(.+)_(\d+)(\.mcap|\.db3)")
 """Name of a numbered file in a rosbag2 folder: stem, number and suffix"""
 LARGEST_MESSAGE = 2**24
 """Largest size [B] of a message that was compressed by itself"""
 AT_ONCE = 1024
-"""Number of rows of a sqlite3 file that are read at once"""
+"""Number of rows of a sqlite3 file that are read at a time"""
 DECODED = 8192
-"""Largest number of answers that are decoded at once"""
+"""Largest number of answers that are decoded at a time"""
 ROWS = "FROM messages WHERE typeof(topic_id) = 'integer' AND typeof(timestamp) = 'integer' AND typeof(data) = 'blob'"
 """Rows of a sqlite3 file that are messages"""
 DEFINITIONS = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
@@ -186,7 +186,7 @@ class BagReader:
 
         Args:
             start: Smallest log time [ns]; None means no limit.
-            stop: Log time [ns] that messages do not reach; None means no limit.
+            stop: Log time [ns] before which messages must lie; None means no limit.
 
         Raises:
             UsageError: The bag is damaged.
@@ -339,7 +339,7 @@ def names_in_bag(remaps: Iterable[str] = (), namespace: str = "", inputs: Sequen
         inputs: Relative names of the inputs in the node.
 
     Raises:
-        UsageError: A rule is malformed, its FROM is no input or is repeated, or two inputs get the same name.
+        UsageError: A rule is malformed, its FROM is not an input or is repeated, or two inputs get the same name.
     """
     if namespace and not namespace.strip("/"):
         raise UsageError(f"--namespace {namespace!r}: it must be a name, such as left")
@@ -377,7 +377,7 @@ def _difference(definition: MessageDefinition, type_name: str) -> str:
 
 
 def _advice(connections: Iterable[Connection], topic: str) -> str:
-    """Topics of a bag in which an input is missing, and the ways to it."""
+    """Topics of a bag that lacks an input, and how to read another one instead."""
     own, names = topic.removeprefix("/"), sorted({absolute(connection.topic) for connection in connections})
     ways = [f"--remap {own}:=TOPIC or --namespace NAME reads another one"] if own in (*INPUTS, *LOAD_INPUTS) else []
     ways += [OTHER_WAYS[own]] if own in OTHER_WAYS else []
@@ -388,7 +388,7 @@ def _unpacked(data: bytes) -> bytes:
     """Message that was compressed by itself, decompressed.
 
     Raises:
-        ValueError: It is too large by what its frame says.
+        ValueError: It is too large according to its frame.
         zstandard.ZstdError: It cannot be decompressed.
     """
     size = zstandard.frame_content_size(data)
@@ -416,7 +416,7 @@ def contents_of(folder: Path) -> Contents:
     Without a usable `metadata.yaml` these are the only file, or the numbered ones of one name.
 
     Raises:
-        UsageError: It is not clear which files belong to the bag, or there are none.
+        UsageError: It is unclear which files belong to the bag, or there are none.
     """
     contents = Contents([], [])
     try:
@@ -492,7 +492,7 @@ def _opened_files(path: Path, opened: ExitStack) -> tuple[list[File], list[str],
 
 
 def _opened_file(path: Path, opened: ExitStack) -> File:
-    """Open a file, whose kind its first bytes tell, or else its name; see `kind_of`."""
+    """Open a file; its first bytes give its kind, or else its name; see `kind_of`."""
     file: File = McapFile(path) if kind_of(path) == MCAP else SqliteFile(path)
     opened.callback(file.close)
     return file
@@ -502,7 +502,7 @@ def kind_of(path: Path) -> str:
     """Kind of a file of a bag, `MCAP` or `SQLITE`, by its first bytes or else its name.
 
     Raises:
-        UsageError: It is none of the two.
+        UsageError: It is neither of the two.
         OSError: It cannot be read.
     """
     with open_regular(path) as file:
@@ -534,7 +534,7 @@ def _decompressed(packed: Path, folder: Path) -> Path:
 
 
 def _number(name: str) -> int:
-    """Number of a numbered name; 0 of another one."""
+    """Number of a numbered name; 0 for another name."""
     match = NUMBERED.fullmatch(name)
     return int(match[2]) if match else 0
 
@@ -575,7 +575,7 @@ class SqliteFile(File):
         """Open the file and check all of it.
 
         Raises:
-            UsageError: The file is damaged, or no bag.
+            UsageError: The file is damaged, or not a bag.
         """
         super().__init__(path)
         log = path.with_name(f"{path.name}-wal")

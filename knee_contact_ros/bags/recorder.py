@@ -1,11 +1,11 @@
-"""Writing of recordings as a ROS 2 recorder does: MCAP files with CDR messages, and the `metadata.yaml` beside them.
+"""Writing of recordings as a ROS 2 recorder does: MCAP files with CDR messages, and their `metadata.yaml`.
 
-`BagFile` writes one MCAP file, `BagWriter` the files of a recording, `AnswerWriter` answers with their inputs, and
-`Recorder` does so in a process of its own beside a node. This module is all that the process loads: it needs no NumPy.
+`BagFile` writes one MCAP file, `BagWriter` the files of a recording, and `AnswerWriter` answers with their inputs.
+`Recorder` does this in its own process for a node; the process loads only this module, which needs no NumPy.
 
-For each tick a recording holds the inputs that led to it, then its outputs. That order depends on stamps only, so a
-live recording and an offline one hold the same messages in the same order. Equal messages give equal files, because
-padding bytes are zero (the serialiser of ROS leaves them uninitialised).
+For each tick a recording contains its inputs, then its outputs. That order depends only on stamps, so a live recording
+and an offline one have the same messages in the same order. Equal messages give equal files, because padding bytes are
+zero (the serialiser of ROS leaves them uninitialised).
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ METADATA = "metadata.yaml"
 """Name of the file that makes a folder a bag"""
 NODE_GONE = "the node ended or gave the recording up before it was closed"
 GATHER = 0.03
-"""Longest time [s] for which answers are gathered in the node: a kill of the node loses them"""
+"""Longest time [s] for which answers are gathered in the node; killing the node loses them"""
 ABSOLUTE_NAMES = {topic: f"/{topic}" for topic in RECORDED}
 """Absolute name under which each topic is recorded if nothing else is given"""
 MB = 10**6
@@ -94,14 +94,14 @@ class Limits(NamedTuple):
     size: float = math.inf
     """Size [B] at which a file is full"""
     duration: float = math.inf
-    """Duration [ns] that the stamps in a file must not reach"""
+    """Duration [ns] below which the stamps in a file must stay"""
 
 
 NO_LIMITS = Limits()
 
 
 class Settings(NamedTuple):
-    """Settings of a recorder beside a node."""
+    """Settings of a node's recorder."""
 
     flush_period: float
     """Time [s] between two flushes: a crash loses as much"""
@@ -131,9 +131,9 @@ class Index(NamedTuple):
 class BagFile(Writer):
     """MCAP file that takes one message or thousands at a time.
 
-    It gets its final name when it is complete; until then it is a locked `.partial` file. `mcap` writes all of it but
-    message records and their index, which its `add_message` would do in three times the time. For these the chunk that
-    is being filled and the statistics are taken from where `mcap` 1.6 keeps them.
+    It gets its final name when it is complete; until then it is a locked `.partial` file. `mcap` writes all of it
+    except message records and their index, for which its `add_message` would take three times as long. For these this
+    class uses the current chunk and the statistics inside `mcap` 1.6.
     """
 
     _Writer__statistics: Statistics
@@ -542,7 +542,7 @@ def open_output(
 ) -> Recorder:
     """Open a recording in the process of a sink, under the first of its possible names that is free.
 
-    Its remarks tell of another name than `path`, and of interrupted recordings in the same folder.
+    Its remarks report another name than `path`, and interrupted recordings in the same folder.
 
     Raises:
         UsageError: The recording cannot be written; see `refuse` and `BagWriter`.
@@ -586,7 +586,7 @@ def information(files: Sequence[tuple[str, Statistics]], topics: Sequence[dict[s
 
 
 def put_metadata(folder: Path, content: dict[str, Any]) -> None:
-    """Write `metadata.yaml` with the content that `information` returns; that of another bag is left alone.
+    """Write `metadata.yaml` with the content that `information` returns; another bag's is left alone.
 
     Raises:
         OSError: The file cannot be written; an earlier one is unchanged.
@@ -618,7 +618,7 @@ def to_yaml(content: Any) -> str:
 
 
 def qos_of(type_name: str) -> list[dict[str, Any]]:
-    """Offered QoS profiles of a topic by its type: late subscribers get the description of the leg, too."""
+    """Offered QoS profiles of a topic by its type; late subscribers also get the description of the leg."""
     is_description = type_name == MESSAGE_TYPES[ROBOT_DESCRIPTION]
     return [OFFERED_QOS[0] | {"depth": 1, "durability": "transient_local"}] if is_description else OFFERED_QOS
 

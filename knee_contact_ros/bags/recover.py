@@ -21,7 +21,7 @@ from knee_contact_ros.system.output_files import is_being_written, rename_new
 RECOVERED = "recovered"
 """Name of the metadata record that describes the file from which another one was recovered"""
 SUFFIX = ".recovering"
-"""Suffix of the output until it is complete, behind the number of the process; the input may end in `.partial`"""
+"""Suffix of the output until it is complete, after the number of the process; the input may end in `.partial`"""
 COMPRESSIONS = {"": CompressionType.NONE, "lz4": CompressionType.LZ4}
 """Compression of the output by the name of that in the input; zstd for others, and without chunks"""
 MOST_FAULTS = 1000

@@ -55,7 +55,7 @@ from knee_contact_ros.view.viewer import address
 MARKER_PERIOD = 1.0 / 30.0
 """Shortest time [s] from one message to the next"""
 MARKER_DEPTH = 1
-"""Number of messages that the publisher keeps: an old picture is of no use"""
+"""Number of messages that the publisher keeps: old pictures are useless"""
 
 
 class MarkerTopic:
@@ -65,11 +65,11 @@ class MarkerTopic:
         """Publish `markers` with the publisher of a MarkerArray."""
         self.publisher = publisher
         self.newest: tuple[LoadSample, bytes] | None = None
-        """The answer to show next: its load, and the bytes of its row; None if it has been shown"""
+        """Answer to show next: its load, and the bytes of its row; None if it was shown"""
         self._markers = markers
 
     def publish(self) -> None:
-        """Publish the newest answer, unless nobody subscribes or it has been published."""
+        """Publish the newest answer, unless it was published or nobody subscribes."""
         if self.newest and self.publisher.get_subscription_count():
             load, row = self.newest
             self.newest = None
@@ -159,7 +159,7 @@ class ContactSession(Session):
             node: The node.
             parameters: Parameters of the node.
             qos_given: Names of the QoS overrides that the user has given.
-            handed: Where the inputs come from, if another node in this process hands them over.
+            handed: Source of the inputs if another node in this process hands them over.
 
         Raises:
             UsageError: a profile cannot be used or an output file cannot be written.
@@ -197,12 +197,12 @@ class ContactSession(Session):
             node.get_logger().info(f"the scene is served on this machine at {url}; to see it: knee-contact view {url}")
 
     def make_ready(self, interrupting: Callable[[], AbstractContextManager[None]]) -> None:
-        """Load the compiled model; where that is not possible, the plain one computes.
+        """Load the compiled model; if that is not possible, the plain one computes.
 
-        It is compiled in a process of its own, which can just be killed. A signal in a process that compiles may come
+        It is compiled in its own process, which can simply be killed. In a process that compiles, a signal may come
         during a finalizer or a callback from C, where Python drops the exception; or it leaves LLVM's objects half
-        made, which crashes at the end of the process. A signal that comes while that process is started waits until
-        the process is known: it would go on compiling otherwise.
+        made, which crashes at the end of the process. A signal while that process starts waits until the process is
+        known; otherwise it would go on compiling.
         """
         if find_spec("numba") and not kept_files():
             self.node.get_logger().info(f"compiling the model, once on a machine, which takes about {COMPILING:.0f} s")
@@ -217,7 +217,7 @@ class ContactSession(Session):
             self.pipeline.compile()
 
     def stop(self) -> None:
-        """Close the inputs, answer what still waits, and show no markers any more."""
+        """Close the inputs, answer waiting samples, and stop showing markers."""
         was_active = bool(self._timers)
         super().stop()
         if was_active:

@@ -1,4 +1,4 @@
-"""What the node reports: the content of `/diagnostics` once a second, and warnings in the log."""
+"""Reports of the node: the content of `/diagnostics` once a second, and warnings in the log."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 OFF_TIME = tuple(f"{stream}_{why}" for stream in ("angle", "load") for why in ("off_time", "not_in_order"))
 """Names of the counters of samples that are refused because of their stamps"""
 FROM_BOOT = 1e8
-"""Difference [s] of stamps that only a clock that counts from boot makes"""
+"""Difference [s] of stamps above which one clock must count from boot"""
 LOG_PERIOD = 5.0
 """Shortest time [s] between two warnings of one kind in the log, as of refused samples"""
 SILENCE = 5.0
@@ -39,7 +39,7 @@ OK, WARN, ERROR, STALE = DiagnosticStatus.OK, DiagnosticStatus.WARN, DiagnosticS
 Problem = tuple[bytes, str]
 """Level of a `DiagnosticStatus`, and its message, which is empty if nothing is wrong"""
 Entry = tuple[str, dict[str, str], Problem]
-"""Name of a `DiagnosticStatus` behind that of the node, its values, and what is wrong"""
+"""Name of a `DiagnosticStatus` after that of the node, its values, and what is wrong"""
 
 
 def at_most_every(period: float) -> dict[str, Any]:
@@ -61,7 +61,7 @@ def warned(*texts: str) -> Problem:
 class Health:
     """Reports what a session has counted, and warns in the log.
 
-    The session counts each answer right after it was published, because work that piles up for a second would delay the
+    The session counts each answer right after publishing it; a second's worth of counting at a time would delay the
     messages that come meanwhile.
     """
 
@@ -78,7 +78,7 @@ class Health:
         return total - before
 
     def warn(self, kind: str, text: str, period: float = REMINDER_PERIOD) -> None:
-        """Log a warning if it has a text, unless one of its kind was logged within the last `period` [s]."""
+        """Log a warning if it has text, unless one of its kind was logged within the last `period` [s]."""
         now = time.monotonic()
         if text and now >= self._warned.get(kind, -math.inf) + period:
             self._warned[kind] = now

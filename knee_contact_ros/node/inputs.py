@@ -27,7 +27,7 @@ from knee_contact_ros.system.files import installed_share
 from knee_contact_ros.system.ros import resolved
 
 LOOK_PERIOD = 1.0
-"""Time [s] between two looks for topics that match a pattern"""
+"""Time [s] between two searches for topics that match a pattern"""
 DEPTH = 1000
 """Number of messages that may wait: one second at 1 kHz"""
 
@@ -115,7 +115,7 @@ class Input:
 
     A reliable subscription gets nothing from a best-effort publisher, and a best-effort one may miss samples. So each
     begins as reliable, and becomes best effort when it meets a best-effort publisher, unless the user has decided.
-    Topics that match and come later are found within a second, those whose publishers are gone are left.
+    Matching topics that appear later are found within a second; topics without publishers are dropped.
     """
 
     def __init__(
@@ -167,7 +167,7 @@ class Input:
         self._node.destroy_subscription(self._subscriptions.pop(topic))
 
     def close(self) -> None:
-        """Take no more messages."""
+        """Stop taking messages."""
         if self.handed:
             self.handed.taker = None
         self._due = math.inf
@@ -209,7 +209,7 @@ class Input:
             self._look()
 
     def _look(self) -> None:
-        """Subscribe to new topics that match, and leave those that are gone."""
+        """Subscribe to new topics that match, and unsubscribe from those that are gone."""
         pattern = resolved(self._node, self.topic)
         kind = f"{self._type.__module__.split('.')[0]}/msg/{self._type.__name__}"
         topics = {
@@ -292,7 +292,7 @@ class StaticTransformTopic:
     """Publisher and subscription of `/tf_static`, if `frame.tibia` names a frame and tf2_msgs is installed."""
 
     def __init__(self, node: LifecycleNode, frame: ForceFrame) -> None:
-        """Publish where the tibia frame lies, if its name says so, and hand the transforms of others to `frame`."""
+        """Publish the pose of the tibia frame if its name implies it, and hand the transforms of others to `frame`."""
         self._node, self._frame = node, frame
         self._publisher: Any = None
         self._subscription: Any = None

@@ -120,8 +120,7 @@ LOAD_NODE = NodeKind(LoadParameters, LIVE, LoadSession)
 def load_and_contact() -> tuple[NodeKind, NodeKind]:
     """Kinds of both nodes, `knee_load` first, in one process: the first hands its angles and answers to the second.
 
-    A message over a topic takes longer than estimate and contact together. All topics are published as
-    usual.
+    Sending a message over a topic takes longer than estimate and contact together. All topics are still published.
     """
     from knee_contact_ros.node.contact_node import CONTACT_NODE, ContactSession  # which a load node alone does not need
 

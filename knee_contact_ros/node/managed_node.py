@@ -39,7 +39,7 @@ ServiceCallback = Callable[[Any, Any], Any]
 
 
 class ManagedNode(LifecycleNode):
-    """Managed node: its life cycle. What it does while it is configured is in its `Session`."""
+    """Managed node with its life cycle. Its `Session` does the work while it is configured."""
 
     def __init__(self, kind: NodeKind, stop: Stop) -> None:
         """Read and check the parameters.
@@ -76,7 +76,7 @@ class ManagedNode(LifecycleNode):
 
         Raises:
             UsageError: a parameter, a file that it names or an output cannot be used.
-            KeyboardInterrupt: the process was told to stop while it compiled.
+            KeyboardInterrupt: a signal to stop came while the process compiled.
         """
         try:
             self.session = self.kind.session(self, self.node_parameters.read(), given_by_user(self))
@@ -116,7 +116,7 @@ class ManagedNode(LifecycleNode):
         return result
 
     def on_deactivate(self, state: LifecycleState) -> TransitionCallbackReturn:
-        """Close the inputs; answer what still waits."""
+        """Close the inputs; answer waiting samples."""
         if self.session:
             self.session.stop()
         return super().on_deactivate(state)
@@ -138,7 +138,7 @@ class ManagedNode(LifecycleNode):
         return super().on_error(state)
 
     def finish(self) -> None:
-        """End the session, if there is one: answer what waits, complete the files."""
+        """End the session, if there is one: answer waiting samples, complete the files."""
         session, self.session = self.session, None
         self.node_parameters.user = None
         if session:
@@ -261,7 +261,7 @@ MEANINGLESS = (signal.SIGUSR1, signal.SIGUSR2, signal.SIGALRM, signal.SIGVTALRM,
 class Stop:
     """Handler of the signals that end the node: SIGINT, SIGTERM and SIGHUP. Other ones do not end it.
 
-    As a rule a signal is only noted (`requested`); while the model compiles, the first one interrupts.
+    Usually a signal is only noted (`requested`); while the model compiles, the first one interrupts.
     """
 
     def __init__(self) -> None:
@@ -275,7 +275,7 @@ class Stop:
 
     @contextmanager
     def interrupting(self) -> Iterator[None]:
-        """Let the first signal raise KeyboardInterrupt within the `with` block, at once if it has come before."""
+        """Make the first signal raise KeyboardInterrupt within the `with` block, immediately if it came earlier."""
         self._interrupts = True
         try:
             if self.requested:

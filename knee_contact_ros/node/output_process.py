@@ -1,6 +1,6 @@
-"""The process of a sink: it writes what the node sends, until the node tells it to end or is gone.
+"""The process of a sink: it writes what the node sends, until the node requests its end or is gone.
 
-It imports no ROS, and what its output needs only once it runs. The node's side is `outputs.py`.
+It does not import ROS, and imports its output's libraries only once it runs. The node's side is `outputs.py`.
 """
 
 from __future__ import annotations
@@ -22,13 +22,13 @@ from knee_contact_ros.streams.topics import Ending
 from knee_contact_ros.system.errors import UsageError
 
 SWITCH_PERIOD = 1e-4
-"""Longest time [s] that a computing thread keeps the interpreter from the one that receives: it asks for it often"""
+"""Longest time [s] for which a computing thread keeps the interpreter from the receiving thread"""
 LOOK_PERIOD = 1.0
-"""Time [s] between two checks whether the output has to end, and between two reports"""
+"""Time [s] between two checks whether the output must end, and between two reports"""
 SET_ATTRIBUTES = {"x86_64": 314, "aarch64": 274}
 """Number of Linux's system call `sched_setattr`, by machine"""
 SLICE = 100_000_000
-"""Slice of a processor [ns] that is asked for, the longest one"""
+"""Requested time slice of a processor [ns], the longest one allowed"""
 
 
 def work(connection: Connection, module: str, arguments: tuple[Any, ...]) -> bool:
@@ -72,7 +72,7 @@ def work(connection: Connection, module: str, arguments: tuple[Any, ...]) -> boo
 
 
 def received(connection: Connection) -> Any:
-    """What comes next; None if the node is gone."""
+    """The next item; None if the node is gone."""
     try:
         return connection.recv()
     except (EOFError, OSError):
@@ -80,11 +80,11 @@ def received(connection: Connection) -> Any:
 
 
 def step_back(niceness: int) -> None:
-    """Give way to the node's process, and end only when the node says so: ignore signals that end a process.
+    """Give way to the node's process, and ignore signals that end a process: only the node ends this one.
 
-    `niceness` is added to the node's. At 0 a process gets its share of a busy machine, and still interrupts nobody.
-    Linux (from 6.12) lets a process finish its slice before one that wakes, unless that one's is shorter: with the
-    usual slices a sample would wait up to 3 ms for us. Earlier versions refuse or ignore what is asked for.
+    `niceness` is added to the node's. At 0 the process gets its share of a busy machine, but interrupts no other.
+    Linux (from 6.12) lets a process finish its slice before one that wakes, unless the latter's slice is shorter. With
+    the usual slices a sample would wait up to 3 ms for us. Earlier versions refuse or ignore the request.
     """
     # A service manager sends the first two to all processes of a node, the system the last one if the node is gone.
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):

@@ -1,9 +1,8 @@
-"""The node's outputs: recorder and viewer, each in a process of its own, so that none of them ever delays a tick.
+"""The node's outputs: recorder and viewer, each in its own process, so that none of them ever delays a tick.
 
-The node's side of an output is a queue and a thread that sends what waits. The other side is `output_process.py`. They
-communicate through a pair of sockets: the node sends module and arguments, then lists of parts of answers, notes, and
-at last the `Ending`; the process sends `Report`s. Each side learns from the socket that the other one has ended, for
-whatever reason.
+The node's side of an output is a queue and a thread that sends waiting items. The other side is `output_process.py`.
+They communicate through a pair of sockets: the node sends module and arguments, then lists of parts of answers, notes,
+and finally the `Ending`; the process sends `Report`s. The socket also shows each side when the other one has ended.
 """
 
 from __future__ import annotations
@@ -35,14 +34,13 @@ MB = 10**6
 WORKER = "knee_contact_ros.node.output_process"
 
 LATEST = 0.05
-"""Longest time [s] from one look for reports to the next while an output begins or ends"""
+"""Longest time [s] between two checks for reports while an output begins or ends"""
 BATCH = 64
-"""Largest number of answers sent at once, which holds the interpreter for some 0.1 ms"""
+"""Largest number of answers sent at a time, which blocks the interpreter for about 0.1 ms"""
 ANSWER_SIZE, RECORD_SIZE = 450, 150
 """Memory [B] that an answer takes, and that each of its records takes beyond the message"""
 START, PATIENCE = 180.0, 3.0
-"""Longest times [s] to wait for an output to be opened, and to be complete: with all else that a node does to end, it
-takes 5 s at most"""
+"""Longest times [s] to wait until an output is open, and until it is complete, so that a node ends within 5 s"""
 WORTH_A_WARNING = 0.25
 """Fill of a queue, from 0 to 1, from which `/diagnostics` warns"""
 
@@ -50,7 +48,7 @@ WORTH_A_WARNING = 0.25
 class SinkProcess:
     """Hands answers to a process that keeps them; `put` never waits, and no fault of that process affects the node.
 
-    The constructor only starts the process: answers are taken at once, and the `state` is known later.
+    The constructor only starts the process: answers are accepted immediately, and the `state` is known later.
     """
 
     def __init__(self, sink: Sink, log: Any) -> None:
@@ -114,7 +112,7 @@ class SinkProcess:
             self._fail(f"{self.label}: its process has not started within {START:g} s")
 
     def end(self, ending: Ending) -> None:
-        """Have the output completed, without waiting; later answers are ignored."""
+        """Request that the output completes, without waiting; later answers are ignored."""
         if not self._closed:
             self._closed = True
             self._waiting.append(ending)
@@ -123,7 +121,7 @@ class SinkProcess:
     def wait(self, deadline: float) -> bool:
         """Wait until the deadline [s, monotonic] for the output to be complete, after `end`.
 
-        A process that needs longer completes by itself what it was handed; return False if there is more.
+        A process that needs longer completes by itself with what it received; return False if there was more.
         """
         self._thread.join(max(deadline - time.monotonic(), 0.0))
         if self.is_over():
@@ -151,7 +149,7 @@ class SinkProcess:
         return f"more waited than {limits}, as its process is slow or stands still"
 
     def _run(self) -> None:
-        """Start the process, and hand over what waits until it is gone; runs in the thread."""
+        """Start the process, and hand over waiting items until it is gone; runs in the thread."""
         reason = ""
         try:
             connection, self.process = connected(WORKER, str(self._sink.niceness))
@@ -178,7 +176,7 @@ class SinkProcess:
         self._known.set()
 
     def _feed(self, connection: Connection) -> str:
-        """Send what waits until an exception says that the process is gone, or until the reason that is returned."""
+        """Send waiting items until an exception shows that the process is gone; or return the reason to stop."""
         readable, writable = select.poll(), select.poll()  # quicker than the connection's own
         readable.register(connection.fileno(), select.POLLIN)
         writable.register(connection.fileno(), select.POLLOUT)
@@ -198,7 +196,7 @@ class SinkProcess:
                 due -= self._send_batch(connection)
 
     def _send_batch(self, connection: Connection) -> int:
-        """Send the oldest answers, or the oldest item if it is none; return how many."""
+        """Send the oldest answers, or the oldest item if it is not an answer; return how many."""
         waiting, items = self._waiting, [self._waiting.popleft()]
         sent = items[0]
         if isinstance(sent, Answer):
@@ -234,16 +232,16 @@ def size_of(item: Any) -> int:
 
 RECORDER = "recorder"
 MOST_ENDING = 4
-"""Largest number of recordings that are being completed at a time: each is a process"""
+"""Largest number of recordings being completed at a time, each a process"""
 
 
 class Ring:
     """Last answers, and the notes between them, for a snapshot; bounded by their time and by their number."""
 
     def __init__(self, duration: float, most: int) -> None:
-        """Keep the answers of the last `duration` [s], and at most so many of them; none if it is 0.
+        """Keep the answers of the last `duration` [s], up to a largest number; none if the duration is 0.
 
-        Their time is that of their stamps, without the steps back of a clock that is set.
+        Their time is that of their stamps, without the steps back of a clock that was set.
         """
         self._duration, self._most = round(duration * NANOSECONDS), most
         self._items: deque[tuple[int, Answer | Note]] = deque()
@@ -252,7 +250,7 @@ class Ring:
     def put(self, item: Answer | Note) -> None:
         """Keep an item, and forget what is too old.
 
-        Answers before other parameters are forgotten: a recording begins with one set of them.
+        Answers before a change of parameters are forgotten, since a recording begins with one set of parameters.
         """
         items = self._items
         if isinstance(item, Note):
@@ -296,7 +294,7 @@ class Outputs:
             self.sinks[sink.title] = SinkProcess(sink, log)
 
     def wait_until_known(self) -> None:
-        """Wait until all outputs are open or cannot be opened, which is reported; the node runs on without those."""
+        """Wait until all outputs are open or cannot be opened, which is reported; the node continues without those."""
         for sink in self.sinks.values():
             sink.wait_until_known()
 
@@ -323,7 +321,7 @@ class Outputs:
         return Path(recording.name)
 
     def save_snapshot(self, items: Sequence[Answer | Note], knee: Knee) -> None:
-        """Write answers and notes that have been to a recording of their own.
+        """Write the kept answers and notes to a separate recording.
 
         Raises:
             UsageError: as for `start_recording`.
@@ -350,7 +348,7 @@ class Outputs:
         return SinkProcess(sink._replace(name=str(next(all_names(path)))), self._log)
 
     def stop_recording(self, ending: Ending) -> str:
-        """Have the recording completed, and return the name of its file.
+        """Request that the recording completes, and return the name of its file.
 
         Raises:
             UsageError: nothing is being recorded.
@@ -363,7 +361,7 @@ class Outputs:
         return recording.name
 
     def end(self, ending: Ending) -> None:
-        """Have all files completed, without waiting for it."""
+        """Request that all files complete, without waiting."""
         self._deadline = min(self._deadline, time.monotonic() + PATIENCE)
         for sink in [*self._ending, *self.sinks.values()]:
             sink.end(ending)

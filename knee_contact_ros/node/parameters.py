@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class NodeKind(NamedTuple):
-    """Kind of node; what all kinds have in common is in `managed_node.py` and `session.py`."""
+    """Kind of node; code for all kinds is in `managed_node.py` and `session.py`."""
 
     schema: type[NodeSection]
     """Name of the node, and its parameters"""
@@ -35,7 +35,7 @@ PREFIX = "qos_overrides."
 
 
 def described(name: str, declaration: Declaration) -> ParameterDescriptor:
-    """Descriptor of a parameter for ROS 2 tools: its meaning, and its range or what is allowed."""
+    """Descriptor of a parameter for ROS 2 tools: its meaning, and its range or allowed values."""
     descriptor = ParameterDescriptor(name=name, description=declaration.description, dynamic_typing=True)
     descriptor.additional_constraints = f"allowed: {declaration.words}" if declaration.words else ""
     if isinstance(declaration.default, float):
@@ -49,8 +49,8 @@ def described(name: str, declaration: Declaration) -> ParameterDescriptor:
 class NodeParameters:
     """Parameters of a node that declares the overrides of its user automatically.
 
-    A change is checked at once. Types are checked here and not by rclpy, so that `5000` is as good as `5000.0`, offline
-    and live.
+    A change is checked immediately. Types are checked here instead of by rclpy, so that `5000` is accepted for
+    `5000.0`, offline and live.
     """
 
     def __init__(self, node: Node, kind: NodeKind) -> None:
@@ -99,7 +99,7 @@ class NodeParameters:
     def _is_fixed(self, name: str) -> bool:
         """Whether a parameter cannot change while the node is configured.
 
-        QoS overrides that are new then are declared by rclpy itself.
+        New QoS overrides in that state are declared by rclpy itself.
         """
         if name.startswith(PREFIX):
             return bool(self._node.has_parameter(name))

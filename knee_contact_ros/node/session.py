@@ -49,7 +49,7 @@ class Session(ABC):
     """Configured life of a node: made by configure, started by activate, stopped by deactivate, closed by cleanup."""
 
     streaming: ClassVar[set[Session]] = set()
-    """Sessions of this process that are started: the garbage collector is off as long as there is one"""
+    """Started sessions of this process; the garbage collector is off as long as there is one"""
 
     health: Health
     """What it reports"""
@@ -85,7 +85,7 @@ class Session(ABC):
         """Description for outputs that begin now, with these parameters."""
 
     def make_ready(self, interrupting: Callable[[], AbstractContextManager[None]]) -> None:  # noqa: B027
-        """Prepare what takes long, such as the compiled model; signals may interrupt it within `interrupting`."""
+        """Prepare slow parts, such as the compiled model; signals may interrupt this within `interrupting`."""
 
     def _input_streams(self, qos_given: Collection[str], handed: HandedInputs | None = None) -> Inputs:
         """Streams of angles and of forces, from their topics or from another node in this process (`handed`).
@@ -129,7 +129,7 @@ class Session(ABC):
             raise UsageError(f"a topic cannot be offered: {' '.join(str(error).split())}") from None
 
     def _open(self) -> None:
-        """Open the transforms, the services and the outputs; files come last, when all else is well."""
+        """Open the transforms, the services and the outputs; files come last, when everything else works."""
         self._transforms = StaticTransformTopic(self.node, self.pipeline.frame)
         acts = {
             "reset": self._reset, "start_recording": self._start_recording, "stop_recording": self._stop_recording,
@@ -161,13 +161,13 @@ class Session(ABC):
 
     @property
     def _wait_period(self) -> float:
-        """Time [s] between two looks for angles that are late."""
+        """Time [s] between two checks for late angles."""
         return float(max(0.25 * self.parameters.pairing.wait, 0.01))
 
     def _regular_acts(self) -> list[tuple[float, Callable[[], None]]]:
         """Functions that are called regularly, each with its period [s].
 
-        What is looked at about once a second has periods that differ: together it would delay the next samples.
+        Checks about once a second have different periods; done together they would delay the next samples.
         """
         return [
             (self._wait_period, self._on_wait_timer),
@@ -177,7 +177,7 @@ class Session(ABC):
         ]
 
     def stop(self) -> None:
-        """Close the inputs and the timers; answer what still waits."""
+        """Close the inputs and the timers; answer waiting samples."""
         if self._timers:
             self._answer_all()
             self.pipeline.synchroniser.forget_angles()
@@ -193,7 +193,7 @@ class Session(ABC):
         self._timers = []
 
     def check(self, parameters: Any) -> None:
-        """Check that the run can continue with changed parameters; raises whatever is against it."""
+        """Check that the run can continue with changed parameters; raises the reason if not."""
         self.pipeline.check(parameters)
 
     def retune(self, parameters: Any, changes: dict[str, Any]) -> None:
@@ -203,7 +203,7 @@ class Session(ABC):
         self.outputs.put(Note(PARAMETERS_CHANGED, change_record(self.pipeline.ticks, changes)))
 
     def end(self) -> None:
-        """Stop, and have the files completed without waiting for it."""
+        """Stop, and request that the files complete, without waiting."""
         self.stop()
         self.outputs.end(self.pipeline.ending())
 
@@ -300,7 +300,7 @@ class Session(ABC):
         gc.collect(0)  # often and little: in a second there is much to look through
 
     def _note_timer(self) -> None:
-        """Take note that the timer of `_on_wait_timer` has come: it waits in the same queue as samples do."""
+        """Note that the timer of `_on_wait_timer` has fired; it waits in the same queue as samples."""
         last, self._timer_came = self._timer_came, time.monotonic()
         self._lag = max(0.0, self._timer_came - last - self._wait_period)
         self.largest_lag = max(self.largest_lag, self._lag)
