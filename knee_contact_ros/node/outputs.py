@@ -23,7 +23,6 @@ from typing import Any
 
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, TICK
 from knee_contact_ros.bags.recorder import refuse
-from knee_contact_ros.parameters.schema import Section
 from knee_contact_ros.streams.output import ENDED, FAILED, OPEN, REFUSED, STARTING, Knee, Note, Report, Sink
 from knee_contact_ros.streams.topics import NANOSECONDS, Answer, Ending
 from knee_contact_ros.system.errors import UsageError
@@ -97,10 +96,9 @@ class SinkProcess:
         fill, process = self._fill(), str(self.process.pid) if self.process else "none"
         values = {"backlog": str(len(self._waiting)), "full [%]": f"{100.0 * fill:.0f}", "dropped": str(self.dropped)}
         values |= {"written": str(self._last.written), "process": process}
-        if self.failure or self.dropped:
-            return values, self.failure or f"{self.label}: {self._too_many()}", True
-        late = f"{self.label} is behind: {100.0 * fill:.0f} % of its queue is full"
-        return values, late if fill >= WORTH_A_WARNING else "", False
+        wrong = self.failure or (f"{self.label}: {self._too_many()}" if self.dropped else "")
+        late = f"{self.label} is behind: {100.0 * fill:.0f} % of its queue is full" if fill >= WORTH_A_WARNING else ""
+        return values, wrong or late, bool(wrong)
 
     def is_over(self) -> bool:
         """Whether the output is complete or has stopped."""
@@ -126,11 +124,9 @@ class SinkProcess:
         self._thread.join(max(deadline - time.monotonic(), 0.0))
         if self.is_over():
             return True
-        unsent, process = self._unsent(), f"its process ({self.process.pid if self.process else 'none yet'})"
-        self._fail(
-            f"{self.label} is not complete yet, and is not waited for: {process} goes on; {unsent} answers have not "
-            "been handed to it"
-        )
+        unsent, process = self._unsent(), f"its process ({self.process.pid if self.process else 'none yet'}) goes on"
+        left = f"{unsent} answers have not been handed to it"
+        self._fail(f"{self.label} is not complete yet, and is not waited for: {process}; {left}")
         return not unsent
 
     def _unsent(self) -> int:
@@ -166,13 +162,12 @@ class SinkProcess:
                 reason = self._last.reason or f"its process {ended}"
         except Exception as error:  # whatever it is, the node must compute on
             reason = f"{type(error).__name__}: {error}"
-        was_open, self.state = self.state == OPEN, FAILED if reason else ENDED
+        what, self.state = "stopped" if self.state == OPEN else "cannot be opened", FAILED if reason else ENDED
         self._lost, self._sent_size = self._unsent(), self._put_size
         self._waiting.clear()
-        if reason and self._last.state != REFUSED:
-            reason = f"{self.label} {'stopped' if was_open else 'cannot be opened'}: {reason}"
         if reason:
-            self._fail(reason + (f"; {self._lost} answers were not handed to it" if self._lost else ""))
+            told = reason if self._last.state == REFUSED else f"{self.label} {what}: {reason}"
+            self._fail(told + (f"; {self._lost} answers were not handed to it" if self._lost else ""))
         self._known.set()
 
     def _feed(self, connection: Connection) -> str:
@@ -253,15 +248,13 @@ class Ring:
         Answers before a change of parameters are forgotten, since a recording begins with one set of parameters.
         """
         items = self._items
-        if isinstance(item, Note):
-            if item.name == PARAMETERS_CHANGED and any(not name.startswith(("record.", TICK)) for name in item.values):
-                items.clear()
-            items.append((self._now, item))
-            return
-        stamp = item.records[-1][1]
-        self._now += max(stamp - self._last, 0)
-        self._last, oldest = stamp, self._now - self._duration
+        if isinstance(item, Answer):
+            before, self._last = self._last, item.records[-1][1]
+            self._now += max(self._last - before, 0)
+        elif item.name == PARAMETERS_CHANGED and any(not name.startswith(("record.", TICK)) for name in item.values):
+            items.clear()
         items.append((self._now, item))
+        oldest = self._now - self._duration
         while items and (len(items) > self._most or isinstance(items[0][1], Note) or items[0][0] <= oldest):
             items.popleft()
 
@@ -289,7 +282,8 @@ class Outputs:
         """Monotonic time [s] until which `close` waits for the outputs, after `end`"""
         self.sinks: dict[str, SinkProcess] = {}
         """Outputs by their titles"""
-        described = [sink_of(section, knee) for section in sections_of_outputs(type(knee.parameters))]
+        fields = type(knee.parameters).model_fields.items()
+        described = [sink_of(name, knee) for name, field in fields if hasattr(field.annotation, "output")]
         for sink in filter(None, described):  # started when all are possible
             self.sinks[sink.title] = SinkProcess(sink, log)
 
@@ -338,10 +332,8 @@ class Outputs:
         self._ending = [sink for sink in self._ending if not sink.is_over()]
         if any(sink.state == STARTING for sink in self._ending):
             raise UsageError(f"{self._ending[-1].name} is not open yet; try again")
-        if len(self._ending) >= MOST_ENDING:
-            raise UsageError(
-                f"{len(self._ending)} recordings are still being completed; try again when one is complete"
-            )
+        if (number := len(self._ending)) >= MOST_ENDING:
+            raise UsageError(f"{number} recordings are still being completed; try again when one is complete")
         refuse(path, knee.parameters.record.min_free * MB, size)
         sink = sink_of("record", knee)
         assert sink  # noqa: S101  (there is a path)
@@ -374,11 +366,6 @@ class Outputs:
         self.end(ending)
         complete = [sink.wait(self._deadline) for sink in [*self._ending, *self.sinks.values()]]
         return all(complete)
-
-
-def sections_of_outputs(schema: type[Section]) -> list[str]:
-    """Names of the sections of a node's parameters that belong to an output."""
-    return [name for name, field in schema.model_fields.items() if hasattr(field.annotation, "output")]
 
 
 def sink_of(section: str, knee: Knee) -> Sink | None:

@@ -131,13 +131,9 @@ class Session(ABC):
     def _open(self) -> None:
         """Open the transforms, the services and the outputs; files come last, when everything else works."""
         self._transforms = StaticTransformTopic(self.node, self.pipeline.frame)
-        acts = {
-            "reset": self._reset, "start_recording": self._start_recording, "stop_recording": self._stop_recording,
-            "save_snapshot": self._save_snapshot,
-        }  # fmt: skip
         try:
-            for name, act in acts.items():
-                self._services.append(self._service(name, act))
+            for act in (self._reset, self._start_recording, self._stop_recording, self._save_snapshot):
+                self._services.append(self._service(act.__name__.removeprefix("_"), act))
             self.outputs = Outputs(self._knee(), self.node.get_logger())
         except BaseException:
             self.destroy_endpoints()
@@ -285,9 +281,8 @@ class Session(ABC):
 
     def _knee(self) -> Knee:
         """Description for outputs that begin now, with the time in the names of their files."""
-        names = [name for name in ("record", "rerun") if hasattr(self.parameters, name)]
-        sections = {name: getattr(self.parameters, name) for name in names}
-        update = {name: part.model_copy(update={"path": stamped(part.path)}) for name, part in sections.items()}
+        sections = {name: getattr(self.parameters, name, None) for name in ("record", "rerun")}
+        update = {name: part.model_copy(update={"path": stamped(part.path)}) for name, part in sections.items() if part}
         return self._described(self.parameters.model_copy(update=update))
 
     def _on_wait_timer(self) -> None:

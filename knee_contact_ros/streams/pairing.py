@@ -465,20 +465,14 @@ class Synchroniser:
             if self.last_pair is not None and load.stamp - self.last_pair > self._max_gap:
                 status |= STALE_INPUT
             self.last_pair = load.stamp
-            taken = self._taken(max(load.stamp, pose.stamp))
-            status |= (
-                self._flags | (INPUT_REJECTED if self.refused.is_new else OK) | (STALE_INPUT if self.apart else OK)
-            )
-            pairs.append(PairedSample(load, pose.angle, pose.height, status, taken, pose.others))
+            taken, self._left, until = self._left, [], max(load.stamp, pose.stamp)
+            while self.fresh and self.fresh[0].stamp <= until:
+                taken.append(self.fresh.popleft())
+            status |= self._flags | (STALE_INPUT if self.apart else OK)
+            status |= INPUT_REJECTED if self.refused.is_new else OK
+            pairs.append(PairedSample(load, pose.angle, pose.height, status, tuple(taken), pose.others))
             self._flags, self.refused.is_new = OK, False
         return pairs
-
-    def _taken(self, until: int) -> tuple[AngleSample, ...]:
-        """Remove and return the angles up to a stamp [ns] that belong to no pair yet."""
-        taken, self._left = self._left, []
-        while self.fresh and self.fresh[0].stamp <= until:
-            taken.append(self.fresh.popleft())
-        return tuple(taken)
 
     def _angle_at(self, stamp: int, hold: bool) -> tuple[AngleSample | None, int] | None:
         """Angle at a stamp [ns], and its status bits; stamps of successive calls do not decrease.

@@ -12,7 +12,7 @@ import os
 import re
 import stat
 import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from importlib.util import find_spec
 from io import BufferedReader
 from itertools import accumulate
@@ -253,15 +253,7 @@ def _check(content: Any) -> None:
         if isinstance(node, (Mapping, list, tuple, set)):
             if len(branches) > DEEPEST:
                 raise BadYamlError(TOO_DEEP)
-            branches.append(_inside(node))
-
-
-def _inside(node: Any) -> Iterator[Any]:
-    """Keys and values of a mapping, or elements of a list."""
-    for entry in node:
-        yield entry
-        if isinstance(node, Mapping):
-            yield node[entry]
+            branches.append(iter([*node, *node.values()] if isinstance(node, Mapping) else node))
 
 
 def split(rule: str, option: str) -> tuple[str, str]:

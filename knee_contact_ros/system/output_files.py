@@ -80,8 +80,7 @@ def refuse_impossible(path: Path) -> None:
         _refuse_folder(path)
         with suppress(FileNotFoundError):
             partial_name(path).lstat()
-        with TemporaryFile(dir=next(filter(os.path.lexists, path.absolute().parents))):
-            pass
+        TemporaryFile(dir=next(filter(os.path.lexists, path.absolute().parents))).close()
     except (OSError, ValueError) as error:
         raise _impossible(path, error) from None
 
@@ -226,8 +225,6 @@ def rename_new(partial: Path, name: Path) -> None:
     """
     try:
         os.link(partial, name, follow_symlinks=False)
-    except FileExistsError:
-        raise
     except OSError as error:
         if error.errno not in (errno.EPERM, errno.ENOTSUP, errno.ENOSYS, errno.EMLINK):
             raise

@@ -143,12 +143,3 @@ def test_a_recording_of_both_is_computed_again_from_itself(right_bag: Path, tmp_
                 for name in ("one.mcap", "two.mcap"))  # fmt: skip
     assert one == two
     assert Counter(topic for topic, *_ in one) == dict.fromkeys(types, 387) | {"/robot_description": 1, "/tf": 98}
-
-
-def test_a_load_that_no_knee_has_is_refused_on_either_side() -> None:
-    pipeline = pipeline_of({"load.split": "moment_balance"})
-    states = list(messages())
-    list(pipeline.joint_state(states[0][0]))
-    force = encode_wrench_stamped(WrenchStamped(0, "tibia_r", (0.0, -10.0, 0.0), (6e4, 0.0, 0.0)))
-    assert list(pipeline.force(force)) == []
-    assert pipeline.synchroniser.refused == {"out_of_range": 1}

@@ -145,10 +145,3 @@ NO_GAIT = {
 @pytest.mark.parametrize("name", NO_GAIT)
 def test_no_gait_has_no_events(name: str) -> None:
     assert found((STAMPS, *NO_GAIT[name])) == []
-
-
-@pytest.mark.parametrize("period", [1.2, 2.0, 4.0])
-def test_squats_are_no_steps(period: float) -> None:
-    down = 0.5 - 0.5 * np.cos(2.0 * np.pi / period * TIME)
-    events = found((STAMPS, np.radians(90.0 * down), 200.0 + 900.0 * down))  # the load is largest in deep flexion
-    assert {event.kind for event in events} <= {LOAD_PEAK}

@@ -101,19 +101,6 @@ def test_an_actuator_takes_its_part_of_the_moments() -> None:
     assert same(once(values, efforts=(0.0, 0.0, 0.0)), alone)
 
 
-def test_between_two_angles_all_that_is_known_of_the_leg_is_on_a_line() -> None:
-    values = WHOLE_LEG | {"knee.assisted": True, "motion_window": 0.0}
-    ends = [
-        state(0, (0.0, -4.0, 0.0), hip=0.1, knee=0.2, ankle=0.0),
-        state(4 * MS, (0.0, -8.0, 0.0), hip=0.5, knee=0.4, ankle=0.2),
-    ]
-    (between,) = estimates(pipeline(values), [ends[0], force(MS), ends[1]])
-    on_it = state(MS, (0.0, -5.0, 0.0), hip=0.2, knee=0.25, ankle=0.05)
-    (there,) = estimates(pipeline(values), [on_it, force(MS)])
-    assert between.assistance == 5.0
-    assert same(between, there, within=ROUNDING)
-
-
 def test_a_stamp_that_jumps_back_has_the_motion_seen_anew_and_so_has_a_reset() -> None:
     pipe, still = pipeline(), pipeline(WHOLE_LEG | {"motion_window": 0.0})
     first = estimates(pipe, walk(60))
@@ -192,31 +179,6 @@ def test_another_constant_counts_from_the_next_estimate_on_and_the_motion_goes_o
     assert 1.0 < abs(off[0]) < abs(whole[50][1].axial_force - other[50][1].axial_force)
     fading = [off[0] * math.exp(-0.005 * number / 0.025) for number in range(len(off))]
     assert off == pytest.approx(fading, abs=ROUNDING)  # the muscles go on from the forces that they had
-
-
-def test_status_bits_are_those_of_the_contact() -> None:
-    pipe = pipeline({"pairing.max_gap": 0.02})
-    bad = RawMessage(ANGLES, 0, b"\0\1\0\0 this is none")
-    stream = [state(0, knee=0.1), force(0), bad, state(5 * MS, knee=0.1), force(5 * MS)]
-    stream += [state(50 * MS, knee=0.1), force(50 * MS), force(52 * MS)]
-    found = estimates(pipe, stream)
-    assert [each.status for each in found] == [0, Status.INPUT_REJECTED, Status.STALE_INPUT, Status.INPUT_HELD]
-    assert pipe.synchroniser.refused == {"undecodable": 1}
-
-
-def test_efforts_that_come_and_go_are_refused_and_said() -> None:
-    """An actuator of which nothing is known is not one that does nothing."""
-    values, efforts = WHOLE_LEG | {"knee.assisted": True}, (0.0, -20.0, 0.0)
-    stream = []
-    for number in range(6):
-        stamp = number * 5 * MS
-        stream += [state(stamp, efforts if number % 2 == 0 else (), **POSE), force(stamp)]
-    pipe = pipeline(values)
-    found = estimates(pipe, stream)
-    assert pipe.synchroniser.refused == {"joint_missing": 3}
-    assert {estimate.assistance for estimate in found} == {20.0}
-    assert len(found) == 6
-    assert [bool(each.status & Status.INPUT_REJECTED) for each in found] == [False, True, False, True, False, True]
 
 
 small: Any = st.sampled_from([0.0, -0.0, 5e-324, -5e-324, 1e-310, 2.2e-308, 1e-30])

@@ -235,47 +235,6 @@ def test_after_forget_nothing_of_before_is_known_and_no_force_between_two_angles
     assert not synchroniser.refused
 
 
-def test_all_angles_are_recorded_those_of_before_a_jump_with_the_next_pair() -> None:
-    synchroniser = Synchroniser(Pairing())
-    feed(synchroniser, "a1990 l1990 a2000")
-    assert synchroniser.is_steady
-    pairs = feed(synchroniser, "a0 l0 a10 l10 a20")
-    assert [[a.stamp // MS for a in pair.angles] for pair in pairs] == [[2000, 0], [10]]
-
-
-@pytest.mark.parametrize("ahead", [3_600_000, 500])
-def test_an_angle_ahead_from_the_start_is_held_and_flagged(ahead: int) -> None:
-    """One clock is wrong: the answer goes with the newest angle, as if it had been set so later."""
-    pairs = feed(Synchroniser(Pairing()), [s for i in range(0, 200, 5) for s in (angle(i + ahead), load(i))])
-    assert len(pairs) >= 38
-    assert {pair.status for pair in pairs[2:]} == {HELD | STALE}
-    assert pairs[-1].angle == 195 + ahead
-
-
-@pytest.mark.parametrize("apart", [-500, -200, 200, 500])
-def test_a_clock_that_is_wrong_for_good_is_flagged_though_both_come_together(apart: int) -> None:
-    """Stamps of the angles lie apart by more than `pairing.max_gap` from the third second on; later they fit again."""
-    synchroniser, stale = Synchroniser(Pairing(wait=2.0)), []
-    for time in range(0, 8000, 10):
-        off = apart if 2000 <= time < 6000 else 0
-        pairs = [*synchroniser.push_angle(angle(time + off)), *synchroniser.push_load(load(time))]
-        stale += [(time, pair.status & Status.STALE_INPUT) for pair in pairs]
-    assert not any(flag for time, flag in stale if time < 2000)
-    assert all(flag for time, flag in stale if 4000 <= time < 6000)
-    assert not any(flag for time, flag in stale if time > 7000)
-
-
-def test_bursts_and_a_stream_that_comes_as_a_whole_are_not_taken_for_a_wrong_clock() -> None:
-    synchroniser, pairs = Synchroniser(Pairing(wait=2.0)), []
-    for burst in range(0, 6000, 300):
-        for time in range(burst, burst + 300, 10):
-            pairs += synchroniser.push_angle(angle(time))
-        for time in range(burst, burst + 300, 10):
-            pairs += synchroniser.push_load(load(time))
-    assert len(pairs) == 600
-    assert not any(pair.status for pair in pairs)
-
-
 def test_a_constant_latency_is_told_as_it_is() -> None:
     synchroniser = Synchroniser(Pairing(angle_delay=0.02))
     for time in range(0, 1000, 10):

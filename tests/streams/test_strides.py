@@ -12,7 +12,6 @@ from knee_contact_ros.streams.strides import (
     Stride,
     Strides,
     sliding_distance,
-    spans,
     strides_of,
 )
 from tests.helpers.scenes import RADIUS, law, model
@@ -20,26 +19,6 @@ from tests.streams.test_gait_events import BODY_WEIGHT, STRIDE, walking
 
 SECOND = 1_000_000_000
 START = 1_700_000_000 * SECOND
-
-
-@pytest.mark.parametrize(
-    ("strikes", "toe_offs", "number"),
-    [
-        ((1.0, 2.2, 3.4), (1.7, 2.9), 2),
-        ((1.0, 2.2, 3.4), (1.7,), 1),  # no toe-off in the second one
-        ((1.0, 3.4), (1.7, 2.9), 0),  # a heel strike was missed
-        ((1.0, 4.0), (1.7,), 0),  # stood still
-        ((1.0, 1.3), (1.2,), 0),
-        ((1.0,), (1.7,), 0),
-        ((), (), 0),
-    ],
-)
-def test_a_stride_has_one_toe_off_and_a_plausible_duration(strikes, toe_offs, number: int) -> None:
-    found = spans(*([START + round(SECOND * time) for time in times] for times in (strikes, toe_offs)))
-    assert len(found) == number
-    for each in found:
-        assert each.duration == pytest.approx(1.2, abs=1e-9)
-        assert each.stance == pytest.approx(70.0 / 1.2, abs=1e-6)
 
 
 def test_the_distance_is_the_integral_of_the_speed() -> None:
