@@ -235,6 +235,27 @@ def test_after_forget_nothing_of_before_is_known_and_no_force_between_two_angles
     assert not synchroniser.refused
 
 
+@pytest.mark.parametrize("apart", [-500, -200, 200, 500])
+def test_a_clock_that_is_wrong_for_good_is_flagged_though_both_come_together(apart: int) -> None:
+    """Stamps of the angles lie apart by more than `pairing.max_gap` from the third second on; later they fit again."""
+    synchroniser, stale = Synchroniser(Pairing(wait=2.0)), []
+    for time in range(0, 8000, 10):
+        off = apart if 2000 <= time < 6000 else 0
+        pairs = [*synchroniser.push_angle(angle(time + off)), *synchroniser.push_load(load(time))]
+        stale += [(time, pair.status & STALE) for pair in pairs]
+    assert not any(flag for time, flag in stale if time < 2000 or time > 7000)
+    assert all(flag for time, flag in stale if 4000 <= time < 6000)
+
+
+def test_bursts_are_not_taken_for_a_wrong_clock() -> None:
+    synchroniser, bursts = (
+        Synchroniser(Pairing(wait=2.0)),
+        [range(begin, begin + 300, 10) for begin in range(0, 6000, 300)],
+    )
+    pairs = feed(synchroniser, [kind(time) for burst in bursts for kind in (angle, load) for time in burst])
+    assert [pair.status for pair in pairs] == [0] * 600
+
+
 def test_a_constant_latency_is_told_as_it_is() -> None:
     synchroniser = Synchroniser(Pairing(angle_delay=0.02))
     for time in range(0, 1000, 10):
