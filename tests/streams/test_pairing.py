@@ -235,6 +235,14 @@ def test_after_forget_nothing_of_before_is_known_and_no_force_between_two_angles
     assert not synchroniser.refused
 
 
+@pytest.mark.parametrize("ahead", [3_600_000, 500])
+def test_an_angle_ahead_from_the_start_is_held_and_flagged(ahead: int) -> None:
+    """One clock is wrong: the answer goes with the newest angle, as if it had been set so later."""
+    pairs = feed(Synchroniser(Pairing()), [s for i in range(0, 200, 5) for s in (angle(i + ahead), load(i))])
+    assert len(pairs) >= 38
+    assert {pair.status for pair in pairs[2:]} == {HELD | STALE}
+
+
 @pytest.mark.parametrize("apart", [-500, -200, 200, 500])
 def test_a_clock_that_is_wrong_for_good_is_flagged_though_both_come_together(apart: int) -> None:
     """Stamps of the angles lie apart by more than `pairing.max_gap` from the third second on; later they fit again."""
