@@ -138,11 +138,6 @@ class Started:
         sink = Sink("viewer", "Rerun recording", str(path), open_output.__module__, arguments, "row", True, NICENESS)
         return self.begun(sink, wait, queue, "rerun")
 
-    def unawaited(self, module: str, *arguments: Any) -> SinkProcess:
-        """A sink that nobody waits for."""
-        sink = Sink("output", "output", "", module, arguments, "records", gaps_allowed=False)
-        return self.begun(sink, wait=False)
-
     def begun(self, sink: Sink, wait: bool, queue: MayWait = QUEUE, section: str = "record") -> SinkProcess:
         """A sink; with `wait` an open one."""
         process = SinkProcess(sink._replace(section=section, limits=queue), self._log)

@@ -15,8 +15,6 @@ MS = 1_000_000
 STRIDE = 1.1
 """[s]"""
 ANGLES, FORCE = (f"/{topic}" for topic in LOAD_INPUTS)
-INSOLE: dict[str, object] = {}
-"""Parameters for the knee and the vertical force alone"""
 WHOLE_LEG = {"hip.joint_name": "hip", "ankle.joint_name": "ankle", "ground.components": "full"}
 """Parameters for all that the leg tells"""
 

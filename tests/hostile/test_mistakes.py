@@ -154,14 +154,8 @@ def test_what_is_right_is_not_warned_about(
 
 
 SURFACES: dict[str, tuple[Callable[..., Any], str, str]] = {
-    "mm for m": (lambda p: 1e3 * p, "", "likely it is in mm"),
-    "cm for mm": (lambda p: 1e2 * p, "--unit=mm", "largest extent"),
-    "a scanner's axes": (lambda p: p[:, [2, 0, 1]], "", "see --axes"),
     "LPS for RAS": (lambda p: p[:, [2, 0, 1]] * [-1.0, -1.0, 1.0], "--axes=y,z,x", "z = 8.0 to 28.0 mm; or see --axes"),
     "upside down": (lambda p: p * [1.0, -1.0, 1.0], "", "looks up"),
-    "back before front": (lambda p: p * [-1.0, 1.0, 1.0], "", "front and back exchanged .*--axes=-x,y,-z"),
-    "the hip's origin": (lambda p: p - [0.0, 0.4, 0.0], "", "--origin=0.0,-400.0|--origin="),
-    "the other bone": (lambda p: p, "--side=tibia", "--side femur"),
     "a tibia upside down": (lambda _p: swept(tibial_curve())[0] * [1.0, -1.0, 1.0], "--side=tibia", "upside down"),
 }
 

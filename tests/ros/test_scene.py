@@ -70,17 +70,17 @@ def test_viewers_see_what_is_served_and_cost_no_answer(peer: Peer, start_node: S
         walk(peer, 400, 100)
         wait_for(lambda: shown_to(screen.state) >= 499 * 5_000_000, "the viewer to follow")
         stand_still(address(port))
-        for begin in range(500, 3500, 100):
+        for begin in range(500, 1500, 100):
             walk(peer, begin, 100)
-        peer.wait_until(lambda: peer.diagnostics.get(VIEWER, {}).get("written") == "3500")
-    walk(peer, 3500, 100)  # it was killed
-    peer.wait_until(lambda: peer.diagnostics.get(VIEWER, {}).get("written") == "3600")
+        peer.wait_until(lambda: peer.diagnostics.get(VIEWER, {}).get("written") == "1500")
+    walk(peer, 1500, 100)  # it was killed
+    peer.wait_until(lambda: peer.diagnostics.get(VIEWER, {}).get("written") == "1600")
     assert peer.diagnostics[VIEWER]["dropped"] == "0"
     assert server.is_running()
     code, said = node.stop()
     assert code == 0
     assert f"knee-contact view {address(port)}" in said
-    assert [contact.status for contact in peer.contacts] == [0] * 3600
+    assert [contact.status for contact in peer.contacts] == [0] * 1600
 
 
 def test_a_window_is_opened_and_may_be_ended(peer: Peer, start_node: Start, hidden_screen: None) -> None:

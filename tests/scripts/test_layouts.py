@@ -9,15 +9,16 @@ import json
 import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
+from typing import Any
 
 import pytest
 from mcap.reader import make_reader
-from rosbags.interfaces import Nodetype
-from rosbags.typesys import get_types_from_msg
 
+from knee_contact_ros.bags.reader import read_bag
 from knee_contact_ros.model.types import UNUSABLE, ContactState, Fidelity, Status
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES, RECORDED
 from scripts.make_layouts import LANES, PLOTS, files
 
 MADE = dict(files())
@@ -26,35 +27,26 @@ SERIES = sum(len(plot.curves) for plot in PLOTS) + len(LANES) + 1
 
 
 @pytest.fixture(scope="module")
-def schemas(config: Path, right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, tuple[str, str]]:
-    """Type and definition by topic, as a recording holds them."""
+def recording(config: Path, right_bag: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Gait, solved."""
     path = tmp_path_factory.mktemp("layouts") / "gait.mcap"
     solve(right_bag, load_parameters([config / "healthy.yaml"]), path, lambda _done, _total: None)
-    with path.open("rb") as file:
-        summary = make_reader(file).get_summary()
-    assert summary is not None
-    return {
-        channel.topic: (summary.schemas[channel.schema_id].name, summary.schemas[channel.schema_id].data.decode())
-        for channel in summary.channels.values()
-    }
+    return path
 
 
-def kind_of(schema: tuple[str, str], field: str) -> str:
-    """Primitive type of a field with dots in its name; `position[0]` is an element of a sequence."""
-    name, definition = schema
-    types = get_types_from_msg(definition, name)
-    for part in field.split("."):
-        bare, index = re.fullmatch(r"(\w+)(\[\d+\])?", part).groups()  # type: ignore[union-attr]
-        node, content = dict(types[name][1])[bare]
-        if index:
-            assert node == Nodetype.SEQUENCE
-            node, content = content[0]
-        name = content if node == Nodetype.NAME else content[0]
-    return str(name)
+@pytest.fixture(scope="module")
+def messages(recording: Path) -> dict[str, Any]:
+    """A message of each topic that is plotted."""
+    types = {f"/{topic}": MESSAGE_TYPES[topic] for topic in RECORDED}
+    return {message.topic: message.message for message in read_bag(recording, types)}
 
 
-def is_number(kind: str) -> bool:
-    return bool(re.fullmatch(r"u?int\d+|float\d+", kind))
+def is_number(message: Any, field: str) -> bool:
+    """Whether a field with dots in its name is one; `position[0]` is an element of a sequence."""
+    for name, index in re.findall(r"(\w+)(?:\[(\d+)\])?", field):
+        message = getattr(message, name)
+        message = message[int(index)] if index else message
+    return isinstance(message, int | float)
 
 
 @pytest.mark.parametrize("name", MADE)
@@ -62,22 +54,27 @@ def test_the_shipped_layouts_are_what_the_script_makes(config: Path, name: str) 
     assert (config / name).read_text() == MADE[name], "make it again: python -m scripts.make_layouts"
 
 
-def test_foxglove_every_path_is_a_number_of_the_recording(schemas: dict[str, tuple[str, str]]) -> None:
+def test_foxglove_every_path_is_a_number_of_the_recording(messages: dict[str, Any]) -> None:
     text = MADE["foxglove/knee_contact.json"]
     panels = json.loads(text)["configById"]
     assert {text.count(f'"{panel}"') for panel in panels} == {2}  # its settings, and its place
     raw = [panel["topicPath"] for name, panel in panels.items() if name.startswith("RawMessages!")]
-    assert set(raw) <= set(schemas)
+    assert set(raw) <= set(messages)
     series = [series for panel in panels.values() for series in panel.get("paths", [])]
     assert len(series) == SERIES
     for value in (item["value"] for item in series):
         topic, _, field = value.removesuffix(".@log10").partition(".")
-        assert is_number(kind_of(schemas[topic], field)), value
+        assert is_number(messages[topic], field), value
 
 
-def test_a_recording_names_the_states_as_foxglove_reads_them(schemas: dict[str, tuple[str, str]]) -> None:
+def test_a_recording_names_the_states_as_foxglove_reads_them(recording: Path) -> None:
     """A field's values have the names of the constants of its type that stand right before it."""
-    _, definition = schemas["/knee_contact"]
+    with recording.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    (definition,) = (
+        each.data.decode() for each in summary.schemas.values() if each.name == MESSAGE_TYPES[KNEE_CONTACT]
+    )
     named: dict[str, dict[int, str]] = {}
     constants: dict[int, str] = {}
     for line in definition.partition("=" * 80)[0].splitlines():
@@ -93,12 +90,12 @@ def test_a_recording_names_the_states_as_foxglove_reads_them(schemas: dict[str, 
     assert "# [m] >= 0; 0 when apart" in definition  # and the units
 
 
-def test_plotjuggler_every_curve_is_a_number_of_the_recording(schemas: dict[str, tuple[str, str]]) -> None:
+def test_plotjuggler_every_curve_is_a_number_of_the_recording(messages: dict[str, Any]) -> None:
     old, new = (ET.fromstring(MADE[f"plotjuggler/knee_contact.{kind}"]) for kind in ("xml", "pj4.xml"))  # noqa: S314
     curves = [curve.attrib["name"] for curve in old.iter("curve")]
     assert len(curves) == SERIES
     assert [f"{curve.attrib['topic']}/{curve.attrib['field']}" for curve in new.iter("curve")] == curves
     for curve in curves:
-        topic = max((topic for topic in schemas if curve.startswith(f"{topic}/")), key=len)
+        topic = max((topic for topic in messages if curve.startswith(f"{topic}/")), key=len)
         field = curve.removeprefix(f"{topic}/").replace("/", ".")
-        assert field == "knee.position" if topic == "/joint_states" else is_number(kind_of(schemas[topic], field))
+        assert field == "knee.position" if topic == "/joint_states" else is_number(messages[topic], field)
