@@ -1,6 +1,6 @@
 """Mistakes of newcomers, through every command that takes their numbers: refused, or told with the likely cause.
 
-What is right is not warned about. tests/ros/test_mistakes.py walks through the live node.
+What is right is not warned about. tests/ros/test_streams.py walks through the live node.
 """
 
 from __future__ import annotations

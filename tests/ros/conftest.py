@@ -100,14 +100,17 @@ class NodeProcess:
             self.process = Forked(words, without)
         resource.prlimit(self.process.pid, resource.RLIMIT_FSIZE, (largest_file, largest_file))
 
-    def stop(self, number: signal.Signals = signal.SIGINT) -> tuple[int, str]:
-        """End it by a signal; return its code and all it said."""
-        if self.process.poll() is None:
-            self.process.send_signal(number)
-        return self.wait()
+    def stop(self, number: signal.Signals = signal.SIGINT) -> str:
+        """End it by a signal, which must go well; return all it said."""
+        code, output = self.end(number)
+        assert code == 0, output
+        assert "Traceback" not in output
+        return output
 
-    def wait(self) -> tuple[int, str]:
-        """Wait for its end."""
+    def end(self, number: signal.Signals | None = None) -> tuple[int, str]:
+        """Wait for its end, which a signal may ask for; return its code and all it said."""
+        if number and self.process.poll() is None:
+            self.process.send_signal(number)
         output, _ = self.process.communicate(timeout=PATIENCE)
         return self.process.wait(PATIENCE), own_words(output)
 

@@ -83,8 +83,7 @@ def test_sensors_are_turned_as_soon_as_the_robot_says_where_they_are(
         stamp += STEP
     peer.wait_until(lambda: len(peer.contacts) >= answered + 3)
     robot.destroy_node()
-    code, output = node.stop()
-    assert code == 0
+    output = node.stop()
     assert "forces are turned from load_cell to shank_isb" in output
     assert "/tf_static: transform from 'shank' to 'load_cell'" in output
     how = read_provenance(recording)
@@ -115,7 +114,7 @@ def test_angles_may_come_from_ros2_control(peer: Peer, start_node: Start, tmp_pa
     assert [contact.flexion_angle for contact in peer.contacts] == [0.01 * i for i in range(20)]
     peer.wait_until(lambda: peer.diagnostics.get("knee_contact: dynamic_joint_states", {}).get("received") == "21")
     assert refused(peer, "undecodable") == 1
-    assert node.stop()[0] == 0
+    node.stop()
     assert len(answers(tmp_path / "live.mcap")) == 20
 
 

@@ -1,7 +1,12 @@
-"""The launch files at work, where the launch packages are; they are not among the ROS 2 wheels."""
+"""The launch files at work, where the launch packages are; they are not among the ROS 2 wheels.
+
+RViz, tf2_ros and robot_state_publisher are not among them, either: stand-ins say how they were called, and that of RViz
+looks at the markers and closes.
+"""
 
 from __future__ import annotations
 
+import json
 import os
 import re
 import signal
@@ -18,8 +23,8 @@ import pytest
 
 from knee_contact_ros.bags.reader import BagReader, absolute
 from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES
-from knee_contact_ros.system.files import PACKAGE, share_folder
-from tests.ros.conftest import PATIENCE, STEP, Peer
+from knee_contact_ros.system.files import PACKAGE, parse_yaml, share_folder
+from tests.ros.conftest import PATIENCE, STEP, Peer, Start
 
 pytest.importorskip("launch_ros", reason="the launch packages are not installed (CONTRIBUTING.md)")
 FOLDER = share_folder() / "launch"
@@ -136,11 +141,11 @@ class Launched:
         self._log.close()
 
 
-Start = Callable[[str, str], Launched]
+Launch = Callable[[str, str], Launched]
 
 
 @pytest.fixture
-def start(tmp_path: Path) -> Iterator[Start]:
+def start(tmp_path: Path) -> Iterator[Launch]:
     """Start launch files; all are gone after the test."""
     index = pytest.importorskip("ament_index_python")
     if not (Path(index.get_package_prefix(PACKAGE)) / "lib" / PACKAGE / "knee_contact").exists():
@@ -204,7 +209,7 @@ def answers(path: Path, namespace: str = "") -> list[int]:
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_it_runs_until_ctrl_c(name: str, start: Start, peers: Callable[[Knee], Peer], tmp_path: Path) -> None:
+def test_it_runs_until_ctrl_c(name: str, start: Launch, peers: Callable[[Knee], Peer], tmp_path: Path) -> None:
     file, arguments, knees, fed = CASES[name]
     stream = Stream({knee: peers(knee) for knee in knees}, fed)
     launched = start(file, arguments)
@@ -218,7 +223,7 @@ def test_it_runs_until_ctrl_c(name: str, start: Start, peers: Callable[[Knee], P
         assert len(answers(tmp_path / knee.recording, knee.namespace)) >= 50
 
 
-def test_replay_goes_through_the_node_and_ends(start: Start, tmp_path: Path) -> None:
+def test_replay_goes_through_the_node_and_ends(start: Launch, tmp_path: Path) -> None:
     rerun = "rerun:={}/out.rrd" if find_spec("rerun") else ""
     launched = start("replay.launch.py", f"rate:=5 clock:=true record:={{}}/out.mcap {rerun}")
     assert launched.process.wait(PATIENCE) == 0, launched.said()
@@ -227,7 +232,7 @@ def test_replay_goes_through_the_node_and_ends(start: Start, tmp_path: Path) -> 
 
 
 @pytest.mark.parametrize("name", BAD)
-def test_what_is_wrong_is_told_once_and_ends(name: str, start: Start) -> None:
+def test_what_is_wrong_is_told_once_and_ends(name: str, start: Launch) -> None:
     file, arguments, words = BAD[name]
     launched = start(file, arguments)
     launched.process.wait(PATIENCE)
@@ -237,7 +242,7 @@ def test_what_is_wrong_is_told_once_and_ends(name: str, start: Start) -> None:
     assert said.count("exit code 2") == said.count("process started") - said.count("[replay-2]: process started")
 
 
-def test_a_node_that_is_told_to_end_stays_away(start: Start) -> None:
+def test_a_node_that_is_told_to_end_stays_away(start: Launch) -> None:
     launched = start("knee_contact.launch.py", "")
     launched.hear("active, listening")
     launched.node().terminate()
@@ -245,7 +250,7 @@ def test_a_node_that_is_told_to_end_stays_away(start: Start) -> None:
     assert launched.said().count("process started") == 1
 
 
-def test_a_node_that_was_good_before_tries_again(start: Start, tmp_path: Path) -> None:
+def test_a_node_that_was_good_before_tries_again(start: Launch, tmp_path: Path) -> None:
     launched = start("knee_contact.launch.py", "params:={}/soft.yaml respawn_delay:=0.1")
     launched.hear("active, listening")
     content = (tmp_path / "soft.yaml").read_text()
@@ -255,3 +260,94 @@ def test_a_node_that_was_good_before_tries_again(start: Start, tmp_path: Path) -
     (tmp_path / "soft.yaml").write_text(content)
     launched.hear("active, listening", times=2)
     assert launched.stop() == 0
+
+
+SAY = """#!{python}
+import json, pathlib, sys
+said = pathlib.Path({folder!r})
+files = [pathlib.Path(path).read_text() for flag, path in zip(sys.argv, sys.argv[1:]) if flag == "--params-file"]
+(said / pathlib.Path(sys.argv[0]).name).write_text(json.dumps([sys.argv[1:], "".join(files)]))
+"""
+WAIT = """
+import signal
+signal.sigwait([signal.SIGINT, signal.SIGTERM])
+"""
+LOOK = """
+import rclpy
+from rclpy.node import Node
+from visualization_msgs.msg import MarkerArray
+
+rclpy.init(args=sys.argv)
+node, pictures = Node("rviz"), []
+node.create_subscription(MarkerArray, "/knee_contact/markers", pictures.append, 1)
+while len(pictures) < 5:
+    rclpy.spin_once(node, timeout_sec=0.1)
+names = [marker.ns + " in " + marker.header.frame_id for marker in pictures[-1].markers]
+(said / "seen").write_text(json.dumps([names, node.get_parameter("use_sim_time").value]))
+"""
+PROGRAMS = {
+    ("rviz2", "rviz2"): LOOK,
+    ("robot_state_publisher", "robot_state_publisher"): WAIT,
+    ("tf2_ros", "static_transform_publisher"): WAIT,
+}
+"""By package and name"""
+
+
+@pytest.fixture
+def said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """Where the stand-ins say how they were called."""
+    pytest.importorskip("launch_ros", reason="the launch packages are not installed")
+    index = pytest.importorskip("ament_index_python")
+    if not (Path(index.get_package_prefix(PACKAGE)) / "lib" / PACKAGE / "knee_contact").exists():
+        pytest.skip("ros2 run finds no executable in this environment")
+    prefix, folder = tmp_path / "prefix", tmp_path / "said"
+    folder.mkdir()
+    for (package, name), what in PROGRAMS.items():
+        marker = prefix / "share" / "ament_index" / "resource_index" / "packages" / package
+        program = prefix / "lib" / package / name
+        for path in (marker, program):
+            path.parent.mkdir(parents=True, exist_ok=True)
+        marker.touch()
+        program.write_text(SAY.format(python=sys.executable, folder=str(folder)) + what)
+        program.chmod(0o755)
+    monkeypatch.setenv("AMENT_PREFIX_PATH", f"{prefix}{os.pathsep}{os.environ['AMENT_PREFIX_PATH']}")
+    monkeypatch.setenv("PATH", f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}")  # as when activated
+    monkeypatch.setenv("ROS_LOG_DIR", str(tmp_path / "log"))
+    return folder
+
+
+def test_rviz_sees_the_knee_and_closing_it_ends_everything(said: Path) -> None:
+    command = [sys.executable, "-c", RUN, share_folder() / "launch" / "rviz.launch.py", "rate:=0.5"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, check=False)
+    assert done.returncode == 0, done.stderr + done.stdout
+    assert (said / "seen").exists(), done.stderr + done.stdout
+    names = ["tibia", "femur", "contact_point", "contact_force_on_femur"]
+    assert json.loads((said / "seen").read_text()) == [[f"knee/{name} in tibia_r" for name in names], True]
+    (option, layout, *_), time = json.loads((said / "rviz2").read_text())
+    assert option == "--display-config"
+    layouts = Path("config") / "rviz" / "knee_contact.rviz"
+    assert Path(layout).read_text() == (share_folder() / layouts).read_text()
+    assert parse_yaml(time)["/**"]["ros__parameters"] == {"use_sim_time": True}
+    _, parameters = json.loads((said / "robot_state_publisher").read_text())
+    body = parse_yaml(parameters)["/**"]["ros__parameters"]
+    assert body == {"use_sim_time": True, "robot_description": (share_folder() / "urdf" / "knee.urdf").read_text()}
+    called, _ = json.loads((said / "static_transform_publisher").read_text())
+    assert called[:4] == ["--frame-id", "tibia_isb", "--child-frame-id", "tibia_r"]
+
+
+def test_it_is_opened_beside_a_node_that_runs(said: Path, start_node: Start, peer: Peer) -> None:
+    start_node()
+    peer.wait_for_node()
+    command = [sys.executable, "-c", RUN, share_folder() / "launch" / "rviz.launch.py"]
+    arguments = ["replay:=false", "clock:=false", "frame:=tibia_isb"]
+    launched = subprocess.Popen([*command, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    numbers = iter(range(10_000))
+
+    def closed() -> bool:
+        peer.send(next(numbers) * STEP, 0.2, 900.0)
+        return launched.poll() is not None
+
+    peer.wait_until(closed)
+    assert launched.returncode == 0, launched.communicate()
+    assert json.loads((said / "seen").read_text())[1] is False
+    assert not (said / "static_transform_publisher").exists()

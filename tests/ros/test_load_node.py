@@ -111,14 +111,12 @@ def test_live_messages_are_those_of_estimate_load(
     node = start_node(*arguments(values | PATIENT | {"record.path": recording}), kind="load")
     leg.wait_for_load_node()
     leg.send_sensed(WALK)
-    code, output = node.stop(signal.SIGINT)
-    assert code == 0, output
+    output = node.stop(signal.SIGINT)
     assert (
         f"estimating the joint reaction at level {load_parameters(values, LoadParameters).chosen_level}, not calib"
         in output
     )
     assert "80 ticks, 0 samples refused" in output
-    assert "Traceback" not in output
     expected = offline(tmp_path, WALK, values)
     for topic, heard in leg.heard.items():
         assert heard == told(expected, topic), topic
@@ -181,7 +179,7 @@ def test_the_life_cycle_and_what_changes_meanwhile(leg: LegPeer, start_node: Sta
     assert (said[LOAD_PROVENANCE]["level"], said[REFUSED_SAMPLES]) == ("knee_moment", {"total": "0"})
     assert set_parameters(leg, {"level": "auto"}, f"/{NODE}") == (True, "")
     assert change_state(leg, Transition.TRANSITION_UNCONFIGURED_SHUTDOWN, NODE)
-    assert node.stop()[0] == 0
+    node.stop()
 
 
 def test_both_nodes_in_one_process_are_the_same_and_each_has_its_own_life(
@@ -211,4 +209,4 @@ def test_both_nodes_in_one_process_are_the_same_and_each_has_its_own_life(
     answers = answers_in(tmp_path / "contact.mcap")
     assert leg.contacts[:20] == answers[:20]
     assert [contact.status for contact in leg.contacts[20:]] == [Status.TIME_RESET, *[0] * 39]
-    assert node.stop()[0] == 0
+    node.stop()

@@ -77,8 +77,7 @@ def test_viewers_see_what_is_served_and_cost_no_answer(peer: Peer, start_node: S
     peer.wait_until(lambda: peer.diagnostics.get(VIEWER, {}).get("written") == "1600")
     assert peer.diagnostics[VIEWER]["dropped"] == "0"
     assert server.is_running()
-    code, said = node.stop()
-    assert code == 0
+    said = node.stop()
     assert f"knee-contact view {address(port)}" in said
     assert [contact.status for contact in peer.contacts] == [0] * 1600
 
@@ -111,8 +110,7 @@ def test_a_window_is_opened_and_may_be_ended(peer: Peer, start_node: Start, hidd
             viewer.kill()
     walk(peer, 100, 100)
     time.sleep(2.0)  # the server looks once a second
-    code, said = node.stop()
-    assert code == 0
+    said = node.stop()
     assert (
         f"the Rerun viewer was ended by SIGTERM; the scene is still served: knee-contact view {address(port)}" in said
     )

