@@ -395,7 +395,10 @@ def _in_space(points: Floats, layer: str) -> NDArray[np.float32]:
 
 
 def triangles_of(polygon: Floats) -> Triangles:
-    """Triangulate a simple polygon, shape (n, 2), of either orientation, by cutting off ears: n - 2 triangles."""
+    """Triangulate a simple polygon, shape (n, 2), of either orientation, by cutting off ears: n - 2 triangles.
+
+    Ears that are not next to each other are cut off together.
+    """
     left = np.arange(len(polygon))[:: 1 if turns(polygon).sum() > 0.0 else -1]
     triangles = []
     while len(left) > 3:
@@ -404,9 +407,10 @@ def triangles_of(polygon: Floats) -> Triangles:
         others = polygon[left]
         inside = (_turn(a, b, others) >= 0.0) & (_turn(b, c, others) >= 0.0) & (_turn(c, a, others) >= 0.0)
         ears = (_turn(a, b, c)[:, 0] > 0.0) & (inside.sum(axis=1) == 3)  # no other corner than its own is inside
-        ear = int(ears.argmax())  # the first one; where there is none, by rounding alone, any
-        triangles.append(corners[:, ear])
-        left = np.delete(left, ear)
+        first = int(ears.argmax())  # where there is none, by rounding alone, any
+        cut = [first, *(first + 2 + np.flatnonzero(ears[first + 2 : -1 : 2]) * 2)][: len(left) - 3]
+        triangles += [*corners[:, cut].T]
+        left = np.delete(left, cut)
     return np.array([*triangles, left], dtype=np.uint32)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -28,11 +29,13 @@ SHIPPED = [
 """Parameter files of all shipped knees"""
 
 
-def answered(stream: ContactStream, bag: Path, most: int = 10_000) -> Rows:
-    answers: list[Any] = []
+def answers_of(stream: ContactStream, bag: Path, most: int = 10_000) -> Iterator[Any]:
     for topic, _, message in raw_inputs(bag)[:most]:
-        answers += (stream.joint_state if topic == "/joint_states" else stream.force)(message)
-    return rows_of(answers)
+        yield from (stream.joint_state if topic == "/joint_states" else stream.force)(message)
+
+
+def answered(stream: ContactStream, bag: Path, most: int = 10_000) -> Rows:
+    return rows_of([*answers_of(stream, bag, most)])
 
 
 def written(path: Path, drawing: KneeOutlines, parts: list[Any], latency: bool = False, **options: Any) -> Path:

@@ -37,19 +37,13 @@ from knee_contact_ros.view.colours import BONE, CARTILAGE, COVER, DEPTH, FEMUR, 
 from knee_contact_ros.view.layout import CONTACT_POINT, DETAILS, KNEE, SOLVER
 from knee_contact_ros.view.output import open_output
 from knee_contact_ros.view.viewer import NOT_INSTALLED, executable
-from tests.helpers.messages import raw_inputs
 from tests.helpers.processes import NO_BYTECODE, has_ended
 from tests.helpers.viewer import pixels_of, rendered, wait_for
-from tests.view.scenes import column, entities, lists, texts_of
+from tests.view.scenes import answers_of, column, entities, lists, texts_of
 
 pytestmark = pytest.mark.xdist_group("the scene")  # what is drawn once is read by several
 RECORDED = [plot for plot in (*KNEE, *DETAILS, *SOLVER) if not (plot.live or plot.read_off)]
 ANSWERS = MESSAGE_TYPES["knee_contact"]
-
-
-def answers_of(stream: ContactStream, bag: Path) -> Iterator[object]:
-    for topic, _, message in raw_inputs(bag):
-        yield from (stream.joint_state if topic == "/joint_states" else stream.force)(message)
 
 
 def test_a_recording_looks_as_it_did_live(osteoarthritic: Path, config: Path, right_bag: Path, tmp_path: Path) -> None:
