@@ -32,7 +32,7 @@ def test_the_truth_is_found_within_its_intervals(tmp_path: Path, correlation: fl
     # fewer, about half of those with correlated noise would. `studies.calibration` counts thousands.
     missed = 0
     for seed in range(2):
-        bag = trial(tmp_path, seed, correlation=correlation)
+        bag = trial(tmp_path, seed, count=200, correlation=correlation)
         found = fitted(bag)
         bag.unlink()
         for name, true in TRUE.items():
@@ -68,9 +68,9 @@ def test_of_several_bags_each_is_left_out_and_the_gain_is_told(
     bags = []
     for seed, size in ((5, 40.0), (6, 80.0)):
         (tmp_path / str(seed)).mkdir()
-        bags.append(trial(tmp_path / str(seed), seed, size=size))
+        bags.append(trial(tmp_path / str(seed), seed, count=200, size=size))
     found = fitted(bags, with_intervals=False)
-    assert found.measured.number == 800
+    assert found.measured.number == 400
     assert found.values == pytest.approx(TRUE, rel=0.1)
     alone = [fitted(bag, with_intervals=False) for bag in reversed(bags)]
     told = [line for line in found.remarks if "constants of the other bags" in line]
