@@ -122,7 +122,6 @@ BROKEN = {
         "(tick 100)",
     ),
     "no tick": ("reset", {}, "a record reset is damaged"),
-    "a tick of thousands of digits": ("reset", {"tick": "9" * 5000}, "a record reset"),
 }
 
 
@@ -185,6 +184,4 @@ def test_another_recording_in_the_folder_has_no_say(right_bag: Path, tmp_path: P
     assert read_provenance(folder / "a_earlier.mcap") is not None
     assert read_provenance(folder) is None
     assert bag_digest(folder) == digest
-    (told,) = others_beside(folder)
-    assert told.endswith("only gait2354_right_0.mcap is read; to read a_earlier.mcap, give it as a file")
     assert others_beside(right_bag) == others_beside(folder / "a_earlier.mcap") == []
