@@ -1,8 +1,8 @@
 """Live tibiofemoral contact from streamed gait.
 
-`load_model` gives the model, `solve` the answers to a recorded gait, `estimate_load` a load for it from sensors,
-`uncertainty` how far they may be off, `sweep` what many knees come to, `sensitivity` which parameter matters, and
-`calibrate` parameters from what was measured, all without ROS; docs/how-to/python.md shows them.
+`load_model` returns a model, `solve` the answers to a recorded gait, `estimate_load` a load from sensors, `uncertainty`
+standard deviations of the answers, `sweep` the outcomes of many knees, `sensitivity` which parameters matter, and
+`calibrate` parameters fitted to measurements. None of them needs ROS; docs/how-to/python.md shows them.
 """
 
 from __future__ import annotations
@@ -41,5 +41,5 @@ def __getattr__(name: str) -> Any:
 
 
 def __dir__() -> list[str]:
-    """What is public."""
+    """The public names."""
     return [*__all__, "__version__"]

@@ -21,7 +21,7 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import not_installed
 
 DATES_FROM = 10 * 365 * 86_400 * 1_000_000_000
-"""Smallest stamp [ns] that is taken for a date; those of simulations and trials begin near 0"""
+"""Smallest stamp [ns] that counts as a date; stamps of simulations and trials begin near 0"""
 TIME = "time"
 """Name of the column with the time"""
 RUN = "run"
@@ -63,14 +63,14 @@ class Results(Records):
     """The answers of a run: a record array of shape (n,) whose records have the fields of `Contact`.
 
     Fields are attributes, arrays of shape (n,) with the names of the message's fields: `results.contact_force` [N]. A
-    slice, a mask, some of the fields (`results[["stamp", "load"]]`) and what NumPy joins (`np.concatenate`) are
-    `Results` again. The methods `to_...` and `plot` need the extra `notebook`, and raise `UsageError` without it.
+    slice, a mask, some of the fields (`results[["stamp", "load"]]`) and arrays joined by `np.concatenate` are also
+    `Results`. The methods `to_...` and `plot` need the extra `notebook`, and raise `UsageError` without it.
     """
 
     model: KneeModel | None = None
-    """The model that computed the answers; parts of the answers keep it, joined or stored answers do not"""
+    """The model that computed the answers; parts of the answers keep it, but joined or stored answers do not"""
     lateral: Results | None = None
-    """Answers of the lateral compartment, from `solve` where both are modelled; a slice does not keep them"""
+    """Answers of the lateral compartment, from `solve` if both are modelled; a slice does not keep them"""
 
     @property
     def time(self) -> NDArray[np.float64]:
@@ -79,7 +79,7 @@ class Results(Records):
 
     @property
     def run(self) -> NDArray[np.int64]:
-        """Number of the run of each answer, shape (n,), from 0 on: a new one begins at rest, as after stamps went back.
+        """Number of the run of each answer, shape (n,), from 0. A new run begins at rest, as after stamps went back.
 
         Times of several runs may be the same.
         """
@@ -137,7 +137,7 @@ class Results(Records):
         return _figure_of(self)
 
     def __array_finalize__(self, whole: Any) -> None:
-        """Keep the model of the array that this one is a part of."""
+        """Keep the model of the array that this one is part of."""
         super().__array_finalize__(whole)
         self.model = getattr(whole, "model", None)
 
@@ -145,7 +145,7 @@ class Results(Records):
         return self.time if isinstance(index, str) and index == TIME else super().__getitem__(index)
 
     def __array_function__(self, function: Any, kinds: Any, arguments: Any, options: Any) -> Any:
-        """Make results with the same fields `Results` again: NumPy drops the class of arrays that it joins."""
+        """Make joined results with the same fields `Results` again; NumPy drops the class of arrays that it joins."""
         result = super().__array_function__(function, kinds, arguments, options)
         whole = type(result) is np.ndarray and result.dtype.names == ROW.names
         return result.astype(self.dtype, copy=False).view(type(self)) if whole else result
@@ -168,8 +168,8 @@ class Results(Records):
 def columns(rows: Rows) -> dict[str, NDArray[Any]]:
     """Give all numbers of answers as columns by name, shape (n,) each: time [s], run, then those of all fields.
 
-    Vectors are columns of their components, as `contact_point_x`. Rows that have only some of the fields give the
-    numbers of these.
+    Vectors become columns of their components, like `contact_point_x`. Rows with only some of the fields give the
+    columns of these.
 
     Raises:
         UsageError: the stamp is not among the fields.
@@ -188,9 +188,9 @@ def columns(rows: Rows) -> dict[str, NDArray[Any]]:
 
 
 def answer_table(answers: Mapping[str, Rows], suffix: str) -> bytes:
-    """Table of answers by their topics, as the bytes of a .csv or .parquet file: `columns`, of what the message has.
+    """Table of answers by their topics, as the bytes of a .csv or .parquet file: the `columns` that the message has.
 
-    Several topics follow each other; then the first column has their names.
+    Several topics follow each other; the first column then has their names.
     """
     parts = [columns(rows) for rows in answers.values()]
     names = [name for name in parts[0] if name in (TIME, RUN, "stamp", *TOLD)]

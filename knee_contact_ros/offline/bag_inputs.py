@@ -24,11 +24,11 @@ from knee_contact_ros.system.errors import UsageError, listed
 from knee_contact_ros.system.terminal import warn
 
 READ_AHEAD = 256
-"""Number of messages that are read at once to look for a joint"""
+"""Number of messages that are read at a time to search for a joint"""
 
 
 def as_recorded(parameters: Any) -> Any:
-    """Parameters with the usual inputs, as a recording of a node has them instead of the sources that it read."""
+    """Parameters with the usual inputs, which a recording of a node has instead of the node's sources."""
     section, topics = parameters.force_source.split(".")[0], [JOINT_STATES, parameters.usual_forces]
     sections = {name: getattr(parameters, name) for name in ("knee", section)}
     pairs = zip(sections.items(), topics, strict=True)
@@ -41,7 +41,7 @@ class BagInputs:
     def __init__(self, bag: Path, parameters: Parameters | LoadParameters, names: Names) -> None:
         """Open a bag; `names` are the names of the inputs in it.
 
-        A recording of a node has the usual inputs, whatever its sources were; these are read then.
+        A recording of a node has the usual inputs, whatever the node's sources were; then the usual ones are read.
 
         Raises:
             UsageError: the bag cannot be used, or lacks a topic, a type or a field; see `BagReader` and `Converter`.
@@ -107,7 +107,7 @@ class BagInputs:
 def check_joints(bag: BagInputs, wanted: Mapping[str, str]) -> None:
     """Refuse a bag that lacks one of the joints `wanted`, which are given by parameter (`joints` of the parameters).
 
-    As a rule the first sample has all joints, so that the bag is not read as a whole.
+    Usually the first sample has all joints, so that the rest of the bag is not read.
 
     Raises:
         UsageError: no sample has one of the joints; the message lists those of the bag.

@@ -24,7 +24,7 @@ from knee_contact_ros.streams.topics import LOAD_RECORDED, Answer
 ESTIMATE = np.dtype([("stamp", np.int64), *get_type_hints(Estimate).items()])
 """Type of a stamp [ns] and an estimate as a row"""
 MESSAGES_PER_ADVANCE = 1000
-"""Number of messages from one call of `advance` to the next"""
+"""Number of messages between two calls of `advance`"""
 
 
 class LoadSummary(NamedTuple):
@@ -88,16 +88,16 @@ def estimate_load(
 ) -> LoadSummary:  # fmt: skip
     """Estimate the joint reaction at every ground force of `bag`; write inputs and estimates to `output`, if given.
 
-    The messages are those that the load node would publish, bit for bit.
+    The messages are bit for bit those that the load node would publish.
 
     Args:
         bag: An .mcap file, a .db3 file or a rosbag2 folder with the inputs.
         parameters: Parameters of the load node.
         output: The .mcap file to write; None: only the summary is wanted.
-        advance: Called now and then with the number of messages done, and of all messages.
+        advance: Called now and then with the number of finished messages and of all messages.
         overwrite: Replace an existing output, once the new one is complete.
         names: Names of the inputs in the bag.
-        keep: Called after every estimate with the pipeline, which holds it and its inputs.
+        keep: Called after every estimate with the pipeline, which has the estimate and its inputs.
 
     Raises:
         UsageError: the bag or the output cannot be used, or nothing could be estimated. No output is left then.

@@ -40,7 +40,7 @@ ARGUMENTS = (
     (r"--overwrite\b", "overwrite=True"),
     (r"--(params|remap|namespace|subject|free|sigma)\b", r"\1"),
 )
-"""Options of the command in its messages, as regular expressions, and the arguments of Python in their place"""
+"""Options in a command's messages, as regular expressions, and the Python arguments that replace them"""
 
 
 def solve(
@@ -55,14 +55,14 @@ def solve(
     namespace: str = "",
     compiled: bool | None = None,
 ) -> Results:
-    """Compute a recorded gait, as `knee-contact solve` does: the same bits. Needs no ROS.
+    """Compute a recorded gait with the same bits as `knee-contact solve`. Needs no ROS.
 
     With `load.compartment: both`, the results are those of the medial compartment, and their attribute `lateral` has
-    those of the other.
+    the other's.
 
     Args:
         bag: An .mcap file, a .db3 file or a rosbag2 folder; None: the one that `subject` names.
-        params: As for `load_model`. None: those that a recording of this package holds, else the healthy knee.
+        params: As for `load_model`. None: those in a recording of this package, else the healthy knee.
         values: Single parameters, which override all others: `{"contact.damping": 0.0}`.
         subject: A subject file; `params` overrides it.
         output: A recording to write as well.
@@ -129,10 +129,10 @@ def solve_inputs(
 
 
 def check_mappings(values: object, remap: object) -> None:
-    """Refuse arguments `values` and `remap` that are no mappings.
+    """Refuse arguments `values` and `remap` that are not mappings.
 
     Raises:
-        UsageError: one of them is no mapping.
+        UsageError: one of them is not a mapping.
     """
     for name, mapping in (("values", values), ("remap", remap)):
         if mapping is not None and not isinstance(mapping, Mapping):
@@ -147,7 +147,7 @@ def _joined(blocks: Sequence[Rows]) -> Results:
 
 @contextmanager
 def in_python_words() -> Iterator[None]:
-    """Let errors name arguments of Python instead of options of the command; see `in_python`."""
+    """Make errors name arguments of Python instead of options of the command; see `in_python`."""
     try:
         yield
     except UsageError as error:

@@ -47,9 +47,9 @@ from knee_contact_ros.system.errors import UsageError, in_a_line
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded, find_file, read_mapping
 
 SAME_WEIGHT = 0.01
-"""Largest relative difference of body weights that are the same"""
+"""Largest relative difference of body weights that count as equal"""
 BLOCK = 8192
-"""Number of messages in a block: few enough for a few MB, many enough that handling a block costs nothing"""
+"""Number of messages in a block: a few MB, but enough that handling a block costs almost nothing"""
 SOURCE_DAMAGE = "source_damage"
 """Name of the metadata record of an output that lists the damage of the bag it was computed from"""
 MESSAGES_OF_A_TICK = 2
@@ -77,7 +77,7 @@ def solve(
         bag: An .mcap file, a .db3 file or a rosbag2 folder with the inputs.
         basis: Parameters, or the provenance of a recording (`read_provenance`) that is computed again.
         output: The .mcap file to write; None: only the summary is wanted.
-        advance: Called now and then with the number of messages done, and of all messages.
+        advance: Called now and then with the number of finished messages and of all messages.
         overwrite: Replace an existing output, once the new one is complete.
         names: Names of the inputs in the bag.
         compiled: As for `load_model`.
@@ -154,7 +154,7 @@ def recording_of(
 
 
 def recorded(recorder: AnswerWriter | None, pipeline: PairedStreams, answers: Iterable[Answer]) -> Iterator[Answer]:
-    """Record answers as they come, and that the forces are turned from here on; without a recorder pass them on."""
+    """Record answers as they come, and a note when forces are turned; without a recorder pass answers on."""
     for answer in answers:
         if recorder and pipeline.frame.turn_note:
             recorder.note(FORCE_TURNED, pipeline.frame.take_turn_note())
@@ -172,7 +172,7 @@ def finish(recorder: AnswerWriter | None, pipeline: PairedStreams, bag: Path, da
 
 
 def nothing_computed(bag: Path, what: str, pipeline: PairedStreams, damage: Sequence[str]) -> UsageError:
-    """Error that no such `what` came of a bag, with the reasons why samples were refused."""
+    """Error that a bag gave no `what`, with the reasons why samples were refused."""
     reasons = ", ".join(f"{count} x {reason}" for reason, count in pipeline.synchroniser.refused.items())
     why = "; ".join(filter(None, (reasons, pipeline.last_refusal))) or "no angle and force at one time"
     damaged = f"; the bag is damaged: {in_a_line(damage)}" if damage else ""
@@ -188,7 +188,7 @@ def texts_of(basis: Parameters | Provenance) -> Mapping[str, str]:
     """Return the contents of the files that parameters name, by parameter.
 
     Raises:
-        UsageError: a file cannot be read, or a recording does not hold its contents.
+        UsageError: a file cannot be read, or its contents are not in the recording.
     """
     return basis.texts() if isinstance(basis, Provenance) else curve_texts(basis, {})
 
@@ -203,9 +203,9 @@ class Run:
     takers: Sequence[Callable[[Sequence[Rows]], object]]
     """Functions that are called with the rows of answers, an array for each compartment"""
     thread: ThreadPoolExecutor
-    """Thread that writes blocks which were computed at once; when `keep` returns, all is written"""
+    """Thread that writes blocks that were computed at once; when `keep` returns, everything is written"""
     changes: deque[Change]
-    """Resets and changed parameters of the node that made a recording, to be made again at the same ticks"""
+    """Resets and changed parameters of the node that made a recording, to repeat at the same ticks"""
     _writing: Future[None] | None = None
 
     def take(self, block: Batch) -> None:
@@ -215,7 +215,7 @@ class Run:
             self.keep(answer for number, _, data in block for answer in takes[number](data))
 
     def keep(self, answers: Iterable[Answer]) -> None:
-        """Record answers and pass their rows on; make the changes that are due between them."""
+        """Record answers and pass on their rows; make the changes that are due between them."""
         rows = []
         self._wait()
         self._make_changes()
@@ -280,10 +280,10 @@ FEMORAL_SHARE = 9.3014 / 75.16
 def basis_of(
     bag: Path, params: Source | None, values: Mapping[str, Any], person: Subject | None, namespace: str = ""
 ) -> Parameters | Provenance:
-    """Parameters to compute a bag with: the given ones, else those that a recording holds, else the healthy knee.
+    """Parameters to compute a bag with: the given ones, else those in a recording, else the healthy knee.
 
-    `values`, by dotted names, override `params`, and these the subject file of a `person`. Of parameter files, the
-    sections for a node in `namespace` are used.
+    `values`, by dotted names, override `params`, and `params` override the subject file of a `person`. Of parameter
+    files, the sections for a node in `namespace` are used.
 
     Raises:
         UsageError: parameters or the recording cannot be used; see `load_parameters` and `read_provenance`.
@@ -319,7 +319,7 @@ def with_weight(sources: Sequence[Any], weight: float | None, namespace: str = "
 
 
 def weight_doubt(bag: Path, parameters: Parameters | LoadParameters) -> list[str]:
-    """Sentence that a bag was imported with another body weight than that of the parameters; empty list if not."""
+    """Sentence that a bag was imported with another body weight than the parameters have; empty list if not."""
     weight, mass = weight_of(bag), isinstance(parameters, LoadParameters)
     used = parameters.person.mass * GRAVITY if isinstance(parameters, LoadParameters) else parameters.body_weight
     if weight is None or abs(used - weight) <= SAME_WEIGHT * weight:
@@ -352,7 +352,7 @@ class SubjectFile(Section):
 
 
 class Subject:
-    """Subject of a subject file; files that it names lie beside it, or among the package's own."""
+    """Subject of a subject file; the files that it names are in its folder, or among the package's own."""
 
     def __init__(self, path: Path) -> None:
         """Read a subject file.

@@ -1,8 +1,8 @@
 """Many samples through the pipeline at once, offline: the same bytes as one by one, in a tenth of the time.
 
-A block whose messages share their layouts, whose samples are in order, and none of which is to be refused, is decoded,
-paired, computed and written as columns of numbers. Any other block is computed sample by sample, and the next block is
-tried again. `Synchroniser.is_steady` and `go_on` hand over the samples that wait between two blocks.
+A block is decoded, paired, computed and written as columns of numbers if its messages share their layouts, its samples
+are in order, and none must be refused. Any other block is computed sample by sample, and the next block is tried again.
+`Synchroniser.is_steady` and `go_on` hand over the samples that wait between two blocks.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ their places in the order of the recording"""
 
 
 class _Received(NamedTuple):
-    """The messages of a block, behind those that were waiting already."""
+    """The messages of a block, after those that were already waiting."""
 
     states: Column
     forces: Column
@@ -59,7 +59,7 @@ class _Samples(NamedTuple):
 
     states: Block
     stamps: Stamps
-    """Stamps [ns] of the angles, less `pairing.angle_delay`"""
+    """Stamps [ns] of the angles, minus `pairing.angle_delay`"""
     angles: Floats
     """Flexion angles [rad] without the offset"""
     heights: Floats | None
@@ -103,7 +103,7 @@ def take(pipeline: ContactStream, states: Column, forces: Column, numbers: Numbe
 
 
 def _apart(pairs: Synchroniser, samples: _Samples, numbers: Numbers, max_gap: int) -> bool:
-    """Whether stamps lie apart from the other stream's last one by more than `max_gap` [ns]; see `Synchroniser`."""
+    """Whether stamps differ from the other stream's last one by more than `max_gap` [ns]; see `Synchroniser`."""
     loads, (states, forces) = numbers == 1, (samples.states.stamps, samples.wrenches.stamps)
     stamps, count = np.empty(len(numbers), np.int64), int(np.count_nonzero(loads))
     stamps[loads], stamps[~loads] = forces[len(forces) - count :], states[len(states) - len(loads) + count :]
@@ -115,7 +115,7 @@ def _apart(pairs: Synchroniser, samples: _Samples, numbers: Numbers, max_gap: in
 
 
 def _with_held(before: Synchroniser, states: Column, forces: Column) -> tuple[_Received, Fresh]:
-    """Put the messages of a block behind those that wait; say which of the angles are still to be recorded."""
+    """Put the messages of a block after waiting ones; return which of the angles must still be recorded."""
     held = {angle.stamp: angle.data for angle in (*before.fresh, *before.angles)}
     untaken = {angle.stamp for angle in before.fresh}
     block = _Received(
@@ -132,7 +132,7 @@ def _steps(time: Timeline[Any], stamps: Stamps) -> Stamps:
 
 
 def _samples(block: _Received, pipeline: ContactStream) -> _Samples | None:
-    """Decode a block into columns of samples; None if a sample would be refused, or has to be treated alone."""
+    """Decode a block into columns of samples; None if a sample would be refused, or must be treated alone."""
     decoded, wrenches = decode_all(JOINT_STATE, block.states), decode_all(WRENCH, block.forces)
     if decoded is None or wrenches is None or not pipeline.frame.goes_on(wrenches.shape[0]):
         return None

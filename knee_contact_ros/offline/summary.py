@@ -66,11 +66,11 @@ class Summary:
     flagged: Counter[str] = field(default_factory=Counter)
     """Number of ticks by the name of a status bit that they have"""
     ticks_flagged: int = 0
-    """Number of ticks that have any"""
+    """Number of ticks with any status bit"""
     refused: Counter[str] = field(default_factory=Counter)
     """Number of refused samples by reason"""
     unanswered: str = ""
-    """Sentence that many forces have no answer, and why; empty if they have"""
+    """Sentence that many forces have no answer, and why; empty otherwise"""
     publishers: list[str] = field(default_factory=list)
     """Sentences about publishers of one input that disagree"""
     damage: list[str] = field(default_factory=list)
@@ -80,9 +80,9 @@ class Summary:
     evaluations: int = 0
     """Number of contact-law evaluations"""
     largest_error: float = 0.0
-    """Largest estimated error of the depth [m]; infinite if one is not a number"""
+    """Largest estimated error of the depth [m]; infinite if one is NaN"""
     largest_force_error: float = 0.0
-    """Largest estimated error of the contact force [N]; infinite if one is not a number"""
+    """Largest estimated error of the contact force [N]; infinite if one is NaN"""
     first_stamp: int = 0
     """Stamp [ns] of the first tick"""
     last_stamp: int = 0
@@ -90,7 +90,7 @@ class Summary:
     peaks: dict[str, Moment] = field(default_factory=dict)
     """Moments of the largest values of `PEAKS` by field"""
     split: Split | None = None
-    """Share of the load that the medial compartment gets, where it varies"""
+    """Share of the load on the medial compartment, if it varies"""
     lateral: Summary | None = None
     """Summary of the lateral compartment, where there are two"""
     load_peaks: list[Moment] = field(default_factory=list)
@@ -183,7 +183,7 @@ class Summary:
 
 
 def bound(errors: float | NDArray[np.float64]) -> float:
-    """Return the largest of estimated errors, at least one; infinite if one is not a number."""
+    """Return the largest of estimated errors, at least one; infinite if one is NaN."""
     return float(np.nan_to_num(errors, nan=np.inf, posinf=np.inf).max())
 
 

@@ -1,6 +1,6 @@
 """Builds models from parameters: the only place where names become laws, surfaces, mechanisms and load rules.
 
-Implausible parameters are not refused, as somebody may model a rat; `parameter_doubts` describes them.
+Implausible parameters are not refused, as the user may model a rat; `parameter_doubts` describes them.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ MM = 1e3
 GAIT = tuple(math.radians(degrees) for degrees in range(0, 61, 5))
 """Flexion angles of gait [rad]"""
 PLATEAU = 0.045
-"""Largest distance [m] of a contact from the tibia's origin along x: half a plateau's length is some 25 mm"""
+"""Largest distance [m] of a contact from the tibia's origin along x: half a plateau's length is about 25 mm"""
 
 
 def load_model(
@@ -52,15 +52,15 @@ def load_model(
     """Build the model that a parameter file (or several, or mappings) describes. Needs no ROS.
 
     Without an argument it is the healthy knee. Names have the same meaning as on the command line: a file as given or
-    one of the package's own, as `"osteoarthritis"`. Of several, the later one wins:
+    one of the package's own, like `"osteoarthritis"`. Later ones override earlier ones:
     `["osteoarthritis", "mri_femur", {"femur.mass": 8.0}]`.
 
-    The compiled model computes the same bits some hundred times faster. It is compiled once, for every kind of knee, in
-    some 7 s, and kept: then it takes half a second to load. Without `compiled` the model uses it for a run where that
-    is faster altogether, and for a stream where it is kept; with `compiled` True always, with False never. Where Numba
-    cannot be used, a warning says so once, and the plain model computes.
+    The compiled model computes the same bits about a hundred times faster. It is compiled once for every kind of knee,
+    in about 7 s, and kept; after that it loads in half a second. By default a run uses it if that is faster in total,
+    and a stream uses it if it is already kept. `compiled` True means always, False never. If Numba cannot be used, a
+    warning says so once, and the plain model computes.
 
-    `curves` has the contents of files that parameters name, by parameter, in place of the files. Implausible parameters
+    `curves` has the contents of files that parameters name, by parameter, instead of the files. Implausible parameters
     (a stiffness or a body weight that must be in other units) cause a warning.
 
     Raises:
@@ -78,10 +78,9 @@ def load_model(
 def build_model(
     parameters: Parameters, *, curves: Mapping[str, str] | None = None, pair: ContactPair | None = None
 ) -> KneeModel:
-    """Build a model from parameters, which is not compiled, and without warnings.
+    """Build a model from parameters, not compiled, and without warnings.
 
-    `curves` has the contents of all files that are needed, by parameter; with it no file is opened. With `pair` no
-    surface is made.
+    `curves` has the contents of all needed files, by parameter; then no file is opened. With `pair` no surface is made.
 
     Raises:
         UsageError: a file cannot be read, or a profile, a table or the contact law cannot be used.
@@ -92,7 +91,7 @@ def build_model(
 
 
 def retuned(model: KneeModel, parameters: Parameters) -> KneeModel:
-    """Copy of a model with the numbers of other parameters; surfaces, mechanism and drive stay.
+    """Copy of a model with the numbers of other parameters; surfaces, mechanism and drive are kept.
 
     Raises:
         UsageError: the contact law cannot be used.
@@ -114,7 +113,7 @@ def contact_law(contact: ContactParameters) -> ContactLaw:
     """Contact law by its name, with the parameters that are the arguments of its factory.
 
     Raises:
-        UsageError: the law breaks what `ContactLaw` asks for.
+        UsageError: the law does not fulfil what `ContactLaw` requires.
     """
     constants = {name: getattr(contact, name) for name in constants_of(contact.law)}
     if contact.stiffness_from == "material":
@@ -139,7 +138,7 @@ def material_stiffness(contact: ContactParameters) -> dict[str, float]:
 def contact_patch(contact: ContactParameters, law: ContactLaw) -> ContactPatch | None:
     """Contact patch from the radii and the cartilage's thickness; None if the radii do not fit each other.
 
-    The cartilage is as thick as the law's first layer; if the law has one layer, as `contact.foundation_thickness`.
+    The thickness is that of the law's first layer; for a law with one layer it is `contact.foundation_thickness`.
     """
     try:
         radius = relative_radius(contact.femoral_radius, contact.tibial_radius)
@@ -210,7 +209,7 @@ def parameter_doubts(parameters: Parameters, model: KneeModel) -> list[str]:
 
 
 def _place_doubt(parameters: Parameters, model: KneeModel) -> str:
-    """Sentence about a femur that leaves the plateau in gait, as one that turns about the hip; empty if it does not."""
+    """Sentence about a femur that leaves the plateau in gait, such as one that turns about the hip; empty if none."""
     pair = model.pair
     places = [pair.mechanism.translation(angle)[0] - pair.femur.support(angle)[1] for angle in GAIT]  # if level
     if max(map(abs, places)) <= PLATEAU:

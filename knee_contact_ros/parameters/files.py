@@ -1,7 +1,7 @@
 """Reads parameters from ROS 2 parameter files and mappings, and the files that parameters name.
 
 The node, the commands and the functions for notebooks read them here in the same way. A source is a parameter file, a
-mapping, or several of these, of which the later one wins.
+mapping, or several of these; later ones override earlier ones.
 """
 
 from __future__ import annotations
@@ -37,14 +37,14 @@ ALLOWED = "a parameter file's name, a mapping of parameters, or a list of these"
 LONGEST_VALUE = 80
 """Largest number of characters of a value that an error shows"""
 STANDARD_PARAMETERS = ("use_sim_time", "start_type_description_service")
-"""Parameters that every ROS 2 node has; QoS overrides (`qos_overrides.…`) come on top."""
+"""Parameters that every ROS 2 node has, besides QoS overrides (`qos_overrides.…`)."""
 LARGEST = 2**20
 """Largest size of a file that a parameter names [B], and of its text [characters]"""
 MOST_POINTS = 2000
 """Largest number of rows of such a file; the curves of this package have 120.
 
-With 2000 points, those of a condyle are 0.05 mm apart. The memory to build a profile grows with the square of their
-number: it is 0.8 GB here.
+With 2000 points, those of a condyle are 0.05 mm apart. The memory for building a profile grows with the square of their
+number; here it is 0.8 GB.
 """
 SHARE_FILE = "load.share_file"
 """Parameter that names the file with a table of shares"""
@@ -52,7 +52,7 @@ SHARE_COLUMNS = ("flexion_angle", "axial_load", "medial_share")
 """Columns of that file, in rad, body weights and 1"""
 Part = NodeSection | Mapping[str, Any] | str | Path
 Source = Part | Sequence[Part]
-"""Source of parameters: a file, a mapping, or several of these, of which the later one wins"""
+"""Source of parameters: a file, a mapping, or several of these; later ones override earlier ones"""
 Columns = tuple[NDArray[np.float64], NDArray[np.float64]]
 P = TypeVar("P", bound=NodeSection)
 
@@ -88,7 +88,7 @@ def all_values(parameters: Section) -> dict[str, Any]:
 
 
 def flat_parameters(parameters: NodeSection) -> dict[str, Any]:
-    """All values by dotted name, without lateral ones that equal the medial ones: in an overlay they follow these."""
+    """All values by dotted name, without lateral ones that equal the medial ones, which they follow in an overlay."""
     values = all_values(parameters)
     return {
         name: value
@@ -109,8 +109,8 @@ def load_parameters(source: Any, schema: Any = Parameters, namespace: str = "") 
     """Read the parameters of a node, by default the contact node, from a source.
 
     A name that is not found in the working folder is looked up among the package's own (`parameter_file`). A mapping
-    may be nested, dotted (`{"contact.damping": 0.0}`) or have a parameter file's full form. Of a file, what a node in
-    `namespace` would take is read (`ros_files.py`).
+    may be nested, dotted (`{"contact.damping": 0.0}`) or have a parameter file's full form. From a file, the values for
+    a node in `namespace` are read (`ros_files.py`).
 
     Raises:
         UsageError: a file cannot be read, or a name is unknown, a type wrong or a value outside its range.
@@ -202,7 +202,7 @@ def check_value(name: str, value: Any) -> None:
     """Check a single value of the contact node, without its relation to other parameters.
 
     Raises:
-        UsageError: the parameter is unknown, or the value is not allowed whatever the others are.
+        UsageError: the parameter is unknown, or the value is never allowed.
     """
     _checked(_nested({name: value}, "", Parameters), "", Parameters, together=False)
 
@@ -330,7 +330,7 @@ def curve_points(by: str, name: str, text: str) -> Columns:
     Those of `translation.table` are flexion_angle [rad], x [m]; those of a profile x, y [m].
 
     Raises:
-        UsageError: not two columns of numbers, too many points, or in other units.
+        UsageError: the text has not two columns of numbers, too many points, or other units.
     """
     is_table = by == "translation.table"
     points = _columns(by, name, text, ("flexion_angle", "x") if is_table else ("x", "y"))
@@ -346,7 +346,7 @@ def read_share_table(name: str, text: str) -> ShareTable:
     every load once, with one line of column names or none.
 
     Raises:
-        UsageError: the text holds anything else, or a value that no knee has; see `ShareTable.of`.
+        UsageError: the text has anything else, or a value that is impossible for a knee; see `ShareTable.of`.
     """
     try:
         return ShareTable.of(_columns(SHARE_FILE, name, text, SHARE_COLUMNS))

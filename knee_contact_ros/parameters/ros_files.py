@@ -36,7 +36,7 @@ SPECIAL = re.compile(r"[+-]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN)")
 LEAST, MOST, LONGEST_INTEGER = -(2**63), 2**63 - 1, 1000
 """Range of an integer, and the largest number of its characters"""
 KEPT = (bool, int, float, str, list, type(None))
-"""Kinds of values: of two files that give a section's name different ones, rcl keeps that which comes first here"""
+"""Kinds of values; if two files give a section's name different kinds, rcl keeps the one that comes first here"""
 TOKEN = re.compile(r"\*{1,2}|[A-Za-z_][A-Za-z0-9_]*")
 TOKENS = {"**": r"(?:/\w+)*", "*": r"/\w+"}
 """Regular expressions of wildcards in names of nodes: any number of names, and one"""
@@ -86,10 +86,10 @@ def _content(event: Any, more: Iterator[Any]) -> Any:
 
 
 def read_sections(path: Path, known: Sections | None = None) -> Sections:
-    """Sections of a parameter file, behind those `known` of files before; a file without node names is one of `/**`.
+    """Sections of a parameter file, after those `known` from earlier files; a file without node names is for `/**`.
 
     Raises:
-        UsageError: it cannot be read, or is no parameter file.
+        UsageError: it cannot be read, or is not a parameter file.
     """
     try:
         text = read_regular(path, LARGEST).decode("utf-8")
@@ -114,7 +114,7 @@ def contents(text: str) -> list[Any]:
     """Contents of the documents of a YAML text.
 
     Raises:
-        UsageError: it is no YAML, or nested too deep.
+        UsageError: it is not YAML, or nested too deep.
     """
     try:
         if opened(text) > DEEPEST:
@@ -132,7 +132,7 @@ def as_sections(mapping: Mapping[str, Any]) -> Sections | None:
     """Sections of a mapping that has the form of a parameter file; None if it names no nodes.
 
     Raises:
-        UsageError: what it has for a node are no parameters.
+        UsageError: its content for a node is not parameters.
     """
     if not _has_nodes(mapping):
         return None
@@ -205,7 +205,7 @@ def parameters_of(rules: Iterable[str]) -> dict[str, Any]:
     """Parameters given as `-p NAME:=VALUE`, by name; values are read as in a parameter file.
 
     Raises:
-        UsageError: a side of a rule is missing, or a value is no YAML.
+        UsageError: a side of a rule is missing, or a value is not YAML.
     """
     values = {}
     for rule in rules:

@@ -37,7 +37,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class Rule(AfterValidator):
-    """Rule for the values of a parameter, which pydantic checks after their type."""
+    """Rule for the values of a parameter; pydantic checks it after the type."""
 
     words: str
     """What is allowed"""
@@ -74,7 +74,7 @@ class Declaration(NamedTuple):
     most: float
     """Largest number, itself allowed unless `words` say otherwise; inf if there is none, or for a text"""
     words: str
-    """Limits that the numbers do not show: a list, an open end, a gap; empty if there are none"""
+    """Limits beyond these numbers: a list, an open end, a gap; empty if there are none"""
 
     @property
     def unit(self) -> str:
@@ -241,7 +241,7 @@ def _level_of_today(level: object) -> object:
 
 @functools.cache
 def _instead_of_first_order() -> str:
-    """Return the level in place of `FIRST_ORDER`, and say so once."""
+    """Return the level that replaces `FIRST_ORDER`, and say so once."""
     _log.warning(
         "fidelity.level: %s no longer exists; dynamic is used instead, which is faster and more accurate", FIRST_ORDER
     )

@@ -1,4 +1,4 @@
-"""Where an input comes from: a topic, and, if its messages are of another type, the fields that hold the numbers."""
+"""Where an input comes from: a topic and, if its messages are of another type, the fields with the numbers."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ UNITS = {
     JOINT_STATE: {"rad": 1.0, "deg": math.pi / 180.0, "mrad": 1e-3, "rev": 2.0 * math.pi, "m": 1.0, "mm": 1e-3},
     WRENCH_STAMPED: {"N": 1.0, "kN": 1e3, "kgf": 9.80665, "lbf": 4.4482216152605, "Nm": 1.0, "Nmm": 1e-3},
 }
-"""Factors that turn the unit of a field into rad, m, N or N m, by the type that an input is turned into"""
+"""Factors from the unit of a field to rad, m, N or N m, by the type to which an input is converted"""
 DYNAMIC_JOINT_STATES, DYNAMIC_JOINT_STATE = "dynamic_joint_states", "control_msgs/msg/DynamicJointState"
 """Joint states of ros2_control: name of the topic, and its type"""
 ON_ARRIVAL = "on arrival"
-"""Words behind a source whose messages have no stamp, or a wrong one: they get the time of their arrival"""
+"""Words after a source whose messages have no stamp, or a wrong one; they get the time of their arrival"""
 FORM = f"TOPIC, or TOPIC TYPE FIELD [UNIT], such as /encoder exo_msgs/Joint knee.angle deg; then perhaps {ON_ARRIVAL}"
 """Form of the text of a source"""
 SOURCE = re.compile(rf"([~/\w*]+)(?:[:,]?\s+(\w+(?:/msg)?/\w+)[:,]?\s+(\S.*?))??(\s+{ON_ARRIVAL})?")
@@ -34,14 +34,14 @@ class Field(NamedTuple):
 
 
 class Source(NamedTuple):
-    """Topic of an input, and what its messages are."""
+    """Topic of an input, and the form of its messages."""
 
     topic: str
-    """Name of the topic; `*` in it stands for any text"""
+    """Name of the topic; `*` matches any text"""
     type: str
-    """Full name of the type, as `geometry_msgs/msg/Vector3Stamped`"""
+    """Full name of the type, like `geometry_msgs/msg/Vector3Stamped`"""
     fields: tuple[Field, ...]
-    """Fields that hold the numbers; none if the message is of the input's own type"""
+    """Fields with the numbers; none if the message is of the input's own type"""
     on_arrival: bool
     """Whether messages are stamped with the time of their arrival"""
 
