@@ -175,10 +175,13 @@ def test_what_is_paired(name: str) -> None:
     assert synchroniser.refused == refused
 
 
-def test_heights_are_interpolated_as_the_angles_are() -> None:
-    low, high = (angle(stamp, 1.0)._replace(height=height) for stamp, height in ((10, 0.03), (20, 0.04)))
-    (between,) = feed(Synchroniser(Pairing()), [low, load(13), high])
+def test_heights_and_all_that_is_known_of_a_leg_are_interpolated_as_the_angles_are() -> None:
+    ends = [
+        angle(at, 1.0)._replace(height=h, others=others) for at, h, *others in ((10, 0.03, 1, 5), (20, 0.04, 2, -5))
+    ]
+    (between,) = feed(Synchroniser(Pairing()), [ends[0], load(13), ends[1]])
     assert between.height == pytest.approx(0.033, abs=1e-17)
+    assert between.others == pytest.approx((1.3, 2.0), abs=1e-15)
 
 
 @given(st.integers(0, 10**9))

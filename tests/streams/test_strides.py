@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
@@ -12,13 +13,29 @@ from knee_contact_ros.streams.strides import (
     Stride,
     Strides,
     sliding_distance,
+    spans,
     strides_of,
 )
 from tests.helpers.scenes import RADIUS, law, model
 from tests.streams.test_gait_events import BODY_WEIGHT, STRIDE, walking
 
 SECOND = 1_000_000_000
-START = 1_700_000_000 * SECOND
+
+
+@pytest.mark.parametrize(
+    ("strikes", "toe_offs", "found"),
+    [
+        ((1.0, 2.2, 3.4), (1.7, 2.9), [(1.0, 2.2), (2.2, 3.4)]),
+        ((1.0, 2.2, 3.4), (1.7,), [(1.0, 2.2)]),  # no toe-off in the second one
+        ((1.0, 2.4), (1.7, 2.2), []),  # a heel strike was missed
+        ((1.0, 4.0), (1.7,), []),  # stood still
+        ((1.0, 1.3), (1.2,), []),
+        ((1.0,), (1.7,), []),
+    ],
+)
+def test_a_stride_has_one_toe_off_and_a_plausible_duration(strikes: Any, toe_offs: Any, found: Any) -> None:
+    stamps = [[round(SECOND * time) for time in times] for times in (strikes, toe_offs)]
+    assert [(span.start / SECOND, span.end / SECOND) for span in spans(*stamps)] == found
 
 
 def test_the_distance_is_the_integral_of_the_speed() -> None:
