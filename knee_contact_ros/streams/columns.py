@@ -195,13 +195,8 @@ PRESENT = MessageDefinition(MessageDefinitionFormat.NONE, "")
 """Placeholder for the definition that this package writes"""
 
 
-class Place(NamedTuple):
-    """A number among the fields of a message."""
-
-    name: str
-    """Name of the number: `contact_point_x` for x of the field `contact_point`"""
-    kind: str
-    """Type of the number, one of `FIXED`"""
+Place = tuple[str, str]
+"""A number among the fields of a message: its name (`contact_point_x` for x of `contact_point`) and type, of `FIXED`"""
 
 
 def decode_answers(messages: Sequence[bytes], message_definition: MessageDefinition) -> Rows:
@@ -249,7 +244,7 @@ def places_of(message_definition: MessageDefinition) -> tuple[tuple[Place, ...],
             whole = False
             break
         places.append(place)
-    missing = set(TOLD) - ADDED - {place.name for place in places}
+    missing = set(TOLD) - ADDED - {name for name, _ in places}
     if missing:
         raise ValueError(f"{TYPE} has no {', '.join(sorted(missing))}")
     return tuple(places), whole
@@ -278,7 +273,7 @@ def _flat(types: Any, fields: Any, before: str) -> Iterator[Place | None]:
         if kind is Nodetype.NAME and detail in types:
             yield from _flat(types, types[detail][1], f"{before}{name}_")
         elif kind is Nodetype.BASE and detail[0] in (*FIXED, *BYTES):
-            yield Place(before + name, detail[0] if detail[0] in FIXED else "uint8")
+            yield before + name, detail[0] if detail[0] in FIXED else "uint8"
         else:
             yield None
 

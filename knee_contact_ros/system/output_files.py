@@ -208,11 +208,9 @@ def take_name(partial: Path, path: Path, overwrite: bool) -> Path:
         partial.replace(path)
         return path
     for name in itertools.chain([path], later_names(path)):
-        try:
+        with suppress(FileExistsError):
             rename_new(partial, name)
-        except FileExistsError:
-            continue
-        return name
+            return name
     raise AssertionError("names have no end")
 
 

@@ -136,15 +136,12 @@ def reap(process: Process) -> int:
 def end(process: Process, patience: float) -> None:
     """Terminate a process that still runs; kill it after `patience` [s], or if the waiting is interrupted."""
     try:
-        if process.poll() is None:
-            process.terminate()
+        with suppress(subprocess.TimeoutExpired):
+            process.terminate()  # which does nothing to one that has ended
             process.wait(patience)
-    except subprocess.TimeoutExpired:
-        pass
     finally:
-        if process.poll() is None:
-            process.kill()
-            process.wait()
+        process.kill()
+        process.wait()
 
 
 @contextmanager

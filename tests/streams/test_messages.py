@@ -216,3 +216,10 @@ def test_a_stamp_that_no_message_can_hold_is_refused(stamp: int) -> None:
     ):
         with pytest.raises(ValueError, match=f"{stamp} ns is beyond"):
             encode()
+
+
+def test_nanoseconds_of_more_than_a_second_are_read_and_carried_over() -> None:
+    data = bytearray(coding.WRENCH.encode(WRENCH))
+    data[4:12] = struct.pack("<iI", -3, 2**32 - 1)
+    read = WRENCH._replace(stamp=-3 * SECOND + 2**32 - 1)
+    assert coding.WRENCH.decode(data) == (read, coding.WRENCH.encode(read))

@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 
 from knee_contact_ros.joint_reaction.leg import Joints
+from knee_contact_ros.parameters.build import load_rule
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import GroundForce, Knee, LoadParameters
 from knee_contact_ros.streams.contact_stream import angle_sample, load_sample
@@ -47,6 +48,10 @@ def height(message: JointState) -> Any:
 
 def assisted(message: JointState) -> Any:
     return leg(ASSISTED, message)
+
+
+def by_moment(message: WrenchStamped) -> Any:
+    return load_sample(message, load_rule(load_parameters({"load.compartment": "moment_balance"}), {}))
 
 
 def vertical(message: WrenchStamped) -> Any:
@@ -112,6 +117,8 @@ REFUSED: list[tuple[Callable[[Any], Any], Any, str, str]] = [
     (height, state(knee=0.2, knee_height=34.0), "out_of_range", "34 m, beyond 10"),
     *((load_sample, force(-1.0, stamp=stamp), "bad_stamp", "stamp") for stamp in (-1, 2**31 * 10**9)),
     *((knee, state(knee=1.0)._replace(stamp=stamp), "bad_stamp", "stamp") for stamp in (-1, 2**31 * 10**9)),
+    (by_moment, force(-10.0, torque=(1e9, 0.0, 0.0)), "out_of_range", "makes a load of"),
+    (by_moment, force(-10.0, torque=(math.nan, 0.0, 0.0)), "not_finite", "torque.x is nan"),
     (assisted, state(knee=0.1, ankle=0.2), "joint_missing", "no joint 'hip'; it has knee, ankle"),
     (assisted, state(hip=0.1, ankle=0.1, knee=0.1)._replace(position=(0.1, 0.1)), "lengths_differ", "2 values"),
     (assisted, state(**POSE), "joint_missing", "gives no effort for joint 'knee'"),
