@@ -15,6 +15,7 @@ from tempfile import TemporaryDirectory
 from typing import TypeVar
 
 import numpy as np
+import psutil
 import pytest
 from numpy.typing import NDArray
 from PIL import Image
@@ -137,6 +138,35 @@ def wait_for(condition: Callable[[], T | None], what: str) -> T:
             return found
         time.sleep(PAUSE)
     pytest.fail(f"waited {PATIENCE:g} s in vain for {what}")
+
+
+def shown_to(state: ViewerState) -> int:
+    """The newest stamp [ns] that a viewer has."""
+    return max((line.end for recording in state.recordings for line in recording.timelines), default=-1)
+
+
+@contextmanager
+def window_of(process: psutil.Process, newest: int) -> Iterator[psutil.Process]:
+    """The viewer that a process has opened, once it has this stamp [ns]; it is gone afterwards."""
+
+    def started() -> psutil.Process | None:
+        return next((child for child in process.children(recursive=True) if child.name() == "rerun"), None)
+
+    viewer = wait_for(started, "the viewer to start")
+
+    def shows() -> bool:
+        places = [one.laddr for one in viewer.net_connections("tcp") if one.status == psutil.CONN_LISTEN]
+        with suppress(IndexError, RuntimeError, ConnectionError, ValueError):
+            address = f"rerun+http://{places[0].ip}:{places[0].port}/proxy"
+            return shown_to(ViewerClient.connect(address).get_state()) >= newest
+        return False
+
+    try:
+        wait_for(shows, "the window to have all")
+        yield viewer
+    finally:
+        with suppress(psutil.NoSuchProcess):
+            viewer.kill()
 
 
 def pixels_of(picture: NDArray[np.uint8], colour: tuple[int, int, int], within: int = 12) -> int:

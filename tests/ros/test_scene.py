@@ -4,18 +4,15 @@ from __future__ import annotations
 
 import signal
 import time
-from contextlib import suppress
 from ipaddress import ip_address
 
 import psutil
 import pytest
 
 pytest.importorskip("rerun", reason="needs the extra viewer")
-from rerun.experimental import ViewerClient, ViewerState
-
 from knee_contact_ros.system.processes import free_port
 from knee_contact_ros.view.layout import DETAILS, SOLVER
-from tests.helpers.viewer import rendered, wait_for
+from tests.helpers.viewer import rendered, shown_to, wait_for, window_of
 from tests.ros.conftest import Peer, Start
 from tests.ros.test_outputs import children, walk
 
@@ -25,11 +22,6 @@ VIEWER = "knee_contact: viewer"
 
 def address(port: int) -> str:
     return f"rerun+http://{LOOPBACK}:{port}/proxy"
-
-
-def shown_to(state: ViewerState) -> int:
-    """The newest stamp [ns] that a viewer has."""
-    return max((line.end for recording in state.recordings for line in recording.timelines), default=-1)
 
 
 def listeners(process: psutil.Process) -> set[str]:
@@ -87,27 +79,10 @@ def test_a_window_is_opened_and_may_be_ended(peer: Peer, start_node: Start, hidd
     node = start_node("-p", "rerun.mode:=spawn", "-p", f"rerun.port:={port}")
     peer.wait_for_node()
     walk(peer, 0, 100)
-
-    def window() -> psutil.Process | None:
-        return next((child for child in children(node) if child.name() == "rerun"), None)
-
-    viewer = wait_for(window, "the viewer to start")
-    try:
-
-        def state() -> ViewerState | None:
-            places = [one.laddr for one in viewer.net_connections("tcp") if one.status == psutil.CONN_LISTEN]
-            try:
-                return ViewerClient.connect(f"rerun+http://{places[0].ip}:{places[0].port}/proxy").get_state()
-            except (IndexError, RuntimeError, ConnectionError, ValueError):
-                return None
-
-        wait_for(lambda: (found := state()) and shown_to(found) >= 99 * 5_000_000, "the window to have all")
+    with window_of(psutil.Process(node.process.pid), 99 * 5_000_000) as viewer:
         assert listeners(psutil.Process(node.process.pid)) == {LOOPBACK}
         viewer.terminate()
         viewer.wait(30.0)
-    finally:
-        with suppress(psutil.NoSuchProcess):
-            viewer.kill()
     walk(peer, 100, 100)
     time.sleep(2.0)  # the server looks once a second
     said = node.stop()

@@ -22,7 +22,6 @@ import pytest
 
 pytest.importorskip("rerun", reason="needs the extra viewer")
 
-from rerun.experimental import ViewerClient
 
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, change_record, provenance_record
 from knee_contact_ros.bags.reader import BagReader
@@ -38,7 +37,7 @@ from knee_contact_ros.view.layout import CONTACT_POINT, DETAILS, KNEE, SOLVER
 from knee_contact_ros.view.output import open_output
 from knee_contact_ros.view.viewer import NOT_INSTALLED, executable
 from tests.helpers.processes import NO_BYTECODE, has_ended
-from tests.helpers.viewer import pixels_of, rendered, wait_for
+from tests.helpers.viewer import pixels_of, rendered, wait_for, window_of
 from tests.view.scenes import answers_of, column, entities, lists, texts_of
 
 pytestmark = pytest.mark.xdist_group("the scene")  # what is drawn once is read by several
@@ -222,22 +221,9 @@ def test_browsers_are_served_until_ctrl_c(osteoarthritic: Path, capsys: pytest.C
 
 
 def test_a_window_opens_and_a_signal_closes_it(osteoarthritic: Path, hidden_screen: None) -> None:
-    with viewing(str(osteoarthritic)) as process:
-
-        def window() -> psutil.Process | None:
-            return next((child for child in psutil.Process(process.pid).children() if child.name() == "rerun"), None)
-
-        viewer = wait_for(window, "the viewer to start")
-
-        def newest() -> int:
-            listening = [one.laddr for one in viewer.net_connections("tcp") if one.status == psutil.CONN_LISTEN]
-            with suppress(IndexError, RuntimeError, ConnectionError, ValueError):
-                assert all(place.ip == "127.0.0.1" for place in listening)
-                state = ViewerClient.connect(f"rerun+http://{listening[0].ip}:{listening[0].port}/proxy").get_state()
-                return max((line.end for recording in state.recordings for line in recording.timelines), default=0)
-            return 0
-
-        wait_for(lambda: newest() == 2_460_000_000, "the recording to be seen")
+    with viewing(str(osteoarthritic)) as process, window_of(psutil.Process(process.pid), 2_460_000_000) as viewer:
+        listening = [one.laddr.ip for one in viewer.net_connections("tcp") if one.status == psutil.CONN_LISTEN]
+        assert {*listening} == {"127.0.0.1"}
         folder = Path(viewer.cmdline()[-1]).parent
         assert folder.is_dir()
         os.kill(process.pid, signal.SIGTERM)
