@@ -1,10 +1,9 @@
 """`knee-contact demo`: the real nodes in processes of their own, fed over real topics in a private ROS graph.
 
-As a rule a recorded joint reaction is played to the contact node; with parameters of the load node (`--from-sensors`) a
-leg's sensors are played to that node before it. The example of an assist controller can listen as a companion in a
-further process. With sensors it closes the loop: the torque that it commands is the `effort` in the joint states that
-are played, the load node subtracts it from the net moment, and load and contact, to which the companion listens,
-follow.
+Usually a recorded joint reaction is played to the contact node. With parameters of the load node (`--from-sensors`) a
+leg's sensors are played to that node before it. The example of an assist controller can listen as a companion in its
+own process. With sensors it closes the loop: its torque is the `effort` in the played joint states, the load node
+subtracts it from the net moment, and load and contact, to which the companion listens, change.
 
 The results appear under their names when all is done; an interrupted demo leaves nothing behind.
 """
@@ -65,11 +64,11 @@ BAG, RECORDED = "gait2354_right_sensors", "gait2354_right"
 LOAD_FILE = "load/gait2354.yaml"
 """Parameter file of the load node for `BAG`"""
 FORCE_LIMIT = 700.0
-"""Contact force [N] above which the companion lowers its torque beside sensors; its default is above what they reach"""
+"""Contact force [N] above which the companion lowers its torque with sensors, which never reach its default"""
 NODE_START = 300.0
 """Time [s] that the nodes may take to appear; they may have to compile first"""
 POLL_PERIOD = 0.05
-"""Time [s] between two looks at files that are being completed"""
+"""Time [s] between two checks of files that are being completed"""
 LAST_ANSWERS = 3.0
 """Time [s] to wait for further answers after the last one"""
 RECORDING = Path("recording") / "recording_0.mcap"
@@ -283,7 +282,7 @@ def node_process(
     files: list[Path], work: Path, patience: float = PATIENCE, values: Mapping[str, Any] | None = None,
     load: bool = False,
 ) -> Iterator[Child]:  # fmt: skip
-    """Run the contact node, or the `load` node, in a process of its own, with parameter files and further `values`.
+    """Run the contact node, or the `load` node, in its own process, with parameter files and further `values`.
 
     It records in `work`, and the contact node also draws there if Rerun is installed; for `patience` [s] see
     `child_process`.

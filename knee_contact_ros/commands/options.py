@@ -127,7 +127,7 @@ class Given(NamedTuple):
         """Read the values, by the names of the parameters.
 
         Raises:
-            UsageError: one of them is no value; see `parameters_of`.
+            UsageError: one of them is not a value; see `parameters_of`.
         """
         from knee_contact_ros.parameters.ros_files import parameters_of
 
@@ -144,7 +144,7 @@ class InBag(NamedTuple):
         """Return the names of the `inputs` in the bag, by default those of the contact node.
 
         Raises:
-            UsageError: a rule is none; see `names_in_bag`.
+            UsageError: a rule is malformed; see `names_in_bag`.
         """
         from knee_contact_ros.bags.reader import names_in_bag
 

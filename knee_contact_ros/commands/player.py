@@ -1,8 +1,8 @@
 """Gives the messages of a bag when they are due, obeys keys, and measures how late each was. Needs no ROS.
 
-For keys the terminal is put into cbreak mode: they come at once and without echo, Ctrl-C and Ctrl-Z keep their meaning.
-It is in this mode only while this process is in the foreground, and is restored before Ctrl-Z stops the process and at
-the end, whatever happens.
+The terminal is put into cbreak mode, in which keys come immediately and without echo, and Ctrl-C and Ctrl-Z keep their
+meaning. It is in this mode only while this process is in the foreground. It is always restored at the end, and before
+Ctrl-Z stops the process.
 """
 
 from __future__ import annotations
@@ -146,9 +146,9 @@ RATE_STEP = 1.1
 MARGIN = 1e-4
 """Time [s] that a sleep may take too long; the rest of the time to a message is waited for in a loop"""
 LONGEST_WAIT = 1.0
-"""Longest wait [s] at once"""
+"""Longest single wait [s]"""
 LOOK_PERIOD = 0.05
-"""Time [s] after which keys are looked for although messages are due all the time"""
+"""Time [s] after which keys are checked even if messages are always due"""
 LONGEST_PAUSE = 600 * NANOSECONDS
 """Longest pause [ns] that is waited for"""
 JITTER = 1_000_000

@@ -48,7 +48,7 @@ class Timing(NamedTuple):
     clock: float | None = None
     """Rate [Hz] at which /clock is published; 0: with every message; None: not at all"""
     wait: float = 10.0
-    """Longest wait [s] for a subscriber of every topic; then messages are published all the same"""
+    """Longest wait [s] for a subscriber of every topic; then messages are published anyway"""
     start_offset: float = 0.0
     """Time [s] to leave out at the beginning of the bag"""
     duration: float | None = None

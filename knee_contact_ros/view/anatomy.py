@@ -4,8 +4,8 @@ All lengths are in metres; x is anterior, y superior. A polygon is an array of s
 first. `drawing_of` gives what a viewer's process needs of a model, `picture_of` the polygons of a tick.
 
 The outer edges of the cartilage, which touch, are the surfaces of the model, up to the resolution of the drawn lines.
-All else is made up for the drawing: the shafts, their joins to the surfaces, and the cartilage's thickness unless the
-contact law gives one (`Anatomy.thickness`).
+Everything else is only drawn: the shafts, their joins to the surfaces, and the cartilage's thickness unless the contact
+law gives one (`Anatomy.thickness`).
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ SURFACE_POINTS = 121
 JOIN_POINTS = 24
 """Number of points from the end of a surface to the shaft"""
 TAPER = 0.12
-"""Part of a surface, at each end, over which its cartilage thins out"""
+"""Fraction of a surface, at each end, over which its cartilage thins out"""
 UNCOVERED = math.radians(42.0)
 """Angle [rad] to each side of the shaft that is cut out of a closed femoral outline"""
 SHAFT_BEGIN, SHAFT_WIDTH, SHAFT_RISE, SHAFT_LENGTH = 0.10, 0.50, 0.28, 1.05
@@ -39,18 +39,18 @@ SHAFT_BEGIN, SHAFT_WIDTH, SHAFT_RISE, SHAFT_LENGTH = 0.10, 0.50, 0.28, 1.05
 posterior end to the shaft, width, height of the shaft's beginning above that end, and of its end above the reference
 point"""
 PLATEAU = 0.45
-"""Half the length of the drawn plateau, in extents of the condyle; at most what was measured of it"""
+"""Half the length of the drawn plateau, in extents of the condyle; at most its measured length"""
 PLATEAU_MARGIN = 0.012
-"""Least distance [m] that the plateau is drawn beyond the contact of a walking knee"""
+"""Smallest distance [m] by which the plateau is drawn beyond the contact of a walking knee"""
 TIBIA_WIDTH, TIBIA_DROP, TIBIA_DEPTH, TIBIA_LEAN = 0.62, 0.34, 0.60, 2.5
 """Dimensions of the tibial shaft, in widths of the plateau: width, and depth of its beginning and end below it; and the
 `lean` of its joins"""
 PLATEAU_REACH = 0.04
-"""Half the length [m] of the tibial surface that overlaps and markers are made of"""
+"""Half the length [m] of the tibial surface for overlaps and markers"""
 NEWTONS_PER_MM = 50.0
 """Scale of the force arrow [N/mm]"""
 WALKING = np.radians(np.arange(0.0, 81.0, 5.0))
-"""Flexion angles [rad] of a walking knee at which its contact is looked for"""
+"""Flexion angles [rad] of a walking knee at which its contact is computed"""
 SHALLOW = 1e-6
 """Depth [m] in the first layer of every law"""
 STILL = 1e-5
@@ -77,11 +77,11 @@ class Anatomy(NamedTuple):
     """Thickness [m] of each cartilage except at its ends: half of the law's thickness of both together, so that the
     bones touch where the law says so; or `DRAWN_THICKNESS`"""
     thickness_is_drawn: bool
-    """Whether the law gives no thickness, so that it is one of the drawing only"""
+    """Whether the law gives no thickness, so that it is only drawn"""
 
 
 class KneeOutlines(NamedTuple):
-    """Parts of a knee's scene that do not change, as numbers: the process of a viewer needs no model."""
+    """Constant parts of a knee's scene as numbers, so that a viewer's process needs no model."""
 
     knee: str
     """Name of the knee or the compartment"""
@@ -100,9 +100,9 @@ class KneeOutlines(NamedTuple):
     law: ContactLaw
     """Contact law, for pressure and patch"""
     patch: ContactPatch | None
-    """Contact patch from which pressure is computed; None: not known"""
+    """Contact patch from which pressure is computed; None: unknown"""
     height_prescribed: bool
-    """Whether the femoral height drives the model, and not a load"""
+    """Whether the femoral height drives the model instead of a load"""
 
     @property
     def has_bone(self) -> bool:
@@ -111,7 +111,7 @@ class KneeOutlines(NamedTuple):
 
     @property
     def rings(self) -> bool:
-        """Whether nothing damps the first layer of the contact law, so that force and depth ripple."""
+        """Whether the first layer of the contact law has no damping, so that force and depth ripple."""
         return self.law.force_at(SHALLOW, 0.0, impact_speed=1.0)[2] == 0.0
 
     @property
@@ -172,7 +172,7 @@ def drawing_of(model: KneeModel, knee: str, body_weight: float) -> KneeOutlines:
 
 
 def _anatomies(models: Sequence[KneeModel], least_plateau: float) -> list[Anatomy]:
-    """Make the polygons of compartments, with plateaus that reach at least so far [m] to each side."""
+    """Make the polygons of compartments, with plateaus of at least this half length [m]."""
     femora = [_even(_open(model.pair.femur.outline())) for model in models]
     extent = float(np.ptp(np.concatenate(femora)[:, 0]))
     shaft = min(float(femur[0, 0]) for femur in femora) + extent * np.array([SHAFT_BEGIN, SHAFT_BEGIN + SHAFT_WIDTH])
@@ -223,7 +223,7 @@ def placed(points: Floats, angle: Any, x: Any, height: Any) -> Floats:
 
 
 def overlaps(femur: Floats, tibia: Floats, middle: Floats) -> tuple[Floats, Floats]:
-    """Find the overlap in `n` pictures: its points on the tibia, and those on the femur below them or at them.
+    """Find the overlap in `n` pictures: its points on the tibia, and those on the femur below or at them.
 
     Both are of shape (n, POINTS, 2) [m], from posterior to anterior, and the same where the surfaces are apart.
 

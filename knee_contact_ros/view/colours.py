@@ -1,4 +1,4 @@
-"""Colours of the scene (RGB), which colour-blind users can distinguish too.
+"""Colours of the scene (RGB), which colour-blind users can also distinguish.
 
 The planes are dark in every theme of the viewer; curves must be visible in a dark and in a light theme.
 """
@@ -18,7 +18,7 @@ FEMUR: Colour = (222, 212, 190)
 EDGE: Colour = (92, 84, 70)
 COVER: Colour = (128, 178, 200)
 TEXT: Colour = (240, 240, 240)
-"""Colour of words beside the bones; Rerun puts half-transparent boxes under words, black or white by the theme"""
+"""Colour of words outside the bones; Rerun puts half-transparent boxes under words, black or white by the theme"""
 INK: Colour = (24, 20, 14)
 """Colour of words on the bones"""
 ANGLE: Colour = (70, 170, 120)

@@ -1,7 +1,7 @@
-"""What stands where in Rerun: the entities, the plots with their curves, the visible part of the plane, and the tabs.
+"""The layout in Rerun: entities, plots with their curves, the visible part of the plane, and tabs.
 
-The layout is for one knee or for several side by side, which share their plots. Entities stand under the name of the
-knee. Lengths are mm; units stand in the names of the curves.
+The layout is for one knee, or for several side by side, which share their plots. Entities are under the name of the
+knee. Lengths are mm; names of curves include the units.
 """
 
 from __future__ import annotations
@@ -44,9 +44,9 @@ PATH_SPAN = 1.5
 LIVE_SPAN = 6.0
 """Time [s] of the curves that is visible while they grow"""
 ABREAST = 2
-"""Largest number of planes side by side; further ones stand below, or their words would overlap"""
+"""Largest number of planes side by side; further ones go below, or their words would overlap"""
 LONGEST_TITLE = 105
-"""Most letters of a title on a screen of 1600 pixels; Rerun cuts longer ones"""
+"""Largest number of letters of a title on a screen of 1600 pixels; Rerun cuts longer ones"""
 
 
 class Series(NamedTuple):
@@ -62,7 +62,7 @@ class Series(NamedTuple):
 
 
 class Plot(NamedTuple):
-    """Curves that share a view, and what is known of the view."""
+    """Curves that share a view, and properties of the view."""
 
     path: str
     """Path of its entity under `KNEE/curves`"""
@@ -70,13 +70,13 @@ class Plot(NamedTuple):
     """Title with the unit, and the colours of the curves if one knee has the view"""
     series: tuple[Series, ...]
     title_of_several: str = ""
-    """Title where several knees share the view and their colours are added to it; empty: as `title`"""
+    """Title if several knees share the view, to which their colours are added; empty: as `title`"""
     live: bool = False
     """Whether only a running node has it"""
     steps: bool = False
     """Whether a value holds until the next one"""
     read_off: bool = False
-    """Whether it shows readouts of answers, and not their fields"""
+    """Whether it shows readouts of answers instead of their fields"""
 
 
 def single(
@@ -113,7 +113,7 @@ KNEE = (
         Series("depth [mm]", colours.DEPTH, 2.0, lambda answers, _: MM * _signed(answers)),
     )),
 )  # fmt: skip
-"""Plots beside the sagittal plane"""
+"""Plots next to the sagittal plane"""
 SOLVER = (
     Plot("error", "Estimated errors: depth, violet [µm]; force, orange [N]", (
         Series("error of the force [N]", colours.FORCE, 1.0, lambda answers, _: answers["force_error_estimate"]),
@@ -149,7 +149,7 @@ HEIGHT_DRIVEN = KNEE[1]._replace(
     title_of_several="Contact force ± error, thick [BW of {weight} N]",
     series=KNEE[1].series[:3],
 )
-"""Plot `FORCES` where the femoral height is prescribed: no load drives the model there"""
+"""Plot `FORCES` if the femoral height is prescribed, so that no load drives the model"""
 
 
 def _signed(answers: Rows) -> Floats:
@@ -289,7 +289,7 @@ def title_of(drawings: Sequence[KneeOutlines], plot: Plot) -> str:
 
 
 def plane_title(drawing: KneeOutlines, several: bool = False) -> str:
-    """Return the title of a knee's plane; it is shorter where several planes stand side by side."""
+    """Return the title of a knee's plane; it is shorter if several planes are side by side."""
     drawn = " (drawn only)" if drawing.anatomy.thickness_is_drawn else ""
     cartilage = f"cartilage 2 × {MM * drawing.anatomy.thickness:.2g} mm{drawn}"
     return f"{drawing.knee}: {'' if several else 'sagittal plane, '}{cartilage}"

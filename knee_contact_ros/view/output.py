@@ -28,17 +28,17 @@ if TYPE_CHECKING:
 
 APPLICATION = "knee_contact_ros"
 NICENESS = 10
-"""Niceness of a scene's process: it may wait for all others, unlike a recorder, whose unwritten data can be lost"""
+"""Niceness of a scene's process: unlike a recorder, whose unwritten data can be lost, it may wait for all others"""
 FILE_GATHER, LIVE_GATHER = 0.25, 0.05
 """Time [s] for which answers are gathered before they are sent to the scene's process, for a file and live"""
 SERVED_MEMORY = "64MB"
 """Memory that a server keeps for viewers that connect later; older data is dropped first"""
 BATCH = 4000
-"""Number of answers that are shown at once: a message to Rerun costs as much as hundreds of answers"""
+"""Number of answers shown at a time: a message to Rerun costs as much as hundreds of answers"""
 FILE_PERIOD, LIVE_PERIOD = 1.0, 0.1
-"""Time [s] that a batch waits to be full, for a file and for a live viewer"""
+"""Longest time [s] that a batch waits to be full, for a file and for a live viewer"""
 PAUSE = 0.0005
-"""Pause [s] between two messages to Rerun beside a node, which gets the processor then"""
+"""Pause [s] between two messages to Rerun while a node runs, which then gets the processor"""
 BLOCK = 1 << 16
 """Bytes that a pipe holds"""
 
@@ -174,9 +174,9 @@ class Viewer:
 
 
 def serve(port: int, drawings: Sequence[KneeOutlines], recording_id: str | None) -> Any:
-    """Serve a recording of Rerun's on 127.0.0.1, to which viewers connect; it never waits for a viewer.
+    """Serve a Rerun recording on 127.0.0.1, to which viewers connect; it never waits for a viewer.
 
-    Recordings of one `recording_id` are one in a viewer that is connected to several servers.
+    A viewer that is connected to several servers merges recordings with the same `recording_id`.
 
     Raises:
         UsageError: the port is taken.
@@ -195,8 +195,8 @@ def serve(port: int, drawings: Sequence[KneeOutlines], recording_id: str | None)
 class RerunFile:
     """An `.rrd` file with its blueprint; it appears under its final name when it is complete.
 
-    Rerun's thread for files ends at an error, such as a full disk, and waiting for it may then last for ever. So it
-    writes into a pipe, which gives it no errors, and a thread of ours writes the file.
+    Rerun's thread for files ends at an error, such as a full disk, and waiting for it may then last forever. So it
+    writes into a pipe, which gives it no errors, and our own thread writes the file.
     """
 
     def __init__(

@@ -29,7 +29,7 @@ OVERLAP, DEEP, FORCE, INK, QUIET = "#1F6FB2", "#C2357F", "#C8481A", "#1B1F24", "
 MM_PER_WEIGHT = 6.0
 """Length [mm] of the force's arrow per body weight"""
 SLENDER = 0.85
-"""Least ratio of width to height of the room for a knee"""
+"""Smallest ratio of width to height of the space for a knee"""
 MAGNIFICATION = 10.0
 """Factor by which the depth of the overlap is magnified along the normal, as in the viewer"""
 NAME_INSIDE = {"femur": 11.0, "tibia": 4.0}

@@ -1,9 +1,9 @@
 """The scene of one knee in a Rerun recording, written batch by batch: sagittal plane, curves, states and events.
 
-Rerun fills no polygons in a plane, but triangles in space. So the knee stands in space, upright before a camera whose
-distance and focal length are such that a millimetre of the knee is one on the screen; a plane's view through that
-camera can be moved and magnified, not turned. Layers in front stand a little nearer to the camera. On the screen y
-points down, so y is negated here.
+Rerun fills triangles in space, but not polygons in a plane. So the knee is in space, upright in front of a camera whose
+distance and focal length make a millimetre of the knee one on the screen. A plane's view through that camera can be
+moved and magnified, but not rotated. Layers in front are slightly nearer to the camera. On the screen y points down, so
+y is negated here.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ DISTANCE, LAYER_DISTANCE = 1000.0, 0.2
 LAYERS = ("tibia", "tibial cartilage", "femur", "femoral cartilage", "edge", "overlap")
 """Names of the layers, from back to front"""
 THIN, LINE, WIDE, POINT_SIZE, PATH_SIZE = -0.6, -1.0, -2.2, -4.5, -1.4
-"""Half-widths on the screen, whatever the magnification; Rerun takes them as negative numbers"""
+"""Half-widths on the screen at any magnification; Rerun takes them as negative numbers"""
 ON_TOP, ABOVE = 40.0, 35.0
 """Draw orders of marks; that of other points is 30"""
 UNSEEN = -0.01
@@ -70,7 +70,7 @@ STATES: dict[str, tuple[Sequence[str], Any]] = {
 LEG_SCALE = 1e-4
 """Length of the force's arrow in space by the force [m/N]"""
 SINGLE = 5.0
-"""Radius of the point that stands for the curve of a single answer"""
+"""Radius of the point that replaces the curve of a single answer"""
 LAYER_DEPTH = "contact.layer_depth"
 LAW = ("contact.", "lateral.contact.")
 """Beginnings of the names of parameters on which patch, pressure and strain depend"""
@@ -106,7 +106,7 @@ class Scene:
             drawing: Outlines of the knee.
             latency: Whether the answers have latencies.
             pause: Pause [s] between two messages to Rerun.
-            forgetful: Whether old data is dropped, so that states are repeated.
+            forgetful: Whether old data is dropped, so that states must be repeated.
             number: Number of the knee among several in one scene, for the colour of its curves; None: it is alone.
         """
         self._recording, self._drawing, self._pause, self._forgetful = recording, drawing, pause, forgetful

@@ -20,10 +20,10 @@ from knee_contact_ros.system.processes import LOCALHOST, Process, free_port, kep
 NOT_INSTALLED = not_installed("rerun-sdk", "viewer")
 SCREENS = ("DISPLAY", "WAYLAND_DISPLAY")
 MEMORY_LIMIT = "1GB"
-"""Memory that a viewer beside a node may take; older data is dropped first"""
+"""Memory that a node's viewer may take; older data is dropped first"""
 IN_BACKGROUND = ("env", "--default-signal=INT,TERM", "nice", "-n", "10")
-"""Beginning of the command of a viewer beside a node: it runs at low priority, so that no tick waits for it, and it
-obeys signals that the process of a scene ignores"""
+"""Prefix of the command of a node's viewer, which runs at low priority, so that no tick waits for it, and obeys signals
+that the process of a scene ignores"""
 END = 5.0
 """Time [s] that a viewer may take to end"""
 
@@ -86,7 +86,7 @@ def has_screen() -> bool:
 
 
 def refuse_blind(instead: str) -> None:
-    """Refuse to open a viewer without a screen, and say what to do `instead`.
+    """Refuse to open a viewer without a screen; the error says what to do `instead`.
 
     Raises:
         UsageError: there is no screen.
@@ -108,7 +108,7 @@ def on_loopback(port: int) -> tuple[str, ...]:
 def connect_command(addresses: Sequence[str]) -> list[str]:
     """Return the command of a viewer that shows the scenes served at addresses.
 
-    It gets a port of its own: at one that is taken, it would send its data to the other process.
+    It gets its own port: at a port in use, it would send its data to the other process.
     """
     viewer = [str(executable()), *on_loopback(free_port()), "--memory-limit", MEMORY_LIMIT]
     return [*IN_BACKGROUND, *viewer, *addresses]
