@@ -3,56 +3,51 @@
 from __future__ import annotations
 
 import struct
-from collections.abc import Iterable
 
 import lz4.frame
+from mcap.data_stream import RecordBuilder
+from mcap.records import Channel, Chunk, DataEnd, Footer, Header, McapRecord, Message, Schema
 
 MAGIC = b"\x89MCAP0\r\n"
-HEADER, FOOTER, SCHEMA, CHANNEL, MESSAGE, CHUNK, METADATA, DATA_END = 1, 2, 3, 4, 5, 6, 12, 15
+
+
+def written(*records: McapRecord) -> bytes:
+    """Records of the library of the MCAP project."""
+    builder = RecordBuilder()
+    for each in records:
+        each.write(builder)
+    return bytes(builder.end())
 
 
 def record(opcode: int, content: bytes) -> bytes:
-    """A record."""
+    """A record of any kind."""
     return struct.pack("<BQ", opcode, len(content)) + content
-
-
-def text(content: str | bytes) -> bytes:
-    """A text with its length before it."""
-    data = content.encode() if isinstance(content, str) else content
-    return struct.pack("<I", len(data)) + data
-
-
-def pairs(entries: Iterable[tuple[str, str]]) -> bytes:
-    """Names and values, with their length before them."""
-    return text(b"".join(text(name) + text(value) for name, value in entries))
 
 
 def whole(*records: bytes) -> bytes:
     """A file without a summary."""
-    head = record(HEADER, text("ros2") + text("somebody's"))
-    return MAGIC + head + b"".join(records) + record(DATA_END, bytes(4)) + record(FOOTER, bytes(20)) + MAGIC
+    head, end = written(Header("ros2", "somebody's")), written(DataEnd(0), Footer(0, 0, 0))
+    return MAGIC + head + b"".join(records) + end + MAGIC
 
 
 def chunk(data: bytes, size: int, compression: str = "zstd", first: int = 0, last: int = 0) -> bytes:
     """A chunk that claims to hold `size` bytes."""
-    head = struct.pack("<QQQI", first, last, size, 0)
-    return record(CHUNK, head + text(compression) + struct.pack("<Q", len(data)) + data)
+    return written(Chunk(compression, data, last, first, 0, size))
 
 
 def schema(number: int, name: str, definition: bytes) -> bytes:
     """A schema."""
-    return record(SCHEMA, struct.pack("<H", number) + text(name) + text("ros2msg") + text(definition))
+    return written(Schema(number, definition, "ros2msg", name))
 
 
 def channel(number: int, topic: str, qos: str = "", schema_number: int = 1) -> bytes:
     """A channel."""
-    head = struct.pack("<HH", number, schema_number)
-    return record(CHANNEL, head + text(topic) + text("cdr") + pairs([("offered_qos_profiles", qos)]))
+    return written(Channel(number, topic, "cdr", {"offered_qos_profiles": qos}, schema_number))
 
 
 def message(number: int, data: bytes, time: int = 0) -> bytes:
     """A message."""
-    return record(MESSAGE, struct.pack("<HIQQ", number, 0, time, time) + data)
+    return written(Message(number, time, data, time, 0))
 
 
 def zstd_of_zeros(megabytes: int) -> bytes:

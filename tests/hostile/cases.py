@@ -9,21 +9,23 @@ import struct
 from collections.abc import Callable, Iterable
 from pathlib import Path
 
+from mcap.opcode import Opcode
+from mcap.records import Metadata
+
 from knee_contact_ros.bags.provenance import provenance_record
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.files import share_folder
 from tests.helpers.recordings_of import recording_with
 from tests.hostile.bags import (
     MAGIC,
-    METADATA,
     channel,
     chunk,
     lz4_of_zeros,
     message,
     record,
     schema,
-    text,
     whole,
+    written,
     zstd_of_zeros,
 )
 
@@ -122,7 +124,7 @@ def replaced(old: str, new: str) -> Make:
 
 
 PROFILE = json.dumps({"femur.geometry": "profile", "femur.profile": "/dev/zero"})
-NESTED = b"".join(struct.pack("<BQ", METADATA, 9 * left - 9) for left in range(60_000, 0, -1))
+NESTED = b"".join(struct.pack("<BQ", Opcode.METADATA, 9 * left - 9) for left in range(60_000, 0, -1))
 BAGS: dict[str, Make] = {
     "a profile that is named": recorded(PROFILE),
     "parameters that are a name": recorded('"/dev/zero"'),
@@ -150,7 +152,7 @@ BAGS: dict[str, Make] = {
     "quality of service without end": saved(inputs(qos=BOMB)),
     "messages that are none": saved(inputs(data=[os.urandom(3), b"\0\1\0\0" + b"\xff" * 40])),
     "definitions without end": saved(inputs(definition=b"a/B c\n" * 40_000)),
-    "metadata records without end": saved(whole(*[record(METADATA, text("reset") + text(""))] * 20_000)),
+    "metadata records without end": saved(whole(*[written(Metadata("reset", {}))] * 20_000)),
     "metadata that is a pipe": folder_with(piped),
     "metadata that is a device": folder_with(linked),
     "metadata in brackets": folder_with(lambda path: path.write_text("[" * 100_000)),
