@@ -19,8 +19,9 @@ help:
 demo: $(VENV)/.installed
 	$(BIN)/knee-contact demo $(ARGS)
 
+# In the order of tests/conftest.py: by itself pytest-xdist runs all files of the live node first, which mostly wait.
 test: $(VENV)/.installed-dev
-	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses 4 --dist loadgroup --max-worker-restart 0 $(ARGS)
+	PYTHONDONTWRITEBYTECODE= $(BIN)/python -m pytest --numprocesses 4 --dist loadgroup --no-loadscope-reorder --max-worker-restart 0 $(ARGS)
 
 # Of what has wheels for this Python: NumPy 1.26 and SciPy 1.11, as in Ubuntu 24.04, up to Python 3.12. Rerun needs NumPy 2.
 LOWEST := .venv-lowest
@@ -28,7 +29,7 @@ test-lowest: | $(BIN)/uv
 	$(PYTHON) -m venv --clear $(LOWEST)
 	VIRTUAL_ENV=$(CURDIR)/$(LOWEST) $(BIN)/uv pip install --quiet --resolution lowest-direct \
 		--only-binary :all: --no-binary empy --editable . --group dev
-	$(LOWEST)/bin/python -m pytest --numprocesses 2 --dist loadgroup --max-worker-restart 0 $(ARGS)
+	$(LOWEST)/bin/python -m pytest --numprocesses 2 --dist loadgroup --no-loadscope-reorder --max-worker-restart 0 $(ARGS)
 
 test-package: $(VENV)/.installed-dev
 	$(BIN)/python -m pytest tests/packaging/check_distributions.py $(ARGS)
