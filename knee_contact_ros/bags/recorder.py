@@ -449,11 +449,11 @@ class AnswerWriter:
 class Recorder:
     """Recording that is written in the process of a sink (`protocol.Output`)."""
 
-    def __init__(self, writer: AnswerWriter, settings: Settings, remarks: Iterable[str] = ()) -> None:
-        """Begin to sync if the settings ask for it; `remarks` are the first messages for the user."""
+    def __init__(self, writer: AnswerWriter, settings: Settings) -> None:
+        """Begin to sync if the settings ask for it."""
         self.name, self.period = str(writer.bag.path), settings.flush_period
         self.write, self.note = writer.write_all, writer.note
-        self._writer, self._bag, self._news = writer, writer.bag, tuple(remarks)
+        self._writer, self._bag = writer, writer.bag
         self._min_free, self._interruption = settings.min_free, NODE_GONE
         self._sync_error: OSError | None = None
         self._done = Event()
@@ -481,7 +481,7 @@ class Recorder:
             self._interruption = shortage
             self.finish(None)
             raise UsageError(f"recording {self._bag.path} has ended, complete up to here: {shortage}")
-        news, self._news, self._bag.remarks = (*self._news, *self._bag.remarks), (), []
+        news, self._bag.remarks = tuple(self._bag.remarks), []
         return news
 
     def finish(self, ending: Ending | None) -> None:
@@ -549,9 +549,9 @@ def open_output(
     """
     refuse(path, settings.min_free)
     bag = BagWriter(path, limits=settings.limits, next_free_name=True)
-    remarks = [] if bag.path == path else [f"{path} is there already: this recording is {bag.path}"]
-    remarks += map(output_files.cut_off, output_files.leftovers(path.parent, ".mcap"))
-    return Recorder(AnswerWriter(bag, provenance, names, told_as), settings, remarks)
+    bag.remarks += [f"{path} is there already: this recording is {bag.path}"] * (bag.path != path)
+    bag.remarks += map(output_files.cut_off, output_files.leftovers(path.parent, ".mcap"))
+    return Recorder(AnswerWriter(bag, provenance, names, told_as), settings)
 
 
 def information(files: Sequence[tuple[str, Statistics]], topics: Sequence[dict[str, Any]]) -> dict[str, Any]:
