@@ -21,8 +21,8 @@ import os
 import pickle
 import stat
 import sys
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import suppress
 from functools import cache, partial
 from pathlib import Path
 from types import FunctionType
@@ -32,9 +32,14 @@ TICK, LOADING, COMPILING = 0.3e-3, 0.7, 7.0
 """Processor time [s] of an uncompiled tick, of loading the kept file (with Numba's import), and of compiling"""
 FILES, SUFFIX, DIGEST = 8, ".kernel", hashlib.sha256().digest_size
 """Number of newest files that stay in a folder, also those of other processors; suffix of names; size of a digest"""
-NOT_NEEDED = ("WithLifting", "InlineClosureLikes", "InlineInlinables", "InlineOverloads", "LiteralUnroll",
-              "LiteralPropagationSubPipelinePass", "NopythonRewrites")  # fmt: skip
-"""Numba's passes for contexts, closures, literals, arrays as a whole, and what Numba itself would inline"""
+NOT_NEEDED = (
+    "WithLifting", "InlineClosureLikes", "RewriteSemanticConstants", "DeadBranchPrune", "RewriteDynamicRaises",
+    "MakeFunctionToJitFunction", "InlineInlinables", "FindLiterallyCalls", "LiteralUnroll", "ReconstructSSA",
+    "LiteralPropagationSubPipelinePass", "PreLowerStripPhis", "InlineOverloads", "NopythonRewrites",
+    "NoPythonSupportedFeatureValidation", "DumpParforDiagnostics",
+)  # fmt: skip
+"""Numba's passes for contexts, closures, literals, exceptions, arrays as a whole, what Numba itself would inline, and
+variables whose type changes"""
 OPTIONS = {"error_model": "numpy", "nogil": True, "_nrt": False, "forceinline": False, "no_cfunc_wrapper": True}
 """Numba's options: divisions are not checked, since no divisor is 0, and references to arrays are not counted"""
 
@@ -94,19 +99,18 @@ def compiled(entry: Callable[..., Any], example: Sequence[Any]) -> Callable[...,
 
         if numba.config.DISABLE_JIT:
             raise ImportError("NUMBA_DISABLE_JIT is set")
-        from knee_contact_ros.model.by_reference import take_by_reference
     except Exception as error:  # what it finds wrong with Python, NumPy or its own libraries has many names
         _log.warning("knee_contact_ros: Numba cannot be used (%s); the model runs uncompiled and slowly", _said(error))
         return None
-    take_by_reference(example)
+    _take_by_reference(example)
     made, types = twin(entry), tuple(map(numba.typeof, example))
     name = f"{stamp(entry)}-{_digest(made.targetctx.codegen().magic_tuple(), types)}{SUFFIX}"
     paths, doubts, refused = [folder / name for folder in folders(entry)], list[str](), list[str]()
     if not any(_done(partial(_load, made), path, doubts) for path in paths if os.path.lexists(path)):
         from knee_contact_ros.system.terminal import busy
 
-        with busy(f"knee_contact_ros: compiling the model, once (some {COMPILING:.0f} s)"), _remembered_types():
-            made.compile(types)
+        with busy(f"knee_contact_ros: compiling the model, once (some {COMPILING:.0f} s)"):
+            compile_twin(made, types)
         kept = any(_done(partial(_write, dumps(made.overloads[types]._reduce())), path, refused) for path in paths)
         if doubts or not kept:
             then = "compiled again" if kept else "what was compiled is not kept"
@@ -116,52 +120,18 @@ def compiled(entry: Callable[..., Any], example: Sequence[Any]) -> Callable[...,
 
 
 def twin(entry: Callable[..., Any]) -> Any:
-    """Return Numba's form of a marked function, not compiled yet; it calls Numba's forms of other marked functions."""
+    """Return Numba's form of a marked function, to compile by `compile_twin`; it calls such forms of other functions."""
     from numba import njit
-    from numba.types import unliteral
 
     made, spaces = dict[Any, Any](), dict[int, dict[str, Any]]()
     for function in _reached(entry):
         space = spaces.setdefault(id(function.__globals__), dict(function.__globals__))
-        options = {**OPTIONS, "pipeline_class": _pipeline(function is not entry), "forceinline": function in INLINED}
+        options = {**OPTIONS, "pipeline_class": _pipeline(), "forceinline": function in INLINED}
         options["no_cpython_wrapper"] = function is not entry
         made[function] = njit(**options)(FunctionType(function.__code__, space, function.__name__))
-        made[function].get_call_template = partial(_of_any_value, unliteral, made[function].get_call_template)
     for space in spaces.values():
         space.update({name: made[one] for name, one in space.items() if isinstance(one, FunctionType) and one in made})
     return made[entry]
-
-
-@contextmanager
-def _remembered_types() -> Iterator[None]:
-    """Let Numba resolve a call with the same types once, instead of again for each of some thousand calls.
-
-    Python's garbage collector is off meanwhile. Together this saves a third of the time.
-    """
-    from numba.core.types.functions import BaseFunction
-
-    functions, known = cast("Any", BaseFunction), dict[Any, Any]()
-    plain, collecting = functions.get_call_type, gc.isenabled()
-
-    def remembered(function: Any, context: Any, args: Any, keywords: Any) -> Any:
-        key = function, tuple(args), tuple(dict(keywords).items())
-        if key not in known:
-            known[key] = plain(function, context, args, keywords)
-        return known[key]
-
-    functions.get_call_type = remembered
-    gc.disable()
-    try:
-        yield
-    finally:
-        functions.get_call_type = plain
-        if collecting:
-            gc.enable()
-
-
-def _of_any_value(unliteral: Any, template: Any, arguments: Sequence[Any], keywords: dict[str, Any]) -> Any:
-    """Return how a call in compiled code is resolved; Numba would compile a function again for each constant."""
-    return template([unliteral(one) for one in arguments], keywords)
 
 
 def _reached(entry: Any) -> list[FunctionType]:
@@ -174,17 +144,35 @@ def _reached(entry: Any) -> list[FunctionType]:
 
 
 @cache
-def _pipeline(inner: bool) -> Any:
-    """Return a compiler, in Numba's sense, with which LLVM optimises all functions once, together with the entry.
+def _pipeline() -> Any:
+    """Return a compiler, in Numba's sense, without the passes that are not needed."""
+    from numba.core.compiler import CompilerBase, DefaultPassBuilder
 
-    Numba alone would let LLVM optimise and translate each function with all that it calls, which doubles the time. As
-    nothing else calls the inner functions, LLVM may also drop unused arguments and merge callers.
+    class Pipeline(CompilerBase):
+        def define_pipelines(self) -> list[Any]:
+            passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
+            passes.passes = [(one, why) for one, why in passes.passes if one.__name__ not in NOT_NEEDED]
+            passes._finalized = False
+            passes.finalize()
+            return [passes]
+
+    return Pipeline
+
+
+def compile_twin(made: Any, types: tuple[Any, ...]) -> None:
+    """Compile what `twin` returns for the types of its arguments, in less than half of Numba's time.
+
+    LLVM optimises all functions once, together with the entry. Numba alone would let it optimise and translate each
+    function with all that it calls. As nothing else calls the inner functions, LLVM may also drop unused arguments and
+    merge callers. Numba resolves a call with the same types once, instead of again for each of some thousand calls. It
+    takes a constant as any number, or it would compile a function again for each constant argument. Python's garbage
+    collector is off meanwhile.
     """
     from llvmlite.binding import Linkage
     from numba.core.codegen import JITCodeLibrary
-    from numba.core.compiler import CompilerBase, DefaultPassBuilder
-    from numba.core.compiler_machinery import register_pass
-    from numba.core.typed_passes import NativeLowering
+    from numba.core.typeinfer import TypeVar as Variable
+    from numba.core.types.functions import BaseFunction
+    from numba.types import unliteral
 
     class Whole(JITCodeLibrary):
         def finalize(self) -> None:
@@ -206,28 +194,86 @@ def _pipeline(inner: bool) -> Any:
         "_optimize_functions": lambda *_: None, "finalize": lambda me: setattr(me, "_finalized", True),
         "codegen": property(lambda me: me), "set_env": lambda *_: None, "get_pointer_to_function": lambda *_: 0,
     })  # fmt: skip
-    library = linked if inner else Whole
+    call_type, known = BaseFunction.get_call_type, dict[Any, Any]()
 
-    @register_pass(mutates_CFG=True, analysis_only=False)
-    class Lowering(NativeLowering):
-        _name = "linked_lowering"
+    def remembered(function: Any, context: Any, args: Any, keywords: Any) -> Any:
+        key = function, tuple(args), tuple(dict(keywords).items())
+        if key not in known:
+            known[key] = call_type(function, context, args, keywords)
+        return known[key]
 
-        def run_pass(self, state: Any) -> bool:
-            state.library = library(state.targetctx.codegen(), state.func_id.func_qualname)
-            if not inner:
-                state.library.enable_object_caching()
-            return bool(super().run_pass(state))
+    add_type, codegen = Variable.add_type, made.targetctx.codegen()
+    changed = {
+        (BaseFunction, "get_call_type"): remembered,
+        (Variable, "add_type"): lambda variable, kind, loc: add_type(variable, unliteral(kind), loc),
+        (Variable, "lock"): lambda variable, kind, loc, **_: variable.add_type(kind, loc),
+        (codegen, "_library_class"): lambda of, name: (Whole if name == made.__name__ else linked)(of, name),
+    }
+    before = {(owner, name): getattr(owner, name) for owner, name in changed}
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        for (owner, name), new in changed.items():
+            setattr(owner, name, new)
+        made.compile(types)
+    finally:
+        for (owner, name), old in before.items():
+            setattr(owner, name, old)
+        if collecting:
+            gc.enable()
 
-    class Pipeline(CompilerBase):
-        def define_pipelines(self) -> list[Any]:
-            passes = DefaultPassBuilder.define_nopython_pipeline(self.state)
-            steps = [(one, why) for one, why in passes.passes if one.__name__ not in NOT_NEEDED]
-            passes.passes = [(Lowering if one is NativeLowering else one, why) for one, why in steps]
-            passes._finalized = False
-            passes.finalize()
-            return [passes]
 
-    return Pipeline
+def _take_by_reference(values: Iterable[Any]) -> None:
+    """Have compiled code take the named tuples among values, and those in them, by address.
+
+    Numba would pass each field as a separate argument, and of an array also each size: the knee, which nearly every
+    function of a tick takes, has 90 of them.
+    """
+    from numba import typeof
+    from numba.extending import typeof_impl
+
+    for value in values:
+        if hasattr(value, "_fields"):
+            _take_by_reference(value)
+            typeof_impl.register(type(value), lambda one, _: _by_reference(tuple(map(typeof, one)), type(one)))
+
+
+def _by_reference(fields: tuple[Any, ...], kind: type) -> Any:
+    """Return Numba's type of the address of such a named tuple, which lies on the stack of the entry's caller."""
+    return _address()(fields, kind)
+
+
+@cache
+def _address() -> Any:
+    """Return the class of the types that `_by_reference` returns."""
+    from numba.core import cgutils, types
+    from numba.core.datamodel.models import PrimitiveModel
+    from numba.core.imputils import lower_getattr_generic
+    from numba.extending import NativeValue, register_model, unbox
+
+    class Address(types.NamedTuple):  # type: ignore[name-defined]  # Numba is not typed
+        @property
+        def whole(self) -> Any:
+            return types.NamedTuple(self.types, self.instance_class)  # type: ignore[attr-defined]
+
+        def __reduce__(self) -> Any:
+            return _by_reference, (self.types, self.instance_class)
+
+    @register_model(Address)
+    class Pointer(PrimitiveModel):
+        def __init__(self, manager: Any, kind: Any) -> None:
+            super().__init__(manager, kind, manager.lookup(kind.whole).get_value_type().as_pointer())
+
+    @unbox(Address)
+    def unboxed(kind: Any, value: Any, context: Any) -> Any:
+        whole = context.unbox(kind.whole, value)
+        return NativeValue(cgutils.alloca_once_value(context.builder, whole.value), whole.is_error, whole.cleanup)
+
+    @lower_getattr_generic(Address)
+    def field(_context: Any, builder: Any, kind: Any, address: Any, name: str) -> Any:
+        return builder.load(cgutils.gep_inbounds(builder, address, 0, kind.fields.index(name)))
+
+    return Address
 
 
 def folders(entry: Callable[..., Any]) -> list[Path]:
