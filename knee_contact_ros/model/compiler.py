@@ -120,7 +120,7 @@ def compiled(entry: Callable[..., Any], example: Sequence[Any]) -> Callable[...,
 
 
 def twin(entry: Callable[..., Any]) -> Any:
-    """Return Numba's form of a marked function, to compile by `compile_twin`; it calls such forms of other functions."""
+    """Return Numba's form of a marked function, for `compile_twin`; it calls such forms of other functions."""
     from numba import njit
 
     made, spaces = dict[Any, Any](), dict[int, dict[str, Any]]()
@@ -224,7 +224,7 @@ def compile_twin(made: Any, types: tuple[Any, ...]) -> None:
 
 
 def _take_by_reference(values: Iterable[Any]) -> None:
-    """Have compiled code take the named tuples among values, and those in them, by address.
+    """Let compiled code take the named tuples among values, and those in them, by address.
 
     Numba would pass each field as a separate argument, and of an array also each size: the knee, which nearly every
     function of a tick takes, has 90 of them.
