@@ -218,10 +218,8 @@ class ContactSession(Session):
 
     def stop(self) -> None:
         """Close the inputs, answer waiting samples, and stop showing markers."""
-        was_active = bool(self._timers)
         super().stop()
-        if was_active:
-            self._markers.newest = None
+        self._markers.newest = None
 
     def _regular_acts(self) -> list[tuple[float, Callable[[], None]]]:
         acts = (MARKER_PERIOD, self._markers.publish), (STRIDE_PERIOD, self._strides.publish), (0.97, self.health.take)

@@ -314,11 +314,8 @@ class StaticTransformTopic:
 
     def close(self) -> None:
         """Close publisher and subscription."""
-        if self._publisher is not None:
-            self._node.destroy_publisher(self._publisher)
-        if self._subscription is not None:
-            self._node.destroy_subscription(self._subscription)
-        self._publisher = self._subscription = None
+        self._node.destroy_publisher(self._publisher)  # which does nothing without one
+        self._node.destroy_subscription(self._subscription)
 
     def _on_transforms(self, data: bytes) -> None:
         try:
