@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from knee_contact_ros.bags.reader import Names
 
 DEFAULT_PARAMETERS = files.DEFAULT_PARAMETERS
+Number = float | None
 Function = TypeVar("Function", bound=Callable[..., Any])
 
 
@@ -97,13 +98,7 @@ def choice_option(name: str, values: Sequence[str], text: str, default: str | No
 
 
 def number_option(
-    name: str,
-    low: float,
-    high: float | None,
-    default: float | None,
-    text: str,
-    metavar: str | None = None,
-    **ends: bool,
+    name: str, low: float, high: Number, default: Number, text: str, metavar: str | None = None, **ends: bool
 ) -> Callable[[Function], Function]:
     """Make an option with a number from `low` to `high`, an integer if these are; `ends` are Click's for open ones."""
     kind = (click.IntRange if isinstance(low, int) else click.FloatRange)(low, high, **ends)  # type: ignore[arg-type]
