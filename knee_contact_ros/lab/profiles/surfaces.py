@@ -103,7 +103,7 @@ def read_surface(path: Path, unit: str | None = None, axes: str | None = None, l
     usual, space = BODY_AXES, ""
     kind = "".join(path.suffixes[-2:]).lower() if path.suffix.lower() == ".gz" else path.suffix.lower()
     if kind in LABEL_MAPS:
-        points, triangles = _read_label_map(path, label, axes)
+        points, triangles = _around_label(path, label, axes)
         usual, unit = _axes_in("RAS"), unit or "mm"  # nibabel's
     elif label is not None:
         raise UsageError(f"--label {label}: {path} is not a label map; label maps end with {' or '.join(LABEL_MAPS)}")
@@ -232,14 +232,14 @@ def _read_cloud(path: Path) -> Floats:
         raise UsageError(f"{fault}: {' '.join(str(error).split())[:200]}") from None
 
 
-def _read_label_map(path: Path, label: int | None, axes: str | None) -> tuple[Floats, Integers]:
+def _around_label(path: Path, label: int | None, axes: str | None) -> tuple[Floats, Integers]:
     """Read the points [the file's unit, scanner axes] and triangles around the voxels of a label.
 
     If the map has no orientation, the points are in the axes of its voxels, and the caller must give `axes`.
     """
     import pyvista
 
-    values, affine, lacks = read_label_map(path)
+    values, affine, lacks = _label_map(path)
     labels = [float(value) for value in np.unique(values) if value != 0]
     shown = listed([f"{value:g}" for value in labels]) or "(none but 0)"
     wanted = labels[0] if label is None and len(labels) == 1 else label
@@ -271,7 +271,7 @@ class LabelMap(NamedTuple):
     """What the header lacks to give the orientation; the affine is then in the voxels' own axes. Empty: nothing"""
 
 
-def read_label_map(path: Path) -> LabelMap:
+def _label_map(path: Path) -> LabelMap:
     """Read a label map; the suffix tells its kind.
 
     Raises:

@@ -185,6 +185,11 @@ def test_a_label_map(tmp_path: Path) -> None:
     assert found.thickness.mean == pytest.approx(3.0 * MM, abs=VOXEL * MM)
 
 
+@pytest.fixture(scope="module")
+def of_nifti(tmp_path_factory: pytest.TempPathFactory) -> Surface:
+    return read_surface(label_map(tmp_path_factory.mktemp("nifti") / "knee.nii"), label=4)
+
+
 @pytest.mark.parametrize(
     ("suffix", "encoding", "space"),
     [
@@ -193,13 +198,12 @@ def test_a_label_map(tmp_path: Path) -> None:
     ],
 )  # fmt: skip
 def test_label_maps_of_other_programs_lie_where_that_of_nifti_does(
-    suffix: str, encoding: str, space: str, tmp_path: Path
+    suffix: str, encoding: str, space: str, tmp_path: Path, of_nifti: Surface
 ) -> None:
     found = read_surface(other_map(tmp_path / f"knee{suffix}", encoding, space), label=4)
-    expected = read_surface(label_map(tmp_path / "knee.nii"), label=4)
-    assert found.axes == expected.axes
-    order = [np.lexsort(np.round(each.points, 6).T) for each in (found, expected)]
-    np.testing.assert_allclose(found.points[order[0]], expected.points[order[1]], atol=1e-7)
+    assert found.axes == of_nifti.axes
+    order = [np.lexsort(np.round(each.points, 6).T) for each in (found, of_nifti)]
+    np.testing.assert_allclose(found.points[order[0]], of_nifti.points[order[1]], atol=1e-7)
 
 
 def test_voxels_without_orientation_have_the_axes_that_are_given(tmp_path: Path) -> None:
