@@ -37,14 +37,14 @@ class Channel(Section):
     unit: str = Field(description="of the sum")
     scale: float = Field(1.0, description="which the sum is multiplied by, as a calibration says")
     offset: float = Field(0.0, description="in `unit`, added at the end, behind scale, sign and direction")
-    file: str = Field("", description="pattern of the file's name, as *_motion.csv, if several have such columns")
+    file: str = Field("", description="pattern of the file's name, like *_motion.csv, if several have such columns")
 
     @model_validator(mode="after")
     def _one_way(self) -> Channel:
         if (self.column is None) == (self.columns is None):
             raise ValueError("allowed: either column or columns")
         if self.scale == 0.0 or not any(self.weights.values()):
-            raise ValueError("allowed: a scale, and weights of which one at least, other than 0")
+            raise ValueError("allowed: a scale and at least one weight that are not 0")
         return self
 
     @property
@@ -84,13 +84,13 @@ class SensorMap(Section):
     table: tables.TableFormat = tables.TableFormat()
     time: tables.TimeColumn = tables.TimeColumn()
     angle: AngleChannel = Field(description="knee, positive in flexion")
-    hip: SignedChannel | None = Field(None, description="of the thigh to the vertical, positive with the knee ahead")
+    hip: SignedChannel | None = Field(None, description="thigh to the vertical, positive with the knee ahead")
     ankle: SignedChannel | None = Field(None, description="positive in dorsiflexion, 0 at a right angle")
     assistance: SignedChannel | None = Field(
         None, description="torque of an actuator at the knee, in its angle's sense"
     )
-    ankle_assistance: SignedChannel | None = Field(None, description="likewise at the ankle")
-    reference: AngleChannel | None = Field(None, description="the angle that align holds `angle` against")
+    ankle_assistance: SignedChannel | None = Field(None, description="torque at the ankle, in its angle's sense")
+    reference: AngleChannel | None = Field(None, description="the angle that align compares `angle` with")
     load: LoadChannel | None = None
     moment: Channel | None = Field(
         None, description="frontal moment about the middle of the plateau; > 0 loads the lateral compartment more"
@@ -99,11 +99,11 @@ class SensorMap(Section):
     ground_force_x: SignedChannel | None = Field(None, description="forwards")
     ground_force_z: SignedChannel | None = Field(None, description="to the right")
     ground_torque_x: SignedChannel | None = Field(None, description="about the ankle's centre, forwards")
-    ground_torque_y: SignedChannel | None = Field(None, description="likewise, up")
-    ground_torque_z: SignedChannel | None = Field(None, description="likewise, to the right")
+    ground_torque_y: SignedChannel | None = Field(None, description="about the ankle's centre, upwards")
+    ground_torque_z: SignedChannel | None = Field(None, description="about the ankle's centre, to the right")
     side: Annotated[str, one_of("right", "left")] = "right"
     body_weight: float | None = Field(None, gt=0.0, le=1e5, description="[N]")
-    rate: float = Field(0.0, ge=0.0, le=1e4, description="[Hz] both are interpolated at; 0: every row keeps its stamp")
+    rate: float = Field(0.0, ge=0.0, le=1e4, description="[Hz] of interpolation; 0: every row keeps its stamp")
     max_gap: float = Field(0.1, gt=0.0, le=3600.0, description="[s] between rows, beyond which nothing is interpolated")
     missing: Annotated[str, one_of("refuse", "leave_out")] = Field(
         "refuse", description="what to do with a row that has no number (empty, NaN) where one is needed"
@@ -207,8 +207,8 @@ def read_channels(files: Sequence[Path], sensors: SensorMap, wanted: Sequence[st
         read[path] = tables.read_columns(headers[path], list(dict.fromkeys(needed)), sensors.time, sensors.table)
     if len({table.day is None for table in read.values()}) > 1 or (len(read) > 1 and not sensors.time.places):
         raise UsageError(
-            f"{' and '.join(path.name for path in read)} must have times of one clock: some count rows or frames, or "
-            "tell the time of day, and others do not; or one file has all"
+            f"{' and '.join(path.name for path in read)} must have times of one clock, but only some count rows or "
+            "frames, or give the time of day; put all channels into one file"
         )
     read = _on_one_clock(read, round(sensors.time.offset * NANOSECONDS))
     leave_out = sensors.missing == "leave_out"

@@ -413,7 +413,7 @@ def _show(trials: Sequence[Trial], found: Found) -> None:
     """Print the RMS errors of the medial force in every trial, in N and in body weights, and what was chosen."""
     console = Console(width=WIDTH, emoji=False)
     fitted_to = "the others" if len(trials) > 1 else "other quarters"
-    title = f"RMS error of the medial force; what is fitted is fitted to {fitted_to}"
+    title = f"RMS error of the medial force; fitted rules were fitted to {fitted_to}"
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, title=title, title_justify="left")
     table.add_column("trial", overflow="fold")
     for name in found.errors:

@@ -208,7 +208,7 @@ def _vector(data: Table, name: str, where: np.ndarray | None = None) -> Floats:
     wrong = ~np.isfinite(values).all(axis=1)
     if wrong.any():
         time = data.time(int(np.argmax(wrong)))
-        raise UsageError(f"{data.path}: {name}(x y z) is not finite at {time} s, and the foot stands")
+        raise UsageError(f"{data.path}: {name}(x y z) is not finite at {time} s, while the foot is on the ground")
     return values
 
 

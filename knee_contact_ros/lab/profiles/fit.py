@@ -206,7 +206,7 @@ def fit(
     worst = int(np.abs(smoothed.deviations).argmax())
     off, (x, y) = 1e3 * float(smoothed.deviations[worst]), 1e3 * smoothed.raw[worst]
     dent = f"{abs(off):.1f} mm {'outside of' if off > 0.0 else 'behind'} the profile at x = {x:.1f}, y = {y:.1f} mm"
-    cut_off = f"cut off what is not articular surface (it lies {dent}), or see --slice, --side and --axes"
+    cut_off = f"cut off parts that are not articular surface ({dent}), or see --slice, --side and --axes"
     check("its RMS distance from any profile", 1e3 * smoothed.roughness, "mm", (0.0, WORST), cut_off)
     shape = _shape_of(smoothed.points)
     circles = _circles(shape, femur)
