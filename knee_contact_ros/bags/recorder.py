@@ -504,7 +504,7 @@ class Recorder:
 
 
 def space_shortage(free: float, least: float, size: float = 0.0) -> str:
-    """Message about too little free disk space [B]; empty if there is at least `least` beside a file of a size [B]."""
+    """Message about too little free disk space [B]; empty if at least `least` is left after a file of a size [B]."""
     if free >= least + size:
         return ""
     needed = f"{size / MB:.1f} MB are needed, " if size else ""

@@ -151,7 +151,7 @@ class OptionalClockRate(click.Command):
     """A command whose option `--clock` may come without its number, also before the argument BAG."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """Give a `--clock` without a number the value 0: with every message."""
+        """Set a `--clock` without a number to 0: with every message."""
         for i, argument in enumerate(args):
             if argument == CLOCK and not NUMBER.fullmatch("".join(args[i + 1 : i + 2])):
                 args = [*args[:i], f"{CLOCK}=0", *args[i + 1 :]]

@@ -32,7 +32,7 @@ LONGEST_NAME = 80
 
 @contextmanager
 def as_one(bags: Sequence[Path]) -> Iterator[Path]:
-    """Give a bag, or a folder with links to the files of several, which are read together by time.
+    """Yield a bag, or a folder with links to the files of several bags, which are read together by time.
 
     Errors that the folder causes name the files as they were given.
 

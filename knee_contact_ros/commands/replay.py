@@ -152,7 +152,7 @@ def run_replay(
 
 
 def span_of(reader: BagReader, timing: Timing) -> tuple[int, int]:
-    """Return the part of the bag that is played: log times [ns] of the first message, and behind the last one.
+    """Return the part of the bag that is played: log times [ns] of the first message, and after the last one.
 
     Raises:
         UsageError: no message is in this part.

@@ -174,7 +174,7 @@ class Analysed(NamedTuple):
     """Name of the outcome"""
     table: pd.DataFrame
     """Indices: `parameter` (`a x b` for a pair), `index` (see `INDICES`), `n` (groups), `value`, and the ends of its
-    interval, `low` and `high` (not a number for mu and sigma); no rows where there is a `reason`"""
+    interval, `low` and `high` (NaN for mu and sigma); no rows where there is a `reason`"""
     spoilt: int
     """Number of groups with a case without a value"""
     cases: int
@@ -205,7 +205,7 @@ def analyse(design: SalibDesign, outcome: str, values: Floats, bound: float = 0.
     Args:
         design: The design at whose points the outcome was computed.
         outcome: Name of the outcome.
-        values: Values at the points, shape (design.number,); not a number where a case failed.
+        values: Values at the points, shape (design.number,); NaN where a case failed.
         bound: Bound of the values' numerical error; an outcome whose standard deviation is no larger has no indices.
     """
     import pandas as pd
