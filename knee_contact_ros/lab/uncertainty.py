@@ -192,7 +192,7 @@ def propagated(
     compiled = worth_compiling(replays) if compiled is None else compiled
 
     def answers(moved: Deviation, times: float) -> Sequence[Rows]:
-        """Answers of each compartment to one input that is off by a number of deviations; `rows` if it leaves its range.
+        """Answers of each compartment with one input off by a number of deviations; `rows` if it leaves its range.
 
         All parameters are named, as a named lateral one does not follow its medial one: it has its own deviation.
         """
