@@ -28,7 +28,7 @@ from pathlib import Path
 from types import FunctionType
 from typing import Any, TypeVar, cast
 
-TICK, LOADING, COMPILING = 0.3e-3, 0.7, 7.0
+TICK, LOADING, COMPILING = 0.3e-3, 0.7, 6.0
 """Processor time [s] of an uncompiled tick, of loading the kept file (with Numba's import), and of compiling"""
 FILES, SUFFIX, DIGEST = 8, ".kernel", hashlib.sha256().digest_size
 """Number of newest files that stay in a folder, also those of other processors; suffix of names; size of a digest"""

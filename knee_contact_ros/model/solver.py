@@ -475,6 +475,17 @@ def doubled_step(
 
 
 @inlined
+def flown(knee: Knee, tick: Interval, layer: int, impact: float, s: float, y: float, v: float, h: float) -> Step:
+    """Return a flight of `h` [s] from s [s] on, which is exact."""
+    load = tick.load + tick.load_rate * s
+    height = y + h * (v - h * (0.5 * load + tick.load_rate * h / 6.0) / knee.mass)
+    velocity = v - h * (load + 0.5 * tick.load_rate * h) / knee.mass
+    end = stage_at(knee, tick, layer, impact, s + h, height, velocity)
+    rounding = LAUNCH_ROUNDING * abs(height - y)
+    return Step(height, velocity, rounding, 0.0, end, 0.0, 0.0, 0.0, NOWHERE, 1.0, 1, True, False)
+
+
+@in_kernel
 def attempt(
     knee: Knee, tick: Interval, layer: int, pressing: bool, impact: float, known: int, s: float, y: float, v: float,
     h: float, one: Stage, radius: float, room: int,
@@ -485,12 +496,7 @@ def attempt(
     limits the evaluations of an implicit step.
     """
     if not pressing:
-        load = tick.load + tick.load_rate * s
-        height = y + h * (v - h * (0.5 * load + tick.load_rate * h / 6.0) / knee.mass)
-        velocity = v - h * (load + 0.5 * tick.load_rate * h) / knee.mass
-        end = stage_at(knee, tick, layer, impact, s + h, height, velocity)
-        rounding = LAUNCH_ROUNDING * abs(height - y)
-        return Step(height, velocity, rounding, 0.0, end, 0.0, 0.0, 0.0, NOWHERE, 1.0, 1, True, False)
+        return flown(knee, tick, layer, impact, s, y, v, h)
     if radius * h <= EXPLICIT:
         return explicit_step(knee, tick, layer, impact, known, s, y, v, h, one)
     return doubled_step(knee, tick, layer, impact, known, s, y, v, h, one, room - STEP_COST)
@@ -667,7 +673,7 @@ def fly(
     while t < h and looks < most:
         there = min(t + dt, h)
         dt = there - t
-        look = attempt(knee, tick, layer, False, impact, NOWHERE, s, y, v, there, begin, 0.0, 1).end
+        look = flown(knee, tick, layer, impact, s, y, v, there).end
         looks += 1
         boundary = crossed(knee, tick, layer, False, look, NOWHERE)
         finest = dt <= shortest or not t + 0.5 * dt > t
@@ -841,7 +847,7 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
             if looks >= limit:
                 break
             if boundary == NOWHERE:
-                step = attempt(knee, tick, layer, False, touched, NOWHERE, s, y, v, h, begin, 0.0, 1)
+                step = flown(knee, tick, layer, touched, s, y, v, h)
             else:
                 step, h, boundary, extra = end_on_boundary(
                     knee, tick, layer, False, touched, s, y, v, low, high, begin, before, boundary, most - used
