@@ -154,8 +154,11 @@ def test_what_is_right_is_not_warned_about(
 
 
 SURFACES: dict[str, tuple[Callable[..., Any], str, str]] = {
+    "mm for m": (lambda p: 1e3 * p, "", "likely it is in mm"),
+    "cm for mm": (lambda p: 1e2 * p, "--unit=mm", "largest extent"),
     "LPS for RAS": (lambda p: p[:, [2, 0, 1]] * [-1.0, -1.0, 1.0], "--axes=y,z,x", "z = 8.0 to 28.0 mm; or see --axes"),
     "upside down": (lambda p: p * [1.0, -1.0, 1.0], "", "looks up"),
+    "the other bone": (lambda p: p, "--side=tibia", "--side femur"),
     "a tibia upside down": (lambda _p: swept(tibial_curve())[0] * [1.0, -1.0, 1.0], "--side=tibia", "upside down"),
 }
 
