@@ -16,7 +16,9 @@ from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.profiles import picture
 from knee_contact_ros.lab.profiles.fit import TOLERANCE, Fit, concave, contact_centre, fit
 from knee_contact_ros.lab.profiles.surfaces import Surface, read_surface
-from knee_contact_ros.model.surfaces import Profile
+from knee_contact_ros.model.mechanisms import hinge
+from knee_contact_ros.model.surfaces import ContactPair, Plane, Profile
+from studies.choosing.surfaces import read_points
 from tests.lab.profiles.meshes import (
     EDGE,
     MIDDLE,
@@ -285,7 +287,9 @@ def test_the_picture_cuts_nothing() -> None:
         assert edge.min() == 255
 
 
-def test_a_knee_from_mri_has_the_radii_and_thicknesses_that_were_published(reference_data: Path) -> None:
+def test_a_knee_from_mri_has_the_radii_and_thicknesses_that_were_published_and_the_shipped_profile(
+    reference_data: Path, config: Path
+) -> None:
     """The one that the shipped profiles come from; it is not in the project."""
     names = ("_R_femur_cartilage_surface", "-R-femur-subchondral-bone", "_R_tibia_medial_cartilage_surface",
              "-R-tibia-subchondral-bone")  # fmt: skip
@@ -300,3 +304,19 @@ def test_a_knee_from_mri_has_the_radii_and_thicknesses_that_were_published(refer
     assert begin < 0.0 < end
     thickness = [each.thickness.mean for each in (of_femur, of_tibia) if each.thickness]
     assert thickness == pytest.approx([2.7 * MM, 1.7 * MM], abs=0.05 * MM)  # as the figures were rounded
+    # The slice was chosen by others. Condyles are flat across: within a few mm the radius is the same.
+    assert contact_centre(condyle, True, True) == pytest.approx(MIDDLE, abs=4.0 * MM)
+    assert contact_centre(condyle, True, False) == pytest.approx(-MIDDLE, abs=8.0 * MM)
+    raw = np.genfromtxt(reference_data / "geometry" / "femur_medial_raw.csv", delimiter=",", skip_header=4)
+    # It is printed with 1e-5 mm, and the mesh holds 32-bit numbers.
+    nearest = [np.hypot(*(of_femur.smoothed.raw / MM - point).T).min() for point in raw]
+    assert max(nearest) < 2e-3
+    angles = np.linspace(0.0, 1.1, 100)
+    ours, shipped = of_femur.smoothed.points.T, read_points(config / "femur_medial.csv")
+    pairs = [ContactPair(Profile(*points), Plane(), hinge()) for points in (ours, shipped)]
+    first_path, second_path = (
+        np.array([pair.closest(each, 0.0).turning for each in angles.tolist()]) for pair in pairs
+    )
+    # Both were smoothed to 0.05 mm RMS, by two methods. On a radius of 34 mm a wave of that height and 25 mm length
+    # turns the normal by 2 pi 0.07 / 25 = 1 degree, 0.6 mm of contact point; two thirds of it are allowed.
+    assert np.abs(first_path - second_path).max() < 0.4 * MM
