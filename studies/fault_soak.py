@@ -44,7 +44,7 @@ from knee_contact_ros.streams.topics import (
 from knee_contact_ros.system.ros import private_graph
 from studies.cut_off import busy
 from tests.helpers.messages import RosMessages, header
-from tests.ros.conftest import call
+from tests.ros.conftest import Peer, call
 from tests.ros.faults import FAULTS, Fault
 
 RATE = 1000.0
@@ -74,6 +74,8 @@ process."""
 class Peered(Driver):
     """A driver with the methods that faults use of the tests' peer."""
 
+    client = Peer.client
+
     def __init__(self, node: Any, executor: Any) -> None:
         super().__init__(node, executor)
         self.node = node
@@ -89,6 +91,7 @@ class Peered(Driver):
         self.stalled: list[subprocess.Popen[str]] = []
         self.node_process = 0
         self.between = 0.0
+        self.clients: dict[Any, Any] = {}
         node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
 
     @property
