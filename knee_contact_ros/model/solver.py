@@ -873,10 +873,12 @@ def advance(knee: Knee, tick: Interval, start: Femur, most: int) -> Result:
                 stage = stage_at(knee, tick, layer, touched, s + h, y, v)
                 used += 1
             if knee.remembers and pressing:
-                if begin.rate < 0.0 < stage.rate and min(begin.depth, stage.depth) <= reach(error, math.inf):
-                    # The exact surfaces may have parted and met again.
-                    again = abs(impact) + max(-begin.rate, stage.rate) + velocity_reach(error)
-                    impact_error = max(impact_error, again)
+                if begin.rate < 0.0 < stage.rate:
+                    # The exact surfaces may have parted and met again: the tangents at both ends meet lower than that.
+                    back = (begin.depth - stage.depth + h * stage.rate) / (stage.rate - begin.rate)
+                    if min(begin.depth + max(back, 0.0) * begin.rate, stage.depth) <= reach(error, math.inf):
+                        again = abs(impact) + max(-begin.rate, stage.rate) + velocity_reach(error)
+                        impact_error = max(impact_error, again)
                 if impact_error > 0.0:
                     doubt = max(
                         impact_doubt(knee, layer, begin, touched, impact_error),

@@ -26,6 +26,11 @@ def test_a_released_contact_that_leaps_from_dent_to_dent_presses_after_a_leap(se
     assert [one for one in rows(seed) if one.wrong or one.known != 20 or one.covered < 19] == []
 
 
+def test_a_contact_that_parts_within_a_step_and_meets_the_next_dent_begins_anew() -> None:
+    """The law remembers how a contact began: 0.37 m/s instead of a tenth of it."""
+    assert [one for one in rows(6301051493) if one.wrong] == []
+
+
 @pytest.mark.parametrize("parts", [1, 3])
 @pytest.mark.parametrize("brush", [0.07, 0.31, 0.62, 0.93])
 @pytest.mark.parametrize("deep", [1e-4, 3e-4])
