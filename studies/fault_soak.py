@@ -43,7 +43,6 @@ from knee_contact_ros.streams.topics import (
 )
 from knee_contact_ros.system.ros import private_graph
 from studies.cut_off import busy
-from tests.helpers.messages import RosMessages, header
 from tests.ros.conftest import Peer, call
 from tests.ros.faults import FAULTS, Fault
 
@@ -74,7 +73,7 @@ process."""
 class Peered(Driver):
     """A driver with the methods that faults use of the tests' peer."""
 
-    client = Peer.client
+    client, send_angle, send_force, send = Peer.client, Peer.send_angle, Peer.send_force, Peer.send
 
     def __init__(self, node: Any, executor: Any) -> None:
         super().__init__(node, executor)
@@ -116,15 +115,6 @@ class Peered(Driver):
             if time.monotonic() > deadline:
                 raise TimeoutError("it did not happen in time")
             self._spin(0.05)
-
-    def send_angle(self, stamp: int, angle: float, joint: str = "knee") -> None:
-        """Publish a flexion angle [rad] at a stamp [ns]."""
-        self.angle.publish(JointState(header=header(RosMessages, stamp, ""), name=[joint], position=[angle]))
-
-    def send_force(self, stamp: int, axial: float) -> None:
-        """Publish an axial compression [N] at a stamp [ns]."""
-        wrench = RosMessages.Wrench(force=RosMessages.Vector3(x=0.0, y=-axial, z=0.0))
-        self.force.publish(WrenchStamped(header=header(RosMessages, stamp, "tibia_r"), wrench=wrench))
 
     def _on_contact(self, data: bytes) -> None:
         super()._on_contact(data)
