@@ -17,6 +17,7 @@ import os
 from array import array
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 from functools import cache
 from pathlib import Path
@@ -309,7 +310,7 @@ class BagWriter:
     """Recording that is being written, in files that get their final names when they are complete.
 
     Until then a file has the suffix `.partial`. With limits there are several files: `split_if_due`, called between
-    messages that may be separated, completes a full file and begins the next one.
+    messages that may be separated, begins the next one. A thread completes the full file while writing continues.
     """
 
     def __init__(
@@ -339,6 +340,8 @@ class BagWriter:
         self.remarks: list[str] = []
         """Messages for the user"""
         self._complete: list[tuple[str, Statistics]] = []
+        self._completing: list[tuple[BagFile, Future[None]]] = []
+        self._thread = ThreadPoolExecutor(1, "completing")  # which begins with its first task
         self.file = BagFile(self.path, file, compressed, overwrite, {})
         """File that is being written"""
 
@@ -360,7 +363,6 @@ class BagWriter:
 
         Raises:
             UsageError: The new file cannot be opened; the present one is unchanged.
-            OSError: The full file cannot be completed.
         """
         statistics, limits = self.file.statistics, self._limits
         if limits == NO_LIMITS or not statistics.message_count:
@@ -375,11 +377,34 @@ class BagWriter:
             following.add_topic(topic["name"], topic["type"])
         following.add_metadata(CONTINUED, {"first": self.path.name})
         full, self.file = self.file, following
-        self._complete_file(full)
+        self._completing.append((full, self._thread.submit(self._complete_file, full)))
+
+    def flush(self) -> None:
+        """Hand all written data to the operating system."""
+        self.file.flush()
+        self._settle(wait=False)
+
+    def sync(self) -> None:
+        """Sync all flushed data to the disk; may be called by another thread.
+
+        Raises:
+            OSError: The sync has failed.
+        """
+        for file, _ in self._completing.copy():
+            file.sync()
+        self.file.sync()
 
     def close(self) -> None:
         """Complete the recording and its `metadata.yaml`, unless it is alone or there is one of another bag."""
+        self._settle(wait=True)
         self._complete_file(self.file)
+        self._thread.shutdown()
+
+    def discard(self) -> None:
+        """Remove the unfinished files."""
+        self._thread.shutdown()
+        for file in (*(file for file, _ in self._completing), self.file):
+            file.discard()
 
     def _complete_file(self, file: BagFile) -> None:
         """Complete a file, give it its name, and list it in `metadata.yaml`."""
@@ -393,12 +418,21 @@ class BagWriter:
         if not self._alone:
             put_metadata(self.path.parent, information(self._complete, self.file.topics))
 
+    def _settle(self, wait: bool) -> None:
+        """Take the results of the thread for completed files; `wait` for all full files or not.
+
+        Raises:
+            OSError: A file could not be completed.
+        """
+        while self._completing and (wait or self._completing[0][1].done()):
+            self._completing.pop(0)[1].result()
+
     def __enter__(self) -> BagWriter:
         return self
 
     def __exit__(self, kind: object, *_: object) -> None:
         with ExitStack() as failed:
-            failed.callback(self.file.discard)
+            failed.callback(self.discard)
             if kind is None:
                 self.close()
                 failed.pop_all()
@@ -436,7 +470,7 @@ class AnswerWriter:
 
     def note(self, name: str, values: dict[str, str]) -> None:
         """Write a metadata record after the answers so far."""
-        self.bag.file.flush()  # messages wait for the end of their chunk, metadata does not
+        self.bag.flush()  # messages wait for the end of their chunk, metadata does not
         self.bag.add_metadata(name, values)
 
     def finish(self, ending: Ending) -> None:
@@ -468,7 +502,7 @@ class Recorder:
         """
         if self._sync_error:
             raise self._sync_error
-        self._bag.file.flush()
+        self._bag.flush()
 
     def news(self) -> tuple[str, ...]:
         """Remarks that are new since the last call.
@@ -498,7 +532,7 @@ class Recorder:
         """Sync in a thread of its own, because writing must not wait for a slow disk."""
         try:
             while not self._done.wait(period):
-                self._bag.file.sync()
+                self._bag.sync()
         except OSError as error:
             self._sync_error = error
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from pathlib import Path
 from resource import RLIMIT_NOFILE, getrlimit, setrlimit
 from typing import Any
@@ -12,6 +13,7 @@ from ruamel.yaml import YAML
 
 from knee_contact_ros.bags.recorder import (
     AnswerWriter,
+    BagFile,
     BagWriter,
     Limits,
 )
@@ -93,6 +95,25 @@ def test_more_files_than_a_shell_lets_be_open_are_read(tmp_path: Path) -> None:
         assert recorded_ticks(tmp_path) == list(range(20))
     finally:
         setrlimit(RLIMIT_NOFILE, before)
+
+
+def test_a_slow_disk_does_not_hold_up_what_comes_after_a_split(tmp_path: Path, monkeypatch: Any) -> None:
+    goes_on, complete = threading.Event(), BagFile.complete
+
+    def slow(file: BagFile) -> None:
+        assert goes_on.wait(30.0)
+        complete(file)
+
+    monkeypatch.setattr(BagFile, "complete", slow)
+    bag = BagWriter(tmp_path / "knee.mcap", limits=Limits(duration=100 * MS))
+    writer = AnswerWriter(bag, {})
+    for number in range(250):
+        writer.write(answer(number).records)
+    bag.flush()
+    assert names(tmp_path) == ["knee.mcap.partial", "knee_1.mcap.partial", "knee_2.mcap.partial"]
+    goes_on.set()
+    bag.close()
+    assert names(tmp_path) == ["knee.mcap", "knee_1.mcap", "knee_2.mcap", "metadata.yaml"]
 
 
 def test_a_next_file_that_cannot_be_opened_leaves_what_was_written(tmp_path: Path) -> None:
