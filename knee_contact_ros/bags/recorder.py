@@ -583,7 +583,8 @@ def open_output(
     """
     refuse(path, settings.min_free)
     bag = BagWriter(path, limits=settings.limits, next_free_name=True)
-    bag.remarks += [f"{path} is there already: this recording is {bag.path}"] * (bag.path != path)
+    if bag.path != path:
+        bag.remarks.append(f"{path} is there already: this recording is {bag.path}")
     bag.remarks += map(output_files.cut_off, output_files.leftovers(path.parent, ".mcap"))
     return Recorder(AnswerWriter(bag, provenance, names, told_as), settings)
 

@@ -274,7 +274,7 @@ def quasi_static(knee: Knee, tick: Interval, start: Femur, stiffness: float, dam
         if knee.surfaces.non_convex > 0.0 or not math.isnan(next_kink(knee.surfaces, tick.angle, end_angle)):
             # The contact leaps from bump to bump: the surface kicks the femur, maybe twice, maybe at the end.
             kick = 3.0 * abs(velocity - begin_velocity)
-            way, speed = way + kick / holding(k, c, mass), speed + kick
+            way, speed = way + kick / held, speed + kick
         error = bounded(with_bound(error, unknown + way, speed))
         # The linearised contact must not pull the femur with more than the load, as no contact does.
         pull, swing = stiffness * before.height + damping * before.velocity, math.sqrt(stiffness * mass)
@@ -283,7 +283,7 @@ def quasi_static(knee: Knee, tick: Interval, start: Femur, stiffness: float, dam
             pull = math.sqrt(pull * pull + rebound * rebound)
         pressed = abs(pull) < min(tick.load, load)
         # A contact that has let go and begun anew damps otherwise, if the law remembers how it began.
-        pressed = pressed and not (knee.remembers and reach(error, holding(k, c, mass)) >= in_layer)
+        pressed = pressed and not (knee.remembers and reach(error, held) >= in_layer)
     stage = Stage(end_depth, end_cosine * end_sinking, force, k, c, end_surface_rate, end_cosine, 0.0)
     femur = Femur(height, velocity, error, math.inf, start.impact_speed, start.impact_error)
     force_estimate = force_reach(error, k, c, c * end_sinking, held) / end_cosine
