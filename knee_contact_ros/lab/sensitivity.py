@@ -36,7 +36,7 @@ from knee_contact_ros.lab.study import Design, Floats, Shards, Spaced, Study, gr
 from knee_contact_ros.lab.sweep import LATERAL, OUTCOMES, Cohort, sweep
 from knee_contact_ros.offline.notebooks import Name
 from knee_contact_ros.parameters.files import Source, first_error
-from knee_contact_ros.results import no_such
+from knee_contact_ros.results import Suggesting
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS
 from knee_contact_ros.system.terminal import progress, say
@@ -303,7 +303,7 @@ def not_converged(design: SalibDesign, analysed: Analysed) -> list[str]:
 
 
 @dataclass(frozen=True)
-class Sensitivity:
+class Sensitivity(Suggesting):
     """Results of `sensitivity`."""
 
     outcomes: dict[str, Analysed]
@@ -317,9 +317,6 @@ class Sensitivity:
         doubted = sum(map(len, self.remarks.values()))
         lines = [f"{len(self.cohort.failed)} cases, {doubted} remark(s)", *map(repr, self.outcomes.values())]
         return "<Sensitivity: " + "\n  ".join(lines[:19]) + ">"
-
-    def __getattr__(self, name: str) -> Any:
-        raise no_such(self, name)
 
     def to_pandas(self) -> pd.DataFrame:
         """Return a data frame with a row for each index: outcome, parameter, index, n, value, low, high; SI units."""

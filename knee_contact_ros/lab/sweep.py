@@ -38,7 +38,7 @@ from knee_contact_ros.parameters.files import (
     variations_of,
 )
 from knee_contact_ros.parameters.schema import Parameters, has_both, lateral_knee
-from knee_contact_ros.results import Records, no_such
+from knee_contact_ros.results import Records, Suggesting
 from knee_contact_ros.streams.contact_stream import ContactStream, half_spacing, move_along_z
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded
@@ -387,7 +387,7 @@ def _answers(recording: Recording, sides: Sequence[Side]) -> Rows:
 
 
 @dataclass(frozen=True)
-class Cohort:
+class Cohort(Suggesting):
     """Results of `sweep`: k cases, in the order of the values."""
 
     values: dict[str, NDArray[Any]]
@@ -409,9 +409,6 @@ class Cohort:
     def __repr__(self) -> str:
         varied = ", ".join(f"{name} {np.min(own)} to {np.max(own)}" for name, own in self.values.items())
         return f"<Cohort: {len(self.failed)} cases, {np.count_nonzero(self.failed)} failed; varied: {varied}>"
-
-    def __getattr__(self, name: str) -> Any:
-        raise no_such(self, name)
 
     def to_pandas(self) -> pd.DataFrame:
         """Return a data frame with a row for each case: values, outcomes, lateral outcomes and why it failed.

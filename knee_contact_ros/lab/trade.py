@@ -15,9 +15,6 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from rich import box
-from rich.console import Console
-from rich.table import Table
 
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.ticks import LEVELS
@@ -25,7 +22,7 @@ from knee_contact_ros.model.types import Rows, Status
 from knee_contact_ros.results import Results
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import write_complete
-from knee_contact_ros.system.terminal import WIDTH, say, shown
+from knee_contact_ros.system.terminal import print_table, say
 
 TOLERANCES = tuple(float(f"1e-{exponent}") for exponent in range(3, 10))
 """Values of `fidelity.tolerance` [m] that are measured"""
@@ -160,14 +157,13 @@ def advice(trade: Trade) -> str:
 
 def show(trade: Trade) -> None:
     """Print a table with a row per setting, what its errors refer to, and the advice."""
-    table = Table("level", box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
-    for heading in ("tolerance", "depth [m]", "force [N]", "point [m]", "flagged", "calls", "time [us]"):
-        table.add_column(shown(heading), justify="right", no_wrap=True)
+    rows = list[tuple[str, ...]]()
     for level, tolerance, *errors, flagged, calls, microseconds in trade.settings:
         cells = (f"{tolerance:.0e}", *(f"{error:.1e}" for error in errors), f"{1e2 * flagged:.1f} %")
-        table.add_row(level, *cells, f"{calls:.1f}", f"{microseconds:.2f}")
+        rows.append((level, *cells, f"{calls:.1f}", f"{microseconds:.2f}"))
+    headings = ("level", "tolerance", "depth [m]", "force [N]", "point [m]", "flagged", "calls", "time [us]")
     say("Largest errors at any tick; calls of the contact law and processor time per tick")
-    Console(width=WIDTH).print(table)
+    print_table("lrrrrrrr", headings, rows, padding=0)
     say(f"{trade.ticks} ticks. The reference is the same model at a tolerance of {REFERENCE:g} m; a run at")
     say(f"{SECOND:g} m differs from it by {trade.reference_error:.1e} m at most.")
     say(advice(trade), hang=0)

@@ -28,7 +28,7 @@ from knee_contact_ros.offline.notebooks import Name, in_python_words, solve_inpu
 from knee_contact_ros.offline.solve import parameters_in, texts_of
 from knee_contact_ros.parameters.files import Source, all_values, curve_files, dotted, known_parameters
 from knee_contact_ros.parameters.schema import LATERAL, Parameters, has_both
-from knee_contact_ros.results import no_such
+from knee_contact_ros.results import Suggesting
 from knee_contact_ros.system.errors import UsageError, meant
 from knee_contact_ros.system.files import expanded, read_mapping
 from knee_contact_ros.system.terminal import progress
@@ -224,7 +224,7 @@ def propagated(
 
 
 @dataclass(frozen=True)
-class Uncertainty:
+class Uncertainty(Suggesting):
     """Result of `uncertainty`: standard deviations of each compartment's answers."""
 
     medial: Propagated
@@ -235,9 +235,6 @@ class Uncertainty:
     def __repr__(self) -> str:
         lateral = f"\n  lateral {self.lateral!r}" if self.lateral else ""
         return f"<Uncertainty: medial {self.medial!r}{lateral}>"
-
-    def __getattr__(self, name: str) -> Any:
-        raise no_such(self, name)
 
 
 def uncertainty(
