@@ -32,8 +32,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, ValidationError, ValidationInfo, field_validator
 
-from knee_contact_ros.lab.study import Design, Floats, Shards, Spaced, Study, groups_of, read_study, run_study
+from knee_contact_ros.lab.study import Design, Shards, Spaced, Study, groups_of, read_study, run_study
 from knee_contact_ros.lab.sweep import LATERAL, OUTCOMES, Cohort, sweep
+from knee_contact_ros.model.types import Floats
 from knee_contact_ros.offline.notebooks import Name
 from knee_contact_ros.parameters.files import Source, first_error
 from knee_contact_ros.results import Suggesting
@@ -148,23 +149,14 @@ class SensitivityStudy(Study):
     @field_validator("outcomes")
     @classmethod
     def _known(cls, names: tuple[str, ...]) -> tuple[str, ...]:
-        return checked_outcomes(names)
+        if not names or not set(names) <= set(KNOWN) or len(set(names)) < len(names):
+            raise ValueError(f"some of {', '.join(KNOWN)}, each once")
+        return names
 
     @field_validator("sample", mode="before")
     @classmethod
     def _none(cls, _sample: Any) -> None:
         raise ValueError("sensitivity draws its own points")
-
-
-def checked_outcomes(names: Sequence[str]) -> tuple[str, ...]:
-    """Return the names of the outcomes to be analysed.
-
-    Raises:
-        ValueError: the list is empty, or a name is unknown or given twice.
-    """
-    if not names or not set(names) <= set(KNOWN) or len(set(names)) < len(names):
-        raise ValueError(f"some of {', '.join(KNOWN)}, each once")
-    return tuple(names)
 
 
 class Analysed(NamedTuple):
@@ -241,18 +233,16 @@ def _indices(design: SalibDesign, whole: Any, values: Floats) -> Iterator[tuple[
     # SALib takes a seed of 0 for none
     options: Any = {"num_resamples": RESAMPLES, "conf_level": design.confidence, "seed": design.seed + 1}
     if design.method == "sobol":
-        result = sobol.analyze(design.problem, values.ravel(), calc_second_order=design.second_order, **options)
-        for frame in result.to_df():
-            for name, (value, half) in zip(frame.index, frame.to_numpy(), strict=True):
-                both = name if isinstance(name, str) else " x ".join(name)
-                yield both, frame.columns[0], len(values), value, value - half, value + half
-        return
-    points = design.unit().reshape(design.n, design.group, -1)[whole].reshape(values.size, -1)
-    result = morris.analyze(design.problem, points, values.ravel(), num_levels=LEVELS, **options)
-    for kind in INDICES["morris"]:
-        for name, value, half in zip(design.ranges, result[kind], result["mu_star_conf"], strict=True):
-            reach = float(half) if kind == "mu_star" else np.nan
-            yield name, kind, len(values), float(value), value - reach, value + reach
+        frames = sobol.analyze(design.problem, values.ravel(), calc_second_order=design.second_order, **options).to_df()
+    else:
+        points = design.unit().reshape(design.n, design.group, -1)[whole].reshape(values.size, -1)
+        all_kinds = morris.analyze(design.problem, points, values.ravel(), num_levels=LEVELS, **options).to_df()
+        frames = [all_kinds[kinds] for kinds in (["mu_star", "mu_star_conf"], ["mu"], ["sigma"])]
+    for frame in frames:
+        for name, (value, *half) in zip(frame.index, frame.to_numpy(float).tolist(), strict=True):
+            reach = half[0] if half else np.nan
+            both = name if isinstance(name, str) else " x ".join(name)
+            yield both, frame.columns[0], len(values), value, value - reach, value + reach
 
 
 def analysed_in(design: SalibDesign, rows: pd.DataFrame, outcomes: Sequence[str]) -> dict[str, Analysed]:
@@ -358,13 +348,12 @@ def sensitivity(
             `reason` of the outcomes.
     """
     options = {"method": method, "n": n, "seed": seed, "second_order": second_order, "confidence": confidence}
+    content = {"bags": ["gait"], "sensitivity": options | {"ranges": dict(ranges)}, "outcomes": outcomes}
     try:
-        design = SalibDesign.model_validate(options | {"ranges": dict(ranges)})
-        names = checked_outcomes(outcomes)
+        study = SensitivityStudy.model_validate(content)
     except ValidationError as error:
         raise UsageError(first_error(error)) from None
-    except ValueError as error:
-        raise UsageError(f"outcomes: {outcomes!r} is not allowed; {error}") from None
+    design, names = study.design, study.outcomes
     values = dict(zip(design.ranges, design.points().T, strict=True))
     cohort = sweep(gait, values, params, remap=remap, namespace=namespace, threads=threads)
     if cohort.lateral is None and (wrong := [name for name in names if name.startswith(LATERAL)]):
@@ -398,7 +387,7 @@ def gather(study: SensitivityStudy, shards: Shards) -> list[Combination]:
     for group in groups_of(study):
         variants = study.variants()
         while cases := list(islice(variants, study.design.number)):
-            rows = table.loc[[group.key(values) for values in cases]]
+            rows = table.loc[[key for key, _ in group.keyed(cases)]]
             columns = {"bag": group.bag, "params": " + ".join(group.params)} | {
                 name: str(cases[0][name]) for name in study.grid
             }
@@ -478,15 +467,12 @@ def run_sensitivity(study_file: Path, output: str, workers: int, scheduler: str)
         tables = [tidy(each.analysed).assign(**each.columns)[[*each.columns, *AFTER]] for each in combinations]
         text = pd.concat(tables).to_csv(index=False, float_format="%.9g", lineterminator="\n")
         shards.put(TABLE, text.encode())
-        written = set()
-        for outcome in study.outcomes:
-            panels = [(each.label, each.analysed[outcome]) for each in combinations]
-            if panels := [(label, one) for label, one in panels if not one.reason]:
-                written.add(f"{PICTURE}{outcome}.png")
-                shards.put(f"{PICTURE}{outcome}.png", draw(study.design, panels))
         for path in shards.files.glob(f"{shards.folder}/{PICTURE}*.png"):  # of an earlier run
-            if Path(path).name not in written:
-                shards.files.rm_file(path)
+            shards.files.rm_file(path)
+        for outcome in study.outcomes:
+            panels = [(each.label, one) for each in combinations if not (one := each.analysed[outcome]).reason]
+            if panels:
+                shards.put(f"{PICTURE}{outcome}.png", draw(study.design, panels))
     for line, doubts in sentences(study, combinations):
         say(line, hang=2)
         if doubts:

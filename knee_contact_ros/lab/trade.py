@@ -16,6 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from knee_contact_ros.lab.sweep import Recording, Side, answers_of, steps_of
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.ticks import LEVELS
 from knee_contact_ros.model.types import Rows, Status
@@ -120,20 +121,15 @@ def measure(
 
 def answered(model: KneeModel, samples: Rows, load: float) -> tuple[Rows, float]:
     """Compute samples again with their load times `load`; return the answers and the processor time [s] of the run."""
-    starts = np.flatnonzero(samples["status"] & Status.TIME_RESET)
-    parts = [part for part in np.split(np.asarray(samples), starts) if len(part)]
-    seconds = []
+    unknown = np.full(len(samples), np.nan)
+    heights = samples["femoral_height"] if model.height_prescribed else unknown
+    recording = Recording(samples["stamp"], steps_of(samples), samples["flexion_angle"], unknown, unknown, heights)
+    side, seconds = Side(model, load * samples["load"], 0.0), []
     for _ in range(REPEATS + 1):  # the first run compiles
         begin = time.process_time()
-        rows = [
-            model.stream().advance_all(
-                part["stamp"], part["flexion_angle"], load * part["load"],
-                part["femoral_height"] if model.height_prescribed else None,
-            )
-            for part in parts
-        ]  # fmt: skip
+        (rows,) = answers_of(recording, [side])
         seconds.append(time.process_time() - begin)
-    return np.concatenate(rows), min(seconds[1:])
+    return rows, min(seconds[1:])
 
 
 def advice(trade: Trade) -> str:
