@@ -24,7 +24,7 @@ _PLACES = {
     "UsageError": "system.errors",
     "calibrate": "lab.calibrate",
     "estimate_load": "offline.notebooks",
-    "load_model": "parameters.build",
+    "load_model": "streams.contact_stream",
     "sensitivity": "lab.sensitivity",
     "solve": "offline.notebooks",
     "sweep": "lab.sweep",

@@ -65,7 +65,7 @@ def longest_chain(folder: Path) -> int:
 def entered_in_a_tick() -> tuple[int, int]:
     """Functions that an uncompiled tick enters, and the files that they are in: most of any tick of gait."""
     from benchmarks.gait import gait
-    from knee_contact_ros.parameters.build import load_model
+    from knee_contact_ros import load_model
 
     stream, most = load_model("healthy", compiled=False).stream(), (0, 0)
     for time, angle, load in zip(*gait("right"), strict=True):

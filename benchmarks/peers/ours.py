@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from benchmarks.peers.measure import Outcome, Setting, Solver, half_decades, stopwatch
 from benchmarks.peers.problems import EXPONENT, Problem
+from knee_contact_ros import load_model
 from knee_contact_ros.model.knee import KneeModel
-from knee_contact_ros.parameters.build import load_model
 
 NAME = "knee-contact"
 LEVELS = ("dynamic", "quasi_static")

@@ -185,7 +185,7 @@ def view(sources: tuple[str, ...], given: Given, save: Path | None, overwrite: b
     drawn with its own parameters, any other file with those of --params. Several knees stand side by side. FILE can
     also be a Rerun file, or the address that a node (rerun.mode serve) or --serve prints.
     """
-    from knee_contact_ros.view.viewer import executable
+    from knee_contact_ros.view.output import executable
 
     for source in sources:
         input_path(source)  # an address is no path that is there
@@ -234,7 +234,7 @@ def warm(given: Given) -> None:
     """
     from knee_contact_ros.model.compiler import compiled_run, folders, kept_files
     from knee_contact_ros.model.ticks import run
-    from knee_contact_ros.parameters.build import load_model
+    from knee_contact_ros.streams.contact_stream import load_model
     from knee_contact_ros.system.terminal import say
 
     if any(given):

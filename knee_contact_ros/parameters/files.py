@@ -19,7 +19,7 @@ from pydantic import ValidationError
 
 from knee_contact_ros.joint_reaction.compartments import ShareTable
 from knee_contact_ros.model.knee import LARGEST_ANGLE
-from knee_contact_ros.parameters.ros_files import Sections, as_sections, fits, read_sections, values_for
+from knee_contact_ros.parameters.ros_files import Sections, add_sections, fits, flat, read_sections, values_for
 from knee_contact_ros.parameters.schema import (
     LATERAL,
     Declaration,
@@ -71,15 +71,9 @@ def known_parameters(schema: type[NodeSection] = Parameters) -> Mapping[str, Dec
     return MappingProxyType(dict(declared(schema, "")))
 
 
-def dotted(values: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """Flatten a mapping with nested or dotted names to dotted names, which begin with `prefix`."""
-    flat: dict[str, Any] = {}
-    for key, value in values.items():
-        if isinstance(value, Mapping):
-            flat |= dotted(value, f"{prefix}{key}.")
-        else:
-            flat[f"{prefix}{key}"] = value
-    return flat
+def dotted(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Flatten a mapping with nested or dotted names to dotted names."""
+    return dict(flat(values))
 
 
 def all_values(parameters: Section) -> dict[str, Any]:
@@ -130,8 +124,8 @@ def load_parameters(source: Any, schema: Any = Parameters, namespace: str = "") 
             if isinstance(part, schema):
                 given = flat_parameters(part)
             elif isinstance(part, Mapping):
-                of_nodes = as_sections(part)
-                given = dotted(part) if of_nodes is None else _own_values(of_nodes, "the mapping", schema, namespace)
+                add_sections(of_nodes := {}, part)
+                given = _own_values(of_nodes, "the mapping", schema, namespace)
             else:
                 raise UsageError(f"parameters: {short(repr(part))} is not allowed; {ALLOWED}")
             merged, sections = merged | given, {}

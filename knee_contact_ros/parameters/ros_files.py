@@ -100,7 +100,7 @@ def read_sections(path: Path, known: Sections | None = None) -> Sections:
     own: Sections = {}
     try:
         for content in contents(text):
-            _add(own, content)
+            add_sections(own, content)
     except UsageError as error:
         raise UsageError(f"{path}: {error}") from None
     sections = {} if known is None else known
@@ -128,20 +128,12 @@ def contents(text: str) -> list[Any]:
         raise UsageError(f"not a YAML file: {' '.join(str(error).split()) or type(error).__name__}") from None
 
 
-def as_sections(mapping: Mapping[str, Any]) -> Sections | None:
-    """Sections of a mapping that has the form of a parameter file; None if it names no nodes.
+def add_sections(sections: Sections, content: Any) -> None:
+    """Add the values in the content of a parameter file to sections; without names of nodes they are for `/**`.
 
     Raises:
-        UsageError: its content for a node is not parameters.
+        UsageError: it has not the form of a parameter file, or gives a name again.
     """
-    if not _has_nodes(mapping):
-        return None
-    sections: Sections = {}
-    _add_nodes(sections, mapping, "")
-    return sections
-
-
-def _add(sections: Sections, content: Any) -> None:
     if not isinstance(content, Mapping):
         raise UsageError("not a parameter file: it must map node names to ros__parameters")
     if _has_nodes(content):
@@ -167,17 +159,22 @@ def _add_nodes(sections: Sections, content: Mapping[str, Any], before: str) -> N
             _add_nodes(sections, value, f"{before}{'' if not before or before.endswith('/') else '/'}{name}")
 
 
-def _add_values(values: dict[str, Any], content: Mapping[str, Any], before: str = "") -> None:
-    for name, value in content.items():
-        full = f"{before}{name}"
+def _add_values(values: dict[str, Any], content: Mapping[str, Any]) -> None:
+    for name, value in flat(content):
+        if name in values:
+            raise UsageError(f"{name} is given twice")
+        if isinstance(value, list) and len({type(each) for each in value}) > 1:
+            raise UsageError(f"{name}: a list must hold values of one kind")
+        values[name] = value
+
+
+def flat(values: Mapping[str, Any], before: str = "") -> Iterator[tuple[str, Any]]:
+    """Dotted names and values of a mapping with nested or dotted names; the names begin with `before`."""
+    for name, value in values.items():
         if isinstance(value, Mapping):
-            _add_values(values, value, f"{full}.")
-        elif full in values:
-            raise UsageError(f"{full} is given twice")
-        elif isinstance(value, list) and len({type(each) for each in value}) > 1:
-            raise UsageError(f"{full}: a list must hold values of one kind")
+            yield from flat(value, f"{before}{name}.")
         else:
-            values[full] = value
+            yield f"{before}{name}", value
 
 
 def _rank(value: Any) -> int:
@@ -190,7 +187,7 @@ def values_for(sections: Sections, node: str) -> dict[str, Any]:
     merged: dict[str, Any] = {}
     for section, values in sections.items():
         if fits(section, node):
-            merged |= {name: value for name, value in values.items() if value is not None}
+            merged |= values
     return merged
 
 

@@ -149,17 +149,9 @@ class NodeSection(Section):
         raise NotImplementedError
 
 
-def frame_name(name: str) -> str:
-    """Check the name of a tf2 frame, which may be empty.
-
-    Raises:
-        ValueError: it begins with a slash, or it is only the suffix of a tibia frame.
-    """
-    if name.startswith("/") or name == "_isb":
-        raise ValueError("allowed: the name of a tf2 frame, without a slash before it")
-    return name
-
-
+FRAME = "the name of a tf2 frame, without a slash before it"
+FrameName = Annotated[str, rule(lambda name: not name.startswith("/") and name != "_isb", FRAME)]
+"""Name of a frame, which may be empty; `_isb` is only the suffix of a tibia frame"""
 # Without a type in their text, messages of a source are of the input's own type.
 AngleSource = Annotated[str, Rule(lambda text: source_of(text, JOINT_STATE) and text, FORM)]
 ForceSource = Annotated[str, Rule(lambda text: source_of(text, WRENCH_STAMPED) and text, FORM)]
@@ -288,7 +280,7 @@ class Load(Section):
 class Frame(Section):
     """Frame of the messages."""
 
-    tibia: Annotated[str, AfterValidator(frame_name)] = ""
+    tibia: FrameName = ""
     """turn forces into this tibia frame (x anterior, y superior, z right); empty: do not turn them"""
 
 
@@ -592,9 +584,9 @@ class GroundForce(Section):
 class LoadFrames(Section):
     """Frames of the messages."""
 
-    ground: Annotated[str, AfterValidator(frame_name)] = ""
+    ground: FrameName = ""
     """turn ground forces into this frame (x forward, y up, z right); empty: do not turn them"""
-    tibia: Annotated[str, AfterValidator(frame_name)] = Field("tibia", min_length=1)
+    tibia: FrameName = Field("tibia", min_length=1)
     """frame_id of the joint reaction force: x anterior, y superior, z right"""
 
 
@@ -617,9 +609,7 @@ class PersonParameters(Section):
     @property
     def constants(self) -> Person:
         """Constants of the person for the estimator."""
-        return Person(
-            self.mass, self.height, self.moment_arm_scale, self.co_contraction, self.tone, self.electromechanical_delay
-        )
+        return Person(**self.model_dump())
 
 
 class LoadParameters(NodeSection):

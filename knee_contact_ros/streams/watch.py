@@ -1,4 +1,4 @@
-"""Watches a run for what no knee does: implausible inputs, depths and gaps, and an impossible split of the load.
+"""Watches a run for what no knee does: implausible parameters, inputs, depths, gaps, and an impossible split of a load.
 
 Nothing is refused here: the user may model a rat. Each finding is one sentence, for log, summary and report.
 """
@@ -18,8 +18,7 @@ from knee_contact_ros.joint_reaction.estimator import weight_doubt
 from knee_contact_ros.model.inputs import Axes, Inputs
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import EXTENDS, FARTHEST_GAP, FARTHEST_POINT, FLAT, FLEXES, Rows, Status
-from knee_contact_ros.parameters.build import beyond_words, parameter_doubts
-from knee_contact_ros.parameters.schema import Parameters
+from knee_contact_ros.parameters.schema import ContactParameters, Parameters
 from knee_contact_ros.streams.topics import NANOSECONDS
 
 if TYPE_CHECKING:
@@ -27,6 +26,12 @@ if TYPE_CHECKING:
 
 MOST_BEYOND = 0.1
 """Largest fraction of samples under load that may lie beyond a table of shares without a warning"""
+SHARES = {"total": 1.0, "moment_balance": 0.5, "measured_share": 0.6}
+"""Fraction of the body weight that loads a compartment in `parameter_doubts`, by the load's rule; else `load.share`"""
+GAIT = tuple(math.radians(degrees) for degrees in range(0, 61, 5))
+"""Flexion angles of gait [rad]"""
+PLATEAU = 0.045
+"""Largest distance [m] of a contact from the tibia's origin along x: half a plateau's length is about 25 mm"""
 MM = 1e3
 IMPLAUSIBLE = int(Status.IMPLAUSIBLE)
 Floats = NDArray[np.float64]
@@ -38,6 +43,67 @@ def doubts_about(parameters: Parameters, model: KneeModel) -> Doubts:
     inputs = Inputs(None if weight_doubt(weight) else weight, driven=not model.height_prescribed)
     doubts = parameter_doubts(parameters, model)
     return Doubts(model.plausible_depth, beyond_words(model), doubts, inputs, Axes(parameters.frame.tibia))
+
+
+def parameter_doubts(parameters: Parameters, model: KneeModel) -> list[str]:
+    """Sentences about parameters in a likely wrong unit (kg, N/mm^n, MPa), and about a wait that is too short."""
+    contact, pairing = parameters.contact, parameters.pairing
+    doubts = [
+        weight_doubt(parameters.body_weight),
+        _stiffness_doubt(parameters, model),
+        _place_doubt(parameters, model),
+    ]
+    soft, hard = contact.stiffness, contact.stiffness_2
+    if len(model.law.layers) > 1 and contact.stiffness_from == "value" and hard < soft:
+        finding = f"is below contact.stiffness, {soft:.7g}: bone softer than cartilage"
+        doubts.append(f"contact.stiffness_2 {_units(contact, hard, finding)}")
+    if pairing.angle_delay > 0.0 and pairing.wait <= pairing.angle_delay:
+        doubts.append(
+            f"pairing.wait {pairing.wait:.7g} s does not exceed pairing.angle_delay {pairing.angle_delay:.7g} s: "
+            "live, the node answers every force before its angle arrives (INPUT_HELD)"
+        )
+    return [doubt for doubt in doubts if doubt]
+
+
+def _place_doubt(parameters: Parameters, model: KneeModel) -> str:
+    """Sentence about a femur that leaves the plateau in gait, such as one that turns about the hip; empty if none."""
+    pair = model.pair
+    places = [pair.mechanism.translation(angle)[0] - pair.femur.support(angle)[1] for angle in GAIT]  # if level
+    if max(map(abs, places)) <= PLATEAU:
+        return ""
+    return (
+        f"femur.profile {parameters.femur.profile} touches the tibia at x = {MM * min(places):.0f} to "
+        f"{MM * max(places):.0f} mm in 0 to 60 degrees of flexion, and a plateau ends before {MM * PLATEAU:.0f} mm: is "
+        "its origin the hip's or the scanner's, and not the joint's axis (fit-profile --origin)?"
+    )
+
+
+def _stiffness_doubt(parameters: Parameters, model: KneeModel) -> str:
+    """Sentence about a stiffness or modulus that gives an implausible depth under the body weight; empty if it fits."""
+    contact, share = parameters.contact, SHARES.get(parameters.load.rule, parameters.load.share)
+    load, limit = share * parameters.body_weight, model.plausible_depth
+    depth = model.static_depth(load)
+    if depth <= limit:
+        return ""
+    finding = f"gives {MM * depth:.3g} mm of depth under {load:.1f} N ({share:g} body weights), {beyond_words(model)}"
+    if contact.stiffness_from == "material" or contact.law == "elastic_foundation":
+        value = contact.youngs_modulus
+        return f"contact.youngs_modulus {value:.7g} Pa {finding}; {value:.7g} MPa would be {1e6 * value:.7g} Pa"
+    return f"contact.stiffness {_units(contact, contact.stiffness, finding)}"
+
+
+def beyond_words(model: KneeModel) -> str:
+    """Phrase for the largest plausible depth of a model."""
+    limit = model.plausible_depth
+    what = "the cartilage's thickness" if limit == model.law.thickness else "a fifth of the femoral radius"
+    return f"beyond {MM * limit:.3g} mm, {what}"
+
+
+def _units(contact: ContactParameters, stiffness: float, finding: str) -> str:
+    """Phrase with a stiffness, a finding about it, and what it would be if it were meant in N/mm^n."""
+    per_metre, per_millimetre = (f"N/{unit}^{contact.exponent:g}" for unit in ("m", "mm"))
+    meant = f"{MM**contact.exponent * stiffness:.7g} {per_metre}"
+    return f"{stiffness:.7g} {per_metre} {finding}; {stiffness:.7g} {per_millimetre} would be {meant}"
 
 
 @dataclass

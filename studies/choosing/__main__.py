@@ -21,8 +21,8 @@ import click
 import numpy as np
 
 from benchmarks.report import machine, table
+from knee_contact_ros import load_model
 from knee_contact_ros.model.types import Status
-from knee_contact_ros.parameters.build import load_model
 from studies.choosing.scenes import (
     CIRCLE,
     COARSER,

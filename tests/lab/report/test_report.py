@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from knee_contact_ros import load_model
 from knee_contact_ros.bags.reader import BagReader, read_answers
 from knee_contact_ros.bags.recorder import BagWriter
 from knee_contact_ros.commands.main import main
@@ -18,7 +19,6 @@ from knee_contact_ros.lab.report.runs import CURVES, EVENT_COLUMNS, NUMBERS, PEA
 from knee_contact_ros.model.readouts import SPREAD
 from knee_contact_ros.model.types import FLAT
 from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.topics import EACH_TICK, KNEE_CONTACT_WRENCH, MESSAGE_TYPES
 from tests.lab.report.pages import check_html, numbers, page_of, rows_of, runs_of, text_of

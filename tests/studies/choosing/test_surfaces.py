@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from knee_contact_ros.parameters.build import load_model
+from knee_contact_ros import load_model
 from studies.choosing.scenes import CIRCLE, MRI_FEMUR, MRI_KNEE, geometries
 from studies.choosing.surfaces import deepest, femur_through, lowest, plateau_through
 
