@@ -39,7 +39,7 @@ from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import share_folder
 from knee_contact_ros.system.processes import PATIENCE, Child, child_process
 from knee_contact_ros.system.ros import Quickest, executor_of
-from knee_contact_ros.view.viewer import viewer
+from knee_contact_ros.view.output import installed_viewer
 
 _START = struct.Struct("<4siI")
 """Beginning of each message: representation and stamp; the rest does not depend on the stamp"""
@@ -367,7 +367,7 @@ def start_ours(parameter_files: list[Path], work: Path, patience: float) -> Iter
 
 OURS, BARE = "this node", "bare"
 CANDIDATES = {
-    OURS: Candidate(f"computes, publishes, records to MCAP{' and draws to a Rerun file' if viewer() else ''} "
+    OURS: Candidate(f"computes, publishes, records to MCAP{' and draws to a Rerun file' if installed_viewer() else ''} "
                     "(healthy.yaml)", partial(start_ours, [PARAMETERS])),
     "this node, both": Candidate("the same with both compartments (and both_compartments.yaml)",
                                  partial(start_ours, [PARAMETERS, PARAMETERS.with_name("both_compartments.yaml")])),

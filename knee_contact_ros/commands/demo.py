@@ -28,17 +28,19 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float64MultiArray
 
-from knee_contact_ros.bags.reader import OWN_NAMES, BagReader, RawMessage, read_bag
+from knee_contact_ros.bags.reader import OWN_NAMES, BagReader, RawMessage, read_answers, read_bag
 from knee_contact_ros.commands.player import Command, Player
 from knee_contact_ros.commands.replay import Replayer
 from knee_contact_ros.commands.tables import counts, show_summary
+from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints
 from knee_contact_ros.offline.estimate_load import estimate_load
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.offline.summary import read_summary
 from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.parameters.schema import ActuatedJoint, LoadParameters
+from knee_contact_ros.parameters.schema import ActuatedJoint, LoadParameters, Parameters, has_both
+from knee_contact_ros.results import begin_of, stamp_text
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.messages import decode_joint_state, encode_joint_state, stamp_in
 from knee_contact_ros.streams.topics import (
@@ -47,17 +49,18 @@ from knee_contact_ros.streams.topics import (
     KNEE_CONTACT,
     LOAD_ESTIMATE,
     LOAD_INPUTS,
+    MEDIAL,
     MESSAGE_TYPES,
     stamp_to_ns,
 )
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import share_folder
+from knee_contact_ros.system.files import require, share_folder
 from knee_contact_ros.system.output_files import partial_name, replace, work_folder
 from knee_contact_ros.system.processes import PATIENCE, Child, child_process
 from knee_contact_ros.system.ros import executor_of, joining, private_graph
 from knee_contact_ros.system.terminal import progress, warn
-from knee_contact_ros.view.picture import write_peak
-from knee_contact_ros.view.viewer import NOT_INSTALLED, has_screen, look_at, viewer
+from knee_contact_ros.view.output import NOT_INSTALLED, has_screen, installed_viewer, look, viewer_command
+from knee_contact_ros.view.picture import draw_knee
 
 BAG, RECORDED = "gait2354_right_sensors", "gait2354_right"
 """Bundled bags: a leg's sensors, and the joint reaction of the same gait by a musculoskeletal model"""
@@ -77,6 +80,9 @@ RERUN_FILE, PICTURE = Path("knee_contact.rrd"), Path("knee.png")
 NODE_LOG, LOAD_LOG, COMPANION_LOG = Path("node.log"), Path("load.log"), Path("companion.log")
 RESULTS = RECORDING.parent, LOAD_RECORDING.parent, RERUN_FILE, PICTURE, NODE_LOG, LOAD_LOG, COMPANION_LOG
 """Names of the results of all demos: a demo replaces those of an earlier one"""
+SIZE, DPI = (5.2, 6.0), 160
+"""Size of the picture [in], and its resolution"""
+STYLE: Any = {"font.size": 10, "axes.titlesize": 10.5, "figure.dpi": DPI}
 COMPANION_COMMANDS = "knee_effort_controller/commands"
 NOT_KNOWN = (
     "people change how much they co-contract when assisted, and this estimate cannot see that: it only takes the "
@@ -159,7 +165,7 @@ def run_demo(
     load = load_parameters([*load_files, assisted], LoadParameters) if load_files else None
     values = {"body_weight": load.person.constants.weight} if load else {}
     parameters = load_parameters([*files, values])
-    doubts = ContactStream(parameters, compiled=False).doubts
+    stream = ContactStream(parameters, compiled=False)
     with BagInputs(bag, load or parameters, OWN_NAMES) as opened_bag:
         check_joints(opened_bag, parameters.joints() | (load.joints() if load else {}))
     inputs = LOAD_INPUTS if load else INPUTS
@@ -176,7 +182,7 @@ def run_demo(
         with ExitStack() as opened:
             children = [opened.enter_context(process) for process in processes]
             play([*reader.raw_messages()], rate, listener, needed, companion, children)
-        summary = read_summary(work / RECORDING.parent, parameters.body_weight, doubts)
+        summary = read_summary(work / RECORDING.parent, parameters.body_weight, stream.doubts)
         if not summary.ticks:
             raise UsageError(f"bag {bag}: the node has answered nothing; refused: {counts(summary.refused)}")
         rows = live_rows(listener, summary.ticks) | (load_rows(bag, load, work) if load else {})
@@ -184,7 +190,7 @@ def run_demo(
             rows |= assisted_rows(bag, load, parameters, work, summary.peaks["contact_force"].contact_force)
         places = result_files(output, load is not None, companion)
         try:
-            write_peak(work / RECORDING.parent, work / PICTURE)
+            draw_peak(work / RECORDING.parent, stream.model, parameters, work / PICTURE)
             places["Knee at the peak"] = str(output / PICTURE)
         except UsageError as error:
             places["No picture"] = str(error)
@@ -192,7 +198,7 @@ def run_demo(
             replace(work / result, output / result)
     show_summary(summary, rows, places)
     warn(summary.sentences)
-    if viewer():
+    if installed_viewer():
         offer(output / RERUN_FILE)
 
 
@@ -209,6 +215,34 @@ def live_rows(listener: Listener, ticks: int) -> dict[str, str]:
     return rows
 
 
+def draw_peak(recording: Path, model: KneeModel, parameters: Parameters, picture: Path) -> str:
+    """Draw a PNG of the medial (or only) knee of a recording where the load is largest; return its title.
+
+    Where the femoral height drives the model, the largest contact force counts.
+
+    Raises:
+        UsageError: matplotlib is not installed.
+    """
+    require("report", "matplotlib")
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    answers = read_answers(recording)
+    what = "contact_force" if model.height_prescribed else "load"
+    peak = answers[int(answers[what].argmax())]
+    which = f"{MEDIAL} compartment, " if has_both(parameters) else ""
+    when = stamp_text(int(peak["stamp"]), begin_of(int(answers["stamp"][0])))
+    title = f"{which}largest {what.replace('_', ' ')}, at {when} s"
+    with mpl.rc_context(STYLE):
+        figure = Figure(figsize=SIZE, layout="constrained")
+        knee = figure.subplots()
+        angle, height, force = (float(peak[name]) for name in ("flexion_angle", "femoral_height", "contact_force"))
+        draw_knee(knee, model, angle, height, force, parameters.body_weight)
+        knee.set_title(title)
+        figure.savefig(picture, format="png", dpi=DPI, metadata={"Software": None})
+    return title
+
+
 def result_files(output: Path, load: bool, companion: bool) -> dict[str, str]:
     """Return the names and places of the results, and the command that shows them."""
     logs = {"Companion's log": output / COMPANION_LOG} if companion else {}
@@ -216,7 +250,7 @@ def result_files(output: Path, load: bool, companion: bool) -> dict[str, str]:
     if load:
         places = {"Load's recording": output / LOAD_RECORDING.parent, "Load's log": output / LOAD_LOG, **places}
     scene = {"Not drawn": NOT_INSTALLED}
-    if viewer():
+    if installed_viewer():
         see = f"{Path(sys.executable).with_name('knee-contact')} view {output / RERUN_FILE}"
         scene = {"Rerun file": str(output / RERUN_FILE), "To see it": see}
     return {name: str(place) for name, place in places.items()} | scene
@@ -290,7 +324,7 @@ def node_process(
     name, command, log = ("the load node", "load", LOAD_LOG) if load else ("the node", "node", NODE_LOG)
     outputs = {"record.path": work / (LOAD_RECORDING if load else RECORDING)}
     mode = {}
-    if viewer() and not load:
+    if installed_viewer() and not load:
         outputs["rerun.path"], mode = work / RERUN_FILE, {"rerun.mode": '"file"'}
     paths = {name: f'"{path}"' for name, path in outputs.items()}
     arguments = [
@@ -329,7 +363,7 @@ def offer(scene: Path) -> None:
         return
     with suppress(click.Abort):  # Ctrl-D or Ctrl-C: all is there, and said
         if click.confirm("Open the scene in the Rerun viewer?", default=True):
-            look_at(scene)
+            look(viewer_command(str(scene)))
 
 
 def largest(bag: Path, topic: str) -> tuple[float, float]:

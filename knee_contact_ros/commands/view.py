@@ -29,9 +29,8 @@ from knee_contact_ros.system.files import refuse_twice
 from knee_contact_ros.system.output_files import refuse_existing
 from knee_contact_ros.system.processes import LOCALHOST, interrupted_by_sigterm, refuse_taken
 from knee_contact_ros.system.terminal import progress, say, warn
-from knee_contact_ros.view import viewer
 from knee_contact_ros.view.anatomy import KneeOutlines, drawings_of
-from knee_contact_ros.view.output import RerunFile
+from knee_contact_ros.view.output import RerunFile, address, connect_command, look, refuse_blind, viewer_command
 from knee_contact_ros.view.scene import Pictures, Scene
 
 SERVED = ("rerun+", "http://")
@@ -78,7 +77,7 @@ def run_view(sources: Sequence[str], given: Given, save: Path | None, overwrite:
         raise UsageError(f"{addresses[0]}: a served scene can only be viewed, and not together with files")
     _refuse_in_vain(save, overwrite, (port, port + 1) if serve else ())
     if addresses:
-        viewer.look(viewer.connect_command(addresses))
+        look(connect_command(addresses))
         return
     if sources[0].endswith(".rrd"):
         drawn = Path(sources[0])
@@ -114,7 +113,7 @@ def _refuse_in_vain(save: Path | None, overwrite: bool, ports: Sequence[int]) ->
     for port in ports:
         refuse_taken(port, "--port")
     if not save and not ports:
-        viewer.refuse_blind(ALTERNATIVES)
+        refuse_blind(ALTERNATIVES)
 
 
 def recorded_knees(recordings: Mapping[Path, str], parameters: Parameters) -> Iterator[RecordedKnee]:
@@ -177,8 +176,8 @@ def _draw(knees: Sequence[RecordedKnee], path: Path, overwrite: bool) -> None:
     """Write the scene of several knees to a Rerun file, which appears under its name when it is complete."""
     file = RerunFile(path, [knee.drawing for knee in knees], overwrite=overwrite)
     try:
-        for number, knee in enumerate(knees):
-            scene = Scene(file.recording, knee.drawing, number=number if len(knees) > 1 else None)
+        for knee in knees:
+            scene = Scene(file.recording, knee.drawing, among=[each.drawing.knee for each in knees])
             with progress(f"Drawing {knee.drawing.knee}") as advance:
                 for changes, answers in _answers_of(knee, advance):
                     for change in changes:
@@ -213,12 +212,12 @@ def _answers_of(knee: RecordedKnee, advance: Callable[[int, int], None]) -> Iter
 def _present(path: Path, port: int | None) -> None:
     """Show a Rerun file in a window, or let Rerun serve it to browsers and viewers on this machine until Ctrl-C."""
     if port is None:
-        viewer.look_at(path)
+        look(viewer_command(str(path)))
         return
-    scene, web = viewer.address(port), port + 1
-    command = [str(viewer.executable()), *viewer.on_loopback(port), "--serve-web"]
+    scene, web = address(port), port + 1
+    command = viewer_command("--serve-web", "--web-viewer-port", str(web), str(path), port=port)
     with suppress(KeyboardInterrupt):
         click.echo(f"In a browser   http://{LOCALHOST}:{web}?url={quote(scene, safe='')}")
         click.echo(f"In a viewer    knee-contact view {scene}")
         click.echo("Ctrl-C ends it.")
-        viewer.look([*command, "--web-viewer-port", str(web), str(path)])
+        look(command)

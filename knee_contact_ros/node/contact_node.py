@@ -29,6 +29,7 @@ from knee_contact_ros.model.types import ROW, reader
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.node.diagnostics import ContactHealth
 from knee_contact_ros.node.inputs import HandedInputs
+from knee_contact_ros.node.markers import MARKER_DEPTH, MARKER_PERIOD, KneeMarkers, MarkerTopic
 from knee_contact_ros.node.parameters import NodeKind
 from knee_contact_ros.node.session import OUTPUT_DEPTH, Session
 from knee_contact_ros.parameters.files import curve_texts
@@ -37,7 +38,7 @@ from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.messages import JointState as StrideNumbers
 from knee_contact_ros.streams.messages import encode_joint_state
 from knee_contact_ros.streams.output import Knee
-from knee_contact_ros.streams.pairing import LoadSample, PairedSample
+from knee_contact_ros.streams.pairing import PairedSample
 from knee_contact_ros.streams.strides import CERTAIN, Stride, Strides
 from knee_contact_ros.streams.topics import (
     KNEE_CONTACT,
@@ -49,32 +50,7 @@ from knee_contact_ros.streams.topics import (
 )
 from knee_contact_ros.system.processes import OWN_GROUP, python_module, start
 from knee_contact_ros.view.anatomy import compartments_of, drawings_of
-from knee_contact_ros.view.markers import KneeMarkers
-from knee_contact_ros.view.viewer import address
-
-MARKER_PERIOD = 1.0 / 30.0
-"""Shortest time [s] from one message to the next"""
-MARKER_DEPTH = 1
-"""Number of messages that the publisher keeps: old pictures are useless"""
-
-
-class MarkerTopic:
-    """Publishes markers between ticks, and not with every tick."""
-
-    def __init__(self, publisher: Any, markers: KneeMarkers) -> None:
-        """Publish `markers` with the publisher of a MarkerArray."""
-        self.publisher = publisher
-        self.newest: tuple[LoadSample, bytes] | None = None
-        """Answer to show next: its load, and the bytes of its row; None if it was shown"""
-        self._markers = markers
-
-    def publish(self) -> None:
-        """Publish the newest answer, unless it was published or nobody subscribes."""
-        if self.newest and self.publisher.get_subscription_count():
-            load, row = self.newest
-            self.newest = None
-            self.publisher.publish(self._markers.encode(load.stamp, load.frame_id, row))
-
+from knee_contact_ros.view.output import address
 
 STRIDE_PERIOD = 0.05
 """Time [s] between two looks for strides"""

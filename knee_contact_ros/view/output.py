@@ -1,16 +1,20 @@
-"""The scene as an output of a node: a Rerun file, or a server for viewers on this machine.
+"""The scene as an output of a node: a Rerun file, or a server for viewers on this machine; and Rerun's viewer.
 
 `sink_for` describes it to the node, `open_output` opens it in a process of its own. Rerun is large, so that only what
-runs there imports it.
+runs there imports it. Its viewer is a process that is found, started and watched; all servers of it listen on 127.0.0.1
+only, as Rerun's own default is every interface.
 """
 
 from __future__ import annotations
 
 import os
+import signal
+import tempfile
 from collections.abc import Sequence
+from importlib.util import find_spec
 from pathlib import Path
 from threading import Thread
-from typing import TYPE_CHECKING, Any
+from typing import IO, TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -18,10 +22,10 @@ from knee_contact_ros.model.types import ROW
 from knee_contact_ros.streams.output import Knee, Sink
 from knee_contact_ros.streams.topics import KNEE_CONTACT, Ending, knee_name
 from knee_contact_ros.system import output_files
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.processes import LOCALHOST, refuse_taken
+from knee_contact_ros.system.errors import IncompleteError, UsageError
+from knee_contact_ros.system.files import not_installed
+from knee_contact_ros.system.processes import LOCALHOST, Process, free_port, kept, refuse_taken, start
 from knee_contact_ros.view.anatomy import KneeOutlines, compartments_of, drawings_of
-from knee_contact_ros.view.viewer import Window, address, executable
 
 if TYPE_CHECKING:
     from knee_contact_ros.view.scene import Scene
@@ -41,6 +45,15 @@ PAUSE = 0.0005
 """Pause [s] between two messages to Rerun while a node runs, which then gets the processor"""
 BLOCK = 1 << 16
 """Bytes that a pipe holds"""
+NOT_INSTALLED = not_installed("rerun-sdk", "viewer")
+SCREENS = ("DISPLAY", "WAYLAND_DISPLAY")
+MEMORY_LIMIT = "1GB"
+"""Memory that a node's viewer may take; older data is dropped first"""
+IN_BACKGROUND = ("env", "--default-signal=INT,TERM", "nice", "-n", "10")
+"""Prefix of the command of a node's viewer, which runs at low priority, so that no tick waits for it, and obeys signals
+that the process of a scene ignores"""
+END = 5.0
+"""Time [s] that a viewer may take to end"""
 
 
 def sink_for(knee: Knee) -> Sink | None:
@@ -88,8 +101,8 @@ def open_output(
     from knee_contact_ros.view.scene import Scene
 
     remarks: list[str] = []
-    names = [drawing.knee for drawing in own]
-    file, window = None, None
+    known = {drawing.knee: drawing for drawing in own}
+    among, file, window = list(known), None, None
     if path:
         output_files.refuse_impossible(path)
         name = next(output_files.all_names(path))
@@ -100,15 +113,11 @@ def open_output(
         recording = file.recording
     else:
         # The others' surfaces are not known here; where they are looked at is much the same.
-        known = {drawing.knee: drawing for drawing in own}
-        names = list(knees or known)
-        drawings = [known.get(name, own[0]._replace(knee=name)) for name in names]
+        among = list(knees) or among
+        drawings = [known.get(name, own[0]._replace(knee=name)) for name in among]
         recording = serve(port, drawings, "+".join(knees) or None)
         window = Window(address(port)) if spawn else None
-    numbers = {name: number if len(names) > 1 else None for number, name in enumerate(names)}
-    scenes = [
-        Scene(recording, one, latency=True, pause=PAUSE, forgetful=not path, number=numbers[one.knee]) for one in own
-    ]
+    scenes = [Scene(recording, one, latency=True, pause=PAUSE, forgetful=not path, among=among) for one in own]
     return Viewer(recording, scenes, file, remarks, window)
 
 
@@ -124,7 +133,7 @@ class Viewer:
         `remarks` are messages to the user about the opening, and `window` is the viewer on this machine, if one was
         opened.
         """
-        self.period, self.name = (FILE_PERIOD, file.name) if file else (LIVE_PERIOD, "")
+        self.period, self.name = (FILE_PERIOD, str(file.path)) if file else (LIVE_PERIOD, "")
         self._recording, self._scenes, self._file, self._window = recording, scenes, file, window
         self._remarks = tuple(remarks)
         self._batch: list[bytes] = []
@@ -160,7 +169,7 @@ class Viewer:
             scene.finish()
         if self._file:
             self._file.close()
-            self.name = self._file.name
+            self.name = str(self._file.path)
         else:
             self._recording.flush()
             self._recording.disconnect()
@@ -211,7 +220,9 @@ class RerunFile:
 
         from knee_contact_ros.view.layout import blueprint
 
-        self._path, self._overwrite = path, overwrite
+        self.path = path
+        """Name of the file, which may change when it is complete"""
+        self._overwrite = overwrite
         self._partial, self._file = output_files.partial_name(path), output_files.claim(path, overwrite)
         self._error: OSError | None = None
         self._source, sink = os.pipe()
@@ -220,11 +231,6 @@ class RerunFile:
         self.recording = rr.RecordingStream(APPLICATION)
         self.recording.save(f"/dev/fd/{sink}", default_blueprint=blueprint(drawings, latency))
         os.close(sink)  # Rerun has opened it: the copy is complete when Rerun closes it
-
-    @property
-    def name(self) -> str:
-        """Name of the file."""
-        return str(self._path)
 
     def check(self) -> None:
         """Raise the error of earlier data that could not be written.
@@ -245,7 +251,7 @@ class RerunFile:
         self.recording.disconnect()
         self._thread.join()
         self.check()
-        self._path = output_files.take_name(self._partial, self._path, self._overwrite)
+        self.path = output_files.take_name(self._partial, self.path, self._overwrite)
 
     def discard(self) -> None:
         """Give up, and remove the file."""
@@ -265,3 +271,110 @@ class RerunFile:
                 self._error = error
                 while source.read(BLOCK):
                     pass
+
+
+class Window:
+    """A viewer that this process started and that shows what is served at an address; it stays when we end."""
+
+    def __init__(self, address: str) -> None:
+        """Start the viewer.
+
+        Raises:
+            UsageError: Rerun is not installed, or there is no screen.
+        """
+        refuse_blind("parameter rerun.mode can be serve or file")
+        self._address = address
+        self._log = tempfile.TemporaryFile()  # noqa: SIM115  (the viewer writes to it as long as it lives)
+        self._process: Process | None = start(connect_command([address]), self._log, start_new_session=True)
+
+    def news(self) -> tuple[str, ...]:
+        """Return a message that the viewer has ended, once."""
+        if self._process is None or (code := self._process.poll()) is None:
+            return ()
+        self._process = None
+        still = f"the scene is still served: knee-contact view {self._address}"
+        return (f"the Rerun viewer {_ending(code, self._log)}; {still}",)
+
+
+def address(port: int) -> str:
+    """Return the address at which a viewer connects to a server of this machine."""
+    return f"rerun+http://{LOCALHOST}:{port}/proxy"
+
+
+def installed_viewer() -> Path | None:
+    """Return Rerun's viewer, wherever Python finds its package; None if it is not installed.
+
+    Rerun's library for Python is in the same package: either both are installed or neither.
+    """
+    package = find_spec("rerun_cli")
+    folders = package.submodule_search_locations or () if package else ()
+    return next((path for folder in folders if (path := Path(folder) / "rerun").exists()), None)
+
+
+def executable(wanted: str = "") -> Path:
+    """Return Rerun's viewer; `wanted` begins the message of the error.
+
+    Raises:
+        UsageError: Rerun is not installed.
+    """
+    path = installed_viewer()
+    if path is None:
+        raise UsageError(f"{wanted}{NOT_INSTALLED}")
+    return path
+
+
+def has_screen() -> bool:
+    """Return whether this process can open windows on a screen."""
+    return any(os.environ.get(name) for name in SCREENS)
+
+
+def refuse_blind(instead: str) -> None:
+    """Refuse to open a viewer without a screen; the error says what to do `instead`.
+
+    Raises:
+        UsageError: there is no screen.
+    """
+    if not has_screen():
+        raise UsageError(f"there is no screen for a viewer (DISPLAY is not set); {instead}")
+
+
+def viewer_command(*options: str, port: int = 0) -> list[str]:
+    """Return the command of a viewer, without colours in its output, whose own server only this machine can reach.
+
+    It gets a `port`, by default a free one: at a port in use, the viewer would send its data to the other process.
+
+    Raises:
+        UsageError: Rerun is not installed.
+    """
+    server = ("--bind", LOCALHOST, "--port", str(port or free_port()))
+    return ["env", "NO_COLOR=1", str(executable()), *server, *options]
+
+
+def connect_command(addresses: Sequence[str]) -> list[str]:
+    """Return the command of a viewer that shows the scenes served at addresses."""
+    return [*IN_BACKGROUND, *viewer_command("--memory-limit", MEMORY_LIMIT, *addresses)]
+
+
+def look(command: Sequence[str]) -> None:
+    """Run the command of a viewer until it ends.
+
+    Raises:
+        IncompleteError: the viewer failed.
+    """
+    with tempfile.TemporaryFile() as log:
+        with kept(command, log, END) as process:
+            code = process.wait()
+        if code:
+            raise IncompleteError(f"the Rerun viewer {_ending(code, log)}")
+
+
+def _ending(code: int, log: IO[bytes]) -> str:
+    """Return how a viewer has ended, as text, with the last error in its `log`."""
+    if code < 0:
+        return f"was ended by {signal.Signals(-code).name}"
+    if not code:
+        return "has ended"
+    log.seek(0)
+    lines = log.read().decode(errors="replace").strip().splitlines()
+    reasons = [line for line in lines if "error" in line.lower()] or lines or ["it said nothing"]
+    return f"has ended with code {code} ({reasons[-1].strip()})"

@@ -1,25 +1,13 @@
-"""The knee at a moment, drawn by matplotlib, without Rerun or a display.
-
-`write_peak` writes a PNG of the knee where a recording's load is largest, or its contact force if no load drives.
-"""
+"""The knee at a moment, drawn by matplotlib, without Rerun or a display."""
 
 from __future__ import annotations
 
 import math
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from knee_contact_ros.bags.provenance import read_provenance
-from knee_contact_ros.bags.reader import answer_topics, read_answers
 from knee_contact_ros.model.knee import KneeModel
-from knee_contact_ros.parameters.build import build_model
-from knee_contact_ros.parameters.schema import has_both
-from knee_contact_ros.results import begin_of, stamp_text
-from knee_contact_ros.streams.topics import MEDIAL
-from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import require
 from knee_contact_ros.view.anatomy import Floats, Picture, picture_of
 
 MM = 1e3
@@ -34,47 +22,6 @@ MAGNIFICATION = 10.0
 """Factor by which the depth of the overlap is magnified along the normal, as in the viewer"""
 NAME_INSIDE = {"femur": 11.0, "tibia": 4.0}
 """Distances [mm] of the bones' names from the ends of their shafts"""
-SIZE, DPI = (5.2, 6.0), 160
-STYLE: Any = {"font.size": 10, "axes.titlesize": 10.5, "figure.dpi": DPI}
-
-
-def write_peak(recording: Path, output: Path) -> str:
-    """Write a PNG of a recording's first knee where the load is largest; return its title.
-
-    Where the femoral height drives the model, the largest contact force counts.
-
-    Args:
-        recording: an .mcap file or a rosbag2 folder with answers.
-        output: the PNG; one that exists is replaced.
-
-    Raises:
-        UsageError: matplotlib is not installed, or the recording has no answers or does not hold its parameters.
-    """
-    require("report", "matplotlib")
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
-
-    topics, provenance = answer_topics(recording), read_provenance(recording)
-    if not topics:
-        raise UsageError(f"recording {recording} has no answers (knee_contact_ros/msg/KneeContact)")
-    if provenance is None:
-        raise UsageError(f"recording {recording} does not hold its parameters")
-    parameters = provenance.parameters
-    model = build_model(parameters, curves=provenance.texts())
-    name = "contact_force" if model.height_prescribed else "load"
-    answers = read_answers(recording, topics[0])
-    row = answers[int(np.nan_to_num(answers[name], nan=-math.inf).argmax())]
-    which = f"{MEDIAL} compartment, " if has_both(parameters) else ""
-    when = stamp_text(int(row["stamp"]), begin_of(int(answers["stamp"][0])))
-    title = f"{which}largest {name.replace('_', ' ')}, at {when} s"
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=SIZE, layout="constrained")
-        knee = figure.subplots()
-        angle, height, force = (float(row[each]) for each in ("flexion_angle", "femoral_height", "contact_force"))
-        draw_knee(knee, model, angle, height, force, parameters.body_weight)
-        knee.set_title(title)
-        figure.savefig(output, format="png", dpi=DPI, metadata={"Software": None})
-    return title
 
 
 def draw_knee(axis: Any, model: KneeModel, angle: float, height: float, force: float, body_weight: float) -> None:

@@ -97,7 +97,7 @@ class Scene:
 
     def __init__(
         self, recording: rr.RecordingStream, drawing: KneeOutlines, latency: bool = False, pause: float = 0.0,
-        forgetful: bool = False, number: int | None = None,
+        forgetful: bool = False, among: Sequence[str] = (),
     ) -> None:  # fmt: skip
         """Write the parts of the scene that do not change.
 
@@ -107,10 +107,10 @@ class Scene:
             latency: Whether the answers have latencies.
             pause: Pause [s] between two messages to Rerun.
             forgetful: Whether old data is dropped, so that states must be repeated.
-            number: Number of the knee among several in one scene, for the colour of its curves; None: it is alone.
+            among: Names of all knees in the scene, for the colours of their curves if there are several.
         """
         self._recording, self._drawing, self._pause, self._forgetful = recording, drawing, pause, forgetful
-        self._plots, self._number = layout.plots_of(drawing, latency), number
+        self._plots, self._among = layout.plots_of(drawing, latency), among
         self._layer, self._law_known = drawing.second_layer, True
         self._pictures, self._remarks = Pictures(), Remarks(drawing.body_weight)
         self._count, self._last_stamp, self._dated, self._has_events = 0, 0, False, False
@@ -208,8 +208,9 @@ class Scene:
         """Yield path, names, colours and widths of the curves of each entity."""
         for plot in self._plots:
             names, tints, widths = zip(*(series[:3] for series in plot.series), strict=True)
-            if self._number is not None:
-                tints = ([*KNEE_COLOURS.values()][self._number % len(KNEE_COLOURS)],) * len(names)
+            if len(self._among) > 1:
+                number = self._among.index(self._drawing.knee)
+                tints = ([*KNEE_COLOURS.values()][number % len(KNEE_COLOURS)],) * len(names)
             yield plot.path, names, tints, widths
         if self._drawing.has_bone:
             yield layout.LAYER, [layout.LAYER_NAME], [layout.LAYER_COLOUR], [1.5]

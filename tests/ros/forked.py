@@ -20,7 +20,7 @@ ROS is imported there, as its libraries begin threads"""
 PROCESSES.set_forkserver_preload([
     "pytest", "yaml", "rich.progress", "tests.ros.forked", COMMAND, *(f"knee_contact_ros.{name}" for name in (
         "bags.recorder", "commands.live", "model.compiler", "streams.load_stream", "streams.contact_stream",
-        "view.markers"))
+        "view.anatomy"))
 ])  # fmt: skip
 DEATH_SIGNAL = 1
 """Option of Linux's `prctl`: the signal that a process gets when its parent is gone"""

@@ -19,7 +19,7 @@ from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.topics import LOAD_ESTIMATE, MESSAGE_TYPES, RECORDED
 from knee_contact_ros.system.files import share_folder
-from knee_contact_ros.view.viewer import SCREENS
+from knee_contact_ros.view.output import SCREENS
 from tests.helpers.needs import HAS_PICTURE, HAS_VIEWER, needs_viewer
 from tests.helpers.processes import internet_sockets
 from tests.helpers.terminals import Terminal

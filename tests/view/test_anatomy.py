@@ -1,4 +1,4 @@
-"""The polygons of a knee, markers of RViz and pictures of matplotlib: drawn is what the answers say."""
+"""The polygons of a knee, and the knee of matplotlib: drawn is what the answers say."""
 
 from __future__ import annotations
 
@@ -10,21 +10,11 @@ import numpy as np
 import pytest
 from matplotlib.path import Path as Outline
 
-import knee_contact_ros
-from knee_contact_ros.bags.reader import read_answers
+from knee_contact_ros import load_model
 from knee_contact_ros.model.knee import KneeModel
-from knee_contact_ros.model.mechanisms import MECHANISMS
-from knee_contact_ros.model.surfaces import GEOMETRIES, TIBIAL_GEOMETRIES
-from knee_contact_ros.model.types import Contact, ContactState
-from knee_contact_ros.offline.solve import solve
-from knee_contact_ros.parameters.build import load_model
-from knee_contact_ros.parameters.files import load_parameters
-from knee_contact_ros.streams.topics import typestore
-from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.view import picture
 from knee_contact_ros.view.anatomy import (
     DRAWN_THICKNESS,
-    PLATEAU_REACH,
     REACH,
     SURFACE_POINTS,
     Anatomy,
@@ -32,12 +22,7 @@ from knee_contact_ros.view.anatomy import (
     drawing_of,
     picture_of,
 )  # fmt: skip
-from knee_contact_ros.view.colours import OF_STATE
-from knee_contact_ros.view.markers import LENGTH, KneeMarkers
-from knee_contact_ros.view.picture import magnified, write_peak
-from tests.helpers.answers import contact
-from tests.helpers.markers import distance, drawn, place_of, sagitta
-from tests.offline.test_solve import make_bag, silent
+from knee_contact_ros.view.picture import magnified
 
 DEPTH = 0.7e-3
 KNEES: dict[str, list[Any]] = {
@@ -177,143 +162,6 @@ def test_there_is_no_overlap_apart_and_one_in_all_that_is_searched_if_the_surfac
     picture = picture_of(load_model({}), 0.2, 0.035)
     assert picture.depth == pytest.approx(-1e-3)
     assert picture.overlap.shape == (0, 2)
-
-
-TIME = np.arange(0.0, 0.3, 0.03)
-ANGLE = np.linspace(0.0, 0.9, len(TIME))
-LOAD = np.where(TIME < 0.15, 900.0, -60.0)
-"""Pressed, then pulled apart"""
-FILES = {
-    "femur.profile": "femur_medial.csv",
-    "tibia.profile": "tibia_medial.csv",
-    "translation.table": "translation_medial.csv",
-}
-FEMUR, TIBIA, POINT, FORCE = (f"knee/{name}" for name in ("femur", "tibia", "contact_point", "contact_force_on_femur"))
-
-
-def read(markers: KneeMarkers, frame_id: str, answer: Contact) -> dict[str, Any]:
-    data = markers.encode(answer.stamp, frame_id, answer.tobytes())
-    message: Any = typestore().deserialize_cdr(data, "visualization_msgs/msg/MarkerArray")
-    assert {marker.header.frame_id for marker in message.markers} == {frame_id}
-    assert len({marker.ns for marker in message.markers}) == len(message.markers) == 4
-    return {marker.ns: marker for marker in message.markers}
-
-
-@pytest.mark.parametrize("mechanism", MECHANISMS)
-@pytest.mark.parametrize("tibia", TIBIAL_GEOMETRIES)
-@pytest.mark.parametrize("femur", GEOMETRIES)
-def test_surfaces_meet_as_deep_as_the_answer_says(femur: str, tibia: str, mechanism: str) -> None:
-    names = {"femur.geometry": femur, "tibia.geometry": tibia, "translation.mechanism": mechanism}
-    slope = {"tibia.slope": 0.1} if tibia == "plane" else {}
-    model = knee_contact_ros.load_model(FILES | names | slope)
-    series = model.run(TIME, ANGLE, LOAD)
-    assert {0, 1} == {int(state) for state in series.contact_state}
-    assert sagitta(model.pair.femur.outline()) < 0.02 * series.penetration_depth.max()  # else it would say nothing
-    knee = KneeMarkers([drawing_of(model, "knee", 700.0)])
-    for answer in series:
-        markers = read(knee, "tibia", answer)
-        surface, plateau = drawn(markers[FEMUR]), drawn(markers[TIBIA])
-        point = place_of(markers[POINT])
-        assert (point == [answer.contact_point.x, answer.contact_point.y, 0.0]).all()
-        # What is drawn are corners on the surfaces, between which these bulge.
-        if abs(point[0]) < PLATEAU_REACH:
-            assert distance(point, plateau) <= 1.01 * sagitta(plateau) + 1e-12
-        overlap = answer.penetration_depth - answer.gap
-        facing = point - overlap * np.array([answer.normal_x, answer.normal_y, 0.0])
-        assert distance(facing, surface) <= 1.01 * sagitta(surface) + 1e-12
-        # Nothing of the femur lies deeper: no corner of it is beyond the tangent at the deepest point there.
-        near = surface[np.linalg.norm(surface - facing, axis=1) < 0.01]
-        beyond = (facing - near) @ np.array([answer.normal_x, answer.normal_y, 0.0])
-        assert beyond.max() <= sagitta(surface) + 1e-12
-        if answer.contact_force:
-            begin, end = drawn(markers[FORCE])
-            assert markers[FORCE].action == 0
-            assert (begin == point).all()
-            assert np.linalg.norm(end - begin) == pytest.approx(LENGTH * answer.contact_force, rel=1e-9)
-            force = np.array([answer.contact_wrench.force.x, answer.contact_wrench.force.y, 0.0])  # on the tibia
-            assert end - begin == pytest.approx(-LENGTH * force, rel=1e-9, abs=1e-12)
-        else:
-            assert markers[FORCE].action == 2
-
-
-def test_the_point_has_the_colour_of_the_state_and_a_pull_points_the_other_way() -> None:
-    knee = KneeMarkers([drawing_of(knee_contact_ros.load_model({}), "knee", 700.0)])
-    for state in ContactState:
-        colour = read(knee, "tibia", contact(contact_state=int(state)))[POINT].color
-        assert np.round(255.0 * np.array([colour.r, colour.g, colour.b])).tolist() == OF_STATE[state].tolist()
-    force = read(knee, "tibia", contact(contact_force=-50.0))[FORCE]
-    begin, end = drawn(force)
-    assert force.action == 0
-    assert end - begin == pytest.approx([0.0, -1e-3, 0.0])
-
-
-def test_nothing_is_left_of_the_answer_before() -> None:
-    """One message is written over again and again, in other frames too."""
-    markers = KneeMarkers([drawing_of(knee_contact_ros.load_model({}), "knee", 700.0)])
-    apart = {"contact_force": 0.0, "contact_state": 0, "flexion_angle": 1.0, "femoral_height": 0.04}
-    answers = [contact(), contact(**apart), contact(stamp=5, contact_point=(0.02, 0.01, 0.0)), contact(contact_state=2)]
-    for frame_id in ("tibia_l", "tibia_l", "a longer name", "tibia_r"):
-        for answer in answers:
-            alone = KneeMarkers([drawing_of(knee_contact_ros.load_model({}), "knee", 700.0)])
-            assert str(read(markers, frame_id, answer)) == str(read(alone, frame_id, answer))
-
-
-PICTURED = (
-    ["healthy.yaml"],
-    ["healthy.yaml", "osteoarthritis.yaml", "mri_femur.yaml"],
-    ["healthy.yaml", "mri_knee.yaml"],
-)
-
-
-@pytest.fixture(scope="module", params=PICTURED, ids=lambda files: files[-1])
-def recording(request: Any, tmp_path_factory: pytest.TempPathFactory, right_bag: Path, config: Path) -> Path:
-    path = tmp_path_factory.mktemp("picture") / "knee.mcap"
-    solve(right_bag, load_parameters([config / name for name in request.param]), path, silent)
-    return path
-
-
-def test_the_picture_is_of_the_largest_load(recording: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    from PIL import Image
-
-    told = write_peak(recording, tmp_path / "knee.png")
-    answers = read_answers(recording)
-    peak = answers[int(answers["load"].argmax())]
-    assert told == f"largest load, at {1e-9 * peak['stamp']:.3f} s"  # as the table of peaks has it
-    with Image.open(tmp_path / "knee.png") as image:
-        assert min(image.size) > 700
-        pixels = np.asarray(image.convert("RGB")).astype(int)
-    surface = [int(picture.SURFACE[i : i + 2], 16) for i in (1, 3, 5)]
-    assert (np.abs(pixels - surface) < 6).all(axis=2).sum() > 800  # cartilage is seen, also half a millimetre of it
-    holed = answers.copy()  # a load that is missing, as in recordings of others, is not the largest
-    holed["load"][[0, 200]] = np.nan
-    monkeypatch.setattr(picture, "read_answers", lambda *_: holed)
-    assert write_peak(recording, tmp_path / "knee.png") == told
-
-
-@pytest.mark.parametrize(
-    ("begin", "step", "parameters", "heights", "words"),
-    [  # where the height drives, of the largest force; a stamp of today from the first one on
-        (0, 0.0, {"drive": "displacement"}, 0.0335 - 1e-5 * np.arange(20.0), "largest contact force, at 0.095 s"),
-        (1_764_027_108_530_000_000, 1.0, {}, None, "largest load, at +0.095 s"),
-    ],
-)
-def test_it_says_what_is_largest_and_when(
-    tmp_path: Path, begin: int, step: float, parameters: dict[str, str], heights: Any, words: str
-) -> None:
-    rows = [(begin + i * 5_000_000, 0.1, 800.0 + step * i) for i in range(20)]
-    bag = make_bag(tmp_path / "in.mcap", rows, heights=heights)
-    solve(bag, load_parameters(parameters), tmp_path / "knee.mcap", silent)
-    assert write_peak(tmp_path / "knee.mcap", tmp_path / "knee.png") == words
-
-
-def test_of_both_compartments_the_picture_says_which_and_a_bag_without_answers_is_refused(
-    config: Path, right_bag: Path, tmp_path: Path
-) -> None:
-    with pytest.raises(UsageError, match="has no answers"):
-        write_peak(right_bag, tmp_path / "knee.png")
-    assert not list(tmp_path.iterdir())
-    solve(right_bag, load_parameters([config / "both_compartments.yaml"]), tmp_path / "knee.mcap", silent)
-    assert write_peak(tmp_path / "knee.mcap", tmp_path / "knee.png").startswith("medial compartment, largest load, at ")
 
 
 def test_what_is_drawn_is_as_deep_as_it_says() -> None:

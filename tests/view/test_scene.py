@@ -11,8 +11,8 @@ import pytest
 pytest.importorskip("rerun", reason="needs the extra viewer")
 
 
+from knee_contact_ros import load_model
 from knee_contact_ros.model.types import ROW, Rows
-from knee_contact_ros.parameters.build import load_model
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.results import DATES_FROM
 from knee_contact_ros.streams.contact_stream import ContactStream

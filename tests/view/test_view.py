@@ -34,8 +34,7 @@ from knee_contact_ros.system.processes import free_port
 from knee_contact_ros.view.anatomy import drawing_of
 from knee_contact_ros.view.colours import BONE, CARTILAGE, COVER, DEPTH, FEMUR, FORCE, TIBIA
 from knee_contact_ros.view.layout import CONTACT_POINT, DETAILS, KNEE, SOLVER
-from knee_contact_ros.view.output import open_output
-from knee_contact_ros.view.viewer import NOT_INSTALLED, executable
+from knee_contact_ros.view.output import NOT_INSTALLED, executable, open_output
 from tests.helpers.processes import NO_BYTECODE, has_ended
 from tests.helpers.viewer import pixels_of, rendered, wait_for, window_of
 from tests.view.scenes import answers_of, column, entities, lists, texts_of

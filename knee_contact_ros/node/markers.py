@@ -1,4 +1,4 @@
-"""The knee as markers in the tibia frame, for RViz: both surfaces, the contact point and the force on the femur.
+"""The topic of markers, for RViz: both surfaces in the tibia frame, the contact point and the force on the femur.
 
 The model is planar, and so are the markers: all lie at z = 0, or those of each compartment at the z of its contact.
 They are locked to their frame: a viewer draws them where the frame is now, not where it was at the stamp.
@@ -11,14 +11,16 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from knee_contact_ros.model.types import ROW, ContactState, reader
 from knee_contact_ros.streams.messages import check_stamp
+from knee_contact_ros.streams.pairing import LoadSample
 from knee_contact_ros.streams.topics import NANOSECONDS, typestore
 from knee_contact_ros.view import colours
-from knee_contact_ros.view.anatomy import NEWTONS_PER_MM, Floats, KneeOutlines
+from knee_contact_ros.view.anatomy import NEWTONS_PER_MM, KneeOutlines
 
-MARKER_ARRAY = "visualization_msgs/msg/MarkerArray"
+MARKER_ARRAY, MARKER = "visualization_msgs/msg/MarkerArray", "visualization_msgs/msg/Marker"
 LIFETIME = 1
 """Time [s] for which a viewer shows a marker that is not sent again"""
 LENGTH = 1e-3 / NEWTONS_PER_MM
@@ -33,6 +35,12 @@ SHOWN = reader(
 """Reader of the fields of an answer's row that are drawn"""
 
 
+MARKER_PERIOD = 1.0 / 30.0
+"""Shortest time [s] from one message to the next"""
+MARKER_DEPTH = 1
+"""Number of messages that the publisher keeps: old pictures are useless"""
+
+
 class KneeMarkers:
     """Makes the markers of answers; their namespaces begin with the name of the knee or of the compartment."""
 
@@ -40,8 +48,9 @@ class KneeMarkers:
         """Make the message once; afterwards its moving parts are changed."""
         self._types: Any = typestore().types
         self._compartments = [self._markers_of(drawing) for drawing in drawings]
-        markers = [marker for compartment in self._compartments for marker in compartment]
-        self._message: Any = self._types[MARKER_ARRAY](markers=markers)
+        self._message: Any = self._types[MARKER_ARRAY](
+            markers=[marker for markers in self._compartments for marker in markers]
+        )
         self.encode(0, "", bytes(len(drawings) * ROW.itemsize))  # the encoder is made at its first use
 
     def encode(self, stamp: int, frame_id: str, rows: bytes) -> bytes:
@@ -62,40 +71,31 @@ class KneeMarkers:
         """Move the markers of a compartment to where an answer has them."""
         angle, force, x, y, z, height, state, femoral_x, normal_x, normal_y = values
         tibia, femur, point, arrow = markers
-        tibia.pose = self._pose(0.0, 0.0, 0.0, z)
-        femur.pose = self._pose(femoral_x, height, angle, z)
-        point.pose = self._pose(x, y, 0.0, z)
-        point.color = self._colour(tuple(colours.OF_STATE[state].tolist()))
+        tibia.pose, femur.pose = self._pose(0.0, 0.0, z), self._pose(femoral_x, height, z, angle)
+        point.pose, point.color = self._pose(x, y, z), self._colour(colours.OF_STATE[state])
         length = LENGTH * force
         arrow.points = self._points([(x, y), (x + length * normal_x, y + length * normal_y)], z)
         arrow.action = arrow.ADD if force != 0.0 else arrow.DELETE
 
     def _markers_of(self, drawing: KneeOutlines) -> list[Any]:
         """Make the markers of a compartment, before they move: tibia, femur, contact point and force."""
-        kind = self._types["visualization_msgs/msg/Marker"]
-        apart = tuple(colours.OF_STATE[ContactState.SEPARATED].tolist())
+        kind, apart = self._types[MARKER], colours.OF_STATE[ContactState.SEPARATED]
+        tibia, femur = (self._points(line.tolist()) for line in (drawing.tibia, drawing.femur))
         return [
-            self._marker(f"{drawing.knee}/tibia", kind.LINE_STRIP, LINE, colours.SURFACE, drawing.tibia),
-            self._marker(f"{drawing.knee}/femur", kind.LINE_STRIP, LINE, colours.SURFACE, drawing.femur),
-            self._marker(f"{drawing.knee}/contact_point", kind.SPHERE, BALL, apart),
-            self._marker(f"{drawing.knee}/contact_force_on_femur", kind.ARROW, ARROW, colours.FORCE),
+            self._marker(f"{drawing.knee}/tibia", kind.LINE_STRIP, LINE, colours.SURFACE, tibia),
+            self._marker(f"{drawing.knee}/femur", kind.LINE_STRIP, LINE, colours.SURFACE, femur),
+            self._marker(f"{drawing.knee}/contact_point", kind.SPHERE, BALL, apart, []),
+            self._marker(f"{drawing.knee}/contact_force_on_femur", kind.ARROW, ARROW, colours.FORCE, []),
         ]
 
-    def _marker(
-        self,
-        name: str,
-        shape: int,
-        scale: tuple[float, float, float],
-        colour: Sequence[int],
-        line: Floats | None = None,
-    ) -> Any:
-        """Make a marker with its own frame at the origin, and the points of a `line` [m] in that frame."""
+    def _marker(self, name: str, shape: int, scale: Sequence[float], colour: Any, points: list[Any]) -> Any:
+        """Make a marker with its own frame at the origin, and points in that frame."""
         of, nothing = self._types, np.zeros(0, np.uint8)
-        return of["visualization_msgs/msg/Marker"](
-            header=self._header(0, ""), ns=name, id=0, type=shape, action=0, pose=self._pose(0.0, 0.0, 0.0, 0.0),
+        return of[MARKER](
+            header=self._header(0, ""), ns=name, id=0, type=shape, action=0, pose=self._pose(0.0, 0.0, 0.0),
             scale=of["geometry_msgs/msg/Vector3"](*scale), color=self._colour(colour),
             lifetime=of["builtin_interfaces/msg/Duration"](sec=LIFETIME, nanosec=0), frame_locked=True,
-            points=[] if line is None else self._points(line.tolist(), 0.0), colors=[], texture_resource="",
+            points=points, colors=[], texture_resource="",
             texture=of["sensor_msgs/msg/CompressedImage"](self._header(0, ""), "", nothing), uv_coordinates=[], text="",
             mesh_resource="", mesh_file=of["visualization_msgs/msg/MeshFile"]("", nothing),
             mesh_use_embedded_materials=False,
@@ -106,17 +106,33 @@ class KneeMarkers:
         time = self._types["builtin_interfaces/msg/Time"](*divmod(stamp, NANOSECONDS))
         return self._types["std_msgs/msg/Header"](time, frame_id)
 
-    def _pose(self, x: float, y: float, turn: float, z: float) -> Any:
+    def _pose(self, x: float, y: float, z: float, turn: float = 0.0) -> Any:
         """Make a pose at x, y, z [m], turned about z by an angle [rad] from x to y."""
-        point, turned = self._types["geometry_msgs/msg/Point"], self._types["geometry_msgs/msg/Quaternion"]
-        half = 0.5 * turn
-        return self._types["geometry_msgs/msg/Pose"](point(x, y, z), turned(0.0, 0.0, math.sin(half), math.cos(half)))
+        turned = self._types["geometry_msgs/msg/Quaternion"](0.0, 0.0, math.sin(0.5 * turn), math.cos(0.5 * turn))
+        return self._types["geometry_msgs/msg/Pose"](self._types["geometry_msgs/msg/Point"](x, y, z), turned)
 
-    def _colour(self, rgb: Sequence[int]) -> Any:
+    def _colour(self, rgb: Sequence[int] | NDArray[np.uint8]) -> Any:
         """Make an opaque colour."""
         return self._types["std_msgs/msg/ColorRGBA"](*(part / 255.0 for part in rgb), 1.0)
 
-    def _points(self, line: Sequence[Sequence[float]], z: float) -> list[Any]:
+    def _points(self, line: Sequence[Sequence[float]], z: float = 0.0) -> list[Any]:
         """Make points at z [m] of pairs x, y [m]."""
-        point = self._types["geometry_msgs/msg/Point"]
-        return [point(x, y, z) for x, y in line]
+        return [self._types["geometry_msgs/msg/Point"](x, y, z) for x, y in line]
+
+
+class MarkerTopic:
+    """Publishes markers between ticks, and not with every tick."""
+
+    def __init__(self, publisher: Any, markers: KneeMarkers) -> None:
+        """Publish `markers` with the publisher of a MarkerArray."""
+        self.publisher = publisher
+        self.newest: tuple[LoadSample, bytes] | None = None
+        """Answer to show next: its load, and the bytes of its row; None if it was shown"""
+        self._markers = markers
+
+    def publish(self) -> None:
+        """Publish the newest answer, unless it was published or nobody subscribes."""
+        if self.newest and self.publisher.get_subscription_count():
+            load, row = self.newest
+            self.newest = None
+            self.publisher.publish(self._markers.encode(load.stamp, load.frame_id, row))

@@ -1,0 +1,64 @@
+"""The picture that the demo draws of a recording; the demo itself: `tests/ros`."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from knee_contact_ros.bags.reader import read_answers
+from knee_contact_ros.offline.solve import solve
+from knee_contact_ros.parameters.build import build_model
+from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.view import picture
+from tests.offline.test_solve import make_bag, silent
+
+pytest.importorskip("rclpy", reason="the demo needs ROS")
+
+from knee_contact_ros.commands.demo import draw_peak
+
+
+def drawn(bag: Path, source: Any, folder: Path) -> str:
+    """Title of the picture `knee.png` of a bag, which is computed first."""
+    parameters = load_parameters(source)
+    solve(bag, parameters, folder / "knee.mcap", silent)
+    return draw_peak(folder / "knee.mcap", build_model(parameters), parameters, folder / "knee.png")
+
+
+@pytest.mark.parametrize(
+    "files",
+    [["healthy"], ["healthy", "osteoarthritis", "mri_femur"], ["healthy", "mri_knee"]],
+    ids=lambda files: files[-1],
+)
+def test_the_picture_is_of_the_largest_load(files: list[str], right_bag: Path, tmp_path: Path) -> None:
+    from PIL import Image
+
+    told = drawn(right_bag, files, tmp_path)
+    answers = read_answers(tmp_path / "knee.mcap")
+    peak = answers[int(answers["load"].argmax())]
+    assert told == f"largest load, at {1e-9 * peak['stamp']:.3f} s"  # as the table of peaks has it
+    with Image.open(tmp_path / "knee.png") as image:
+        assert min(image.size) > 700
+        pixels = np.asarray(image.convert("RGB")).astype(int)
+    surface = [int(picture.SURFACE[i : i + 2], 16) for i in (1, 3, 5)]
+    assert (np.abs(pixels - surface) < 6).all(axis=2).sum() > 800  # cartilage is seen, also half a millimetre of it
+
+
+@pytest.mark.parametrize(
+    ("begin", "step", "parameters", "heights", "words"),
+    [  # where the height drives, of the largest force; a stamp of today from the first one on
+        (0, 0.0, {"drive": "displacement"}, 0.0335 - 1e-5 * np.arange(20.0), "largest contact force, at 0.095 s"),
+        (1_764_027_108_530_000_000, 1.0, {}, None, "largest load, at +0.095 s"),
+    ],
+)
+def test_it_says_what_is_largest_and_when(
+    tmp_path: Path, begin: int, step: float, parameters: dict[str, str], heights: Any, words: str
+) -> None:
+    rows = [(begin + i * 5_000_000, 0.1, 800.0 + step * i) for i in range(20)]
+    assert drawn(make_bag(tmp_path / "in.mcap", rows, heights=heights), parameters, tmp_path) == words
+
+
+def test_of_both_compartments_the_picture_says_which(right_bag: Path, tmp_path: Path) -> None:
+    assert drawn(right_bag, "both_compartments", tmp_path).startswith("medial compartment, largest load, at ")
