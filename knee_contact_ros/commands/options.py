@@ -124,7 +124,7 @@ class Given(NamedTuple):
         Raises:
             UsageError: one of them is not a value; see `parameters_of`.
         """
-        from knee_contact_ros.parameters.ros_files import parameters_of
+        from knee_contact_ros.system.ros_files import parameters_of
 
         return parameters_of(self.parameter_values)
 

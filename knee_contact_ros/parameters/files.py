@@ -19,7 +19,6 @@ from pydantic import ValidationError
 
 from knee_contact_ros.joint_reaction.compartments import ShareTable
 from knee_contact_ros.model.knee import LARGEST_ANGLE
-from knee_contact_ros.parameters.ros_files import Sections, add_sections, fits, flat, read_sections, values_for
 from knee_contact_ros.parameters.schema import (
     LATERAL,
     Declaration,
@@ -32,6 +31,7 @@ from knee_contact_ros.parameters.schema import (
 )
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import find_file, parameter_file, read_regular, shipped_parameter_files
+from knee_contact_ros.system.ros_files import Sections, add_sections, fits, flat, read_sections, values_for
 
 ALLOWED = "a parameter file's name, a mapping of parameters, or a list of these"
 LONGEST_VALUE = 80
@@ -104,7 +104,7 @@ def load_parameters(source: Any, schema: Any = Parameters, namespace: str = "") 
 
     A name that is not found in the working folder is looked up among the package's own (`parameter_file`). A mapping
     may be nested, dotted (`{"contact.damping": 0.0}`) or have a parameter file's full form. From a file, the values for
-    a node in `namespace` are read (`ros_files.py`).
+    a node in `namespace` are read (`system/ros_files.py`).
 
     Raises:
         UsageError: a file cannot be read, or a name is unknown, a type wrong or a value outside its range.

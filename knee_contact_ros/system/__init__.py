@@ -1,1 +1,1 @@
-"""General services of a program: errors, files, processes, the terminal."""
+"""General services of a program: errors, files and their formats, processes, the terminal."""

@@ -13,8 +13,8 @@ rclpy = pytest.importorskip("rclpy")
 from rclpy.context import Context  # noqa: E402
 from rclpy.node import Node  # noqa: E402
 
-from knee_contact_ros.parameters.ros_files import Sections, read_sections, values_for  # noqa: E402
 from knee_contact_ros.system.errors import UsageError  # noqa: E402
+from knee_contact_ros.system.ros_files import Sections, read_sections, values_for  # noqa: E402
 
 NODES = (
     "/**", "/knee_contact", "knee_contact", "/left/knee_contact", "left/knee_contact", "/*/knee_contact", "/left/*",
