@@ -124,7 +124,8 @@ def load_parameters(source: Any, schema: Any = Parameters, namespace: str = "") 
             if isinstance(part, schema):
                 given = flat_parameters(part)
             elif isinstance(part, Mapping):
-                add_sections(of_nodes := {}, part)
+                of_nodes: Sections = {}
+                add_sections(of_nodes, part)
                 given = _own_values(of_nodes, "the mapping", schema, namespace)
             else:
                 raise UsageError(f"parameters: {short(repr(part))} is not allowed; {ALLOWED}")

@@ -11,7 +11,7 @@ from knee_contact_ros.parameters.files import known_parameters, load_parameters
 from knee_contact_ros.system.errors import UsageError
 
 FREE_TEXTS = {
-    "knee.joint_name", "knee.height_joint_name", "femur.profile", "tibia.profile", "translation.table", "frame.tibia",
+    "knee.joint_name", "knee.height_joint_name", "femur.profile", "tibia.profile", "translation.table",
     "load.share_file", "record.path", "rerun.path", "rerun.knees",
 }  # fmt: skip
 """Names and paths"""
