@@ -25,13 +25,7 @@ from knee_contact_ros.streams.columns import (
     encode_answers,
     pair,
 )
-from knee_contact_ros.streams.contact_stream import (
-    DOUBTFUL_LOAD,
-    ContactStream,
-    angle_sample,
-    load_sample,
-    summed_wrenches,
-)
+from knee_contact_ros.streams.contact_stream import DOUBTFUL_LOAD, ContactStream, summed_wrenches
 from knee_contact_ros.streams.messages import JOINT_STATE, LAST_STAMP, WRENCH, Stamps
 from knee_contact_ros.streams.pairing import STEPS, AngleSample, LoadSample, Synchroniser, Timeline
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT_WRENCH, NANOSECONDS
@@ -47,25 +41,33 @@ Answers = tuple[tuple[Rows, ...], tuple[Messages, ...]]
 their places in the order of the recording"""
 
 
-class _Received(NamedTuple):
-    """The messages of a block, after those that were already waiting."""
-
-    states: Column
-    forces: Column
-
-
 class _Samples(NamedTuple):
-    """The samples of a block as columns."""
+    """The samples of a block as columns, after those that were already waiting."""
 
     states: Block
     stamps: Stamps
-    """Stamps [ns] of the angles, minus `pairing.angle_delay`"""
+    """Stamps [ns] of the angles, minus `delay`"""
+    delay: int
+    """Delay of the angles `pairing.angle_delay` [ns]"""
     angles: Floats
     """Flexion angles [rad] without the offset"""
     heights: Floats | None
     wrenches: Block
     axial: Floats
     moment: Floats
+    doubtful: NDArray[np.bool_]
+
+    def angle(self, index: int) -> AngleSample:
+        """Angle sample."""
+        height = None if self.heights is None else float(self.heights[index])
+        data = self.states.data[index].tobytes()
+        return AngleSample(int(self.stamps[index]), float(self.angles[index]), data, height, self.delay)
+
+    def load(self, index: int) -> LoadSample:
+        """Load sample."""
+        stamp, frame_id, data = int(self.wrenches.stamps[index]), self.wrenches.shape[0], self.wrenches.data[index]
+        axial, moment, doubtful = float(self.axial[index]), float(self.moment[index]), bool(self.doubtful[index])
+        return LoadSample(stamp, axial, moment, frame_id, data.tobytes(), doubtful=doubtful)
 
 
 def take(pipeline: ContactStream, states: Column, forces: Column, numbers: Numbers) -> Answers | None:
@@ -81,15 +83,15 @@ def take(pipeline: ContactStream, states: Column, forces: Column, numbers: Numbe
         return None
     pairing = pipeline.parameters.pairing
     max_gap = round(pairing.max_gap * NANOSECONDS)
-    block, fresh = _with_held(before, states, forces)
-    samples = _samples(block, pipeline) if max(map(len, block)) <= pairing.queue else None
+    all_states, all_forces, fresh = _with_held(before, states, forces)
+    waits = max(len(all_states), len(all_forces))
+    samples = _samples(all_states, all_forces, pipeline) if waits <= pairing.queue else None
     if samples is None or _apart(before, samples, numbers, max_gap):
         return None
     angle_steps = _steps(before.angle_time, samples.stamps[-len(states) :])
     load_steps = _steps(before.load_time, samples.wrenches.stamps[-len(forces) :])
-    if not all_go_on(angle_steps, len(before.angle_time.steps), max_gap):
-        return None
-    if not all_go_on(load_steps, len(before.load_time.steps), max_gap):
+    known = ((angle_steps, before.angle_time), (load_steps, before.load_time))
+    if not all(all_go_on(steps, len(time.steps), max_gap) for steps, time in known):
         return None
     paired = pair(samples.stamps, samples.angles, samples.heights, samples.wrenches.stamps, before.last_pair, max_gap)
     if paired is None or not len(paired.angle):
@@ -98,7 +100,7 @@ def take(pipeline: ContactStream, states: Column, forces: Column, numbers: Numbe
     pipeline.angles_seen.add_all(samples.states.stamps[-len(states) :], samples.angles[-len(states) :])
     pipeline.forces_seen.add_all(samples.wrenches.stamps[-len(forces) :], samples.axial[-len(forces) :])
     answers = _computed(pipeline, samples, paired, fresh)
-    _hand_over(pipeline, block, samples, paired, fresh, (angle_steps, load_steps))
+    _hand_over(pipeline, samples, paired, fresh, (angle_steps, load_steps))
     return answers
 
 
@@ -114,15 +116,13 @@ def _apart(pairs: Synchroniser, samples: _Samples, numbers: Numbers, max_gap: in
     return bool((turns & (np.abs(steps) > max_gap)).any())
 
 
-def _with_held(before: Synchroniser, states: Column, forces: Column) -> tuple[_Received, Fresh]:
+def _with_held(before: Synchroniser, states: Column, forces: Column) -> tuple[Column, Column, Fresh]:
     """Put the messages of a block after waiting ones; return which of the angles must still be recorded."""
     held = {angle.stamp: angle.data for angle in (*before.fresh, *before.angles)}
     untaken = {angle.stamp for angle in before.fresh}
-    block = _Received(
-        Column.together([Column.of([held[stamp] for stamp in sorted(held)]), states]),
-        Column.together([Column.of([load.data for load in before.waiting]), forces]),
-    )
-    return block, np.array([stamp in untaken for stamp in sorted(held)] + [True] * len(states))
+    all_states = Column.together([Column.of([held[stamp] for stamp in sorted(held)]), states])
+    all_forces = Column.together([Column.of([load.data for load in before.waiting]), forces])
+    return all_states, all_forces, np.array([stamp in untaken for stamp in sorted(held)] + [True] * len(states))
 
 
 def _steps(time: Timeline[Any], stamps: Stamps) -> Stamps:
@@ -131,9 +131,9 @@ def _steps(time: Timeline[Any], stamps: Stamps) -> Stamps:
     return np.concatenate([np.array(time.steps, np.int64), new])
 
 
-def _samples(block: _Received, pipeline: ContactStream) -> _Samples | None:
+def _samples(states: Column, forces: Column, pipeline: ContactStream) -> _Samples | None:
     """Decode a block into columns of samples; None if a sample would be refused, or must be treated alone."""
-    decoded, wrenches = decode_all(JOINT_STATE, block.states), decode_all(WRENCH, block.forces)
+    decoded, wrenches = decode_all(JOINT_STATE, states), decode_all(WRENCH, forces)
     if decoded is None or wrenches is None or not pipeline.frame.goes_on(wrenches.shape[0]):
         return None
     knee = pipeline.parameters.knee
@@ -142,7 +142,7 @@ def _samples(block: _Received, pipeline: ContactStream) -> _Samples | None:
     if position is None or (pipeline.model.height_prescribed and heights is None):
         return None
     angles = knee.flexion_sign * position
-    axial, moment = -wrenches.numbers["force"][:, 1], wrenches.numbers["torque"][:, 0]
+    axial, (moment, about_y, about_z) = -wrenches.numbers["force"][:, 1], wrenches.numbers["torque"].T
     columns = [(angles + knee.flexion_offset, LARGEST_ANGLE), (position, np.inf), (axial, LARGEST_LOAD)]
     if pipeline.by_moment:
         part = pipeline.by_moment(axial, moment, 0.0)
@@ -152,8 +152,8 @@ def _samples(block: _Received, pipeline: ContactStream) -> _Samples | None:
         return None
     if not all(((stamps >= 0) & (stamps <= LAST_STAMP)).all() for stamps in (decoded.stamps, wrenches.stamps)):
         return None
-    stamps = decoded.stamps - pipeline.synchroniser.angle_delay
-    return _Samples(decoded, stamps, angles, heights, wrenches, axial, moment)
+    delay, doubtful = pipeline.synchroniser.angle_delay, np.isnan(about_y) & np.isfinite(about_z)
+    return _Samples(decoded, decoded.stamps - delay, delay, angles, heights, wrenches, axial, moment, doubtful)
 
 
 def _position(states: Block, joint: str) -> Floats | None:
@@ -170,10 +170,9 @@ def _computed(pipeline: ContactStream, samples: _Samples, paired: PairedSamples,
     stamps, frame_id = samples.wrenches.stamps[:number], samples.wrenches.shape[0]
     axial, angle = samples.axial[:number], paired.angle + pipeline.parameters.knee.flexion_offset
     medial = pipeline.rule(axial, samples.moment[:number], angle)
-    torque = samples.wrenches.numbers["torque"][:number]
-    doubtful = np.isnan(torque[:, 1]) & np.isfinite(torque[:, 2])
+    doubtful = samples.doubtful[:number]
     if pipeline.by_moment:
-        doubtful |= pipeline.by_moment.fails(axial, medial)
+        doubtful = doubtful | pipeline.by_moment.fails(axial, medial)
     status = paired.status | np.where(doubtful, DOUBTFUL_LOAD, 0).astype(paired.status.dtype)
     rows = tuple(
         compartment.advance_all(stamps, angle, loads, paired.height, status)
@@ -206,30 +205,15 @@ def _computed(pipeline: ContactStream, samples: _Samples, paired: PairedSamples,
 
 
 def _hand_over(
-    pipeline: ContactStream,
-    block: _Received,
-    samples: _Samples,
-    paired: PairedSamples,
-    fresh: Fresh,
-    steps: tuple[Stamps, Stamps],
+    pipeline: ContactStream, samples: _Samples, paired: PairedSamples, fresh: Fresh, steps: tuple[Stamps, Stamps]
 ) -> None:
     """Put the synchroniser into the state that it would have after all samples one by one."""
-    number, (states, forces) = len(paired.angle), block
+    number, synchroniser = len(paired.angle), pipeline.synchroniser
     angle_stamps, load_stamps = samples.stamps, samples.wrenches.stamps
     last = int(load_stamps[number - 1])
     first = int(np.searchsorted(angle_stamps, last, "right")) - 1
-    knee, displacement = pipeline.parameters.knee, pipeline.model.height_prescribed
-
-    def angle(index: int) -> AngleSample:
-        message, data = JOINT_STATE.read(states[index], JOINT_STATES)
-        return angle_sample(message, knee, displacement, data, pipeline.synchroniser.angle_delay)
-
-    def force(index: int) -> LoadSample:
-        message, data = WRENCH.read(forces[index], JOINT_REACTION_FORCE)
-        return load_sample(message, pipeline.by_moment, data=data)
-
-    untaken = np.flatnonzero(fresh & (paired.tick_of_angle == number))
-    pipeline.synchroniser.angle_time.go_on(int(angle_stamps[-1]), steps[0][-STEPS:].tolist())
-    pipeline.synchroniser.load_time.go_on(int(load_stamps[-1]), steps[1][-STEPS:].tolist())
-    angles, waiting = map(angle, range(first, len(states))), map(force, range(number, len(forces)))
-    pipeline.synchroniser.go_on(angles, map(angle, untaken.tolist()), waiting, last)
+    untaken = np.flatnonzero(fresh & (paired.tick_of_angle == number)).tolist()
+    synchroniser.angle_time.go_on(int(angle_stamps[-1]), steps[0][-STEPS:].tolist())
+    synchroniser.load_time.go_on(int(load_stamps[-1]), steps[1][-STEPS:].tolist())
+    angles, waiting = range(first, len(angle_stamps)), range(number, len(load_stamps))
+    synchroniser.go_on(map(samples.angle, angles), map(samples.angle, untaken), map(samples.load, waiting), last)
