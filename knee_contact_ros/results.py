@@ -39,19 +39,20 @@ LEAST = 1.0
 LOAD, CONTACT, DEPTH, POINT = "#b8bec6", "#c1272d", "#1b5e9e", "#4b7f52"
 
 
-class Suggesting:
-    """Result whose error for a wrong attribute suggests the one with the most similar name."""
-
-    def __getattr__(self, name: str) -> Any:
-        near = difflib.get_close_matches(name, dir(self), n=1) if not name.startswith("_") else []
-        raise AttributeError(f"{type(self).__name__} has no {name}{f'; did you mean {near[0]}?' if near else ''}")
+def no_such(thing: object, name: str) -> AttributeError:
+    """Make the error of an attribute that a result does not have; it suggests the one with the most similar name."""
+    near = difflib.get_close_matches(name, dir(thing), n=1) if not name.startswith("_") else []
+    return AttributeError(f"{type(thing).__name__} has no {name}{f'; did you mean {near[0]}?' if near else ''}")
 
 
-class Records(Suggesting, np.recarray[Any, Any]):
+class Records(np.recarray[Any, Any]):
     """Record array with a short text, which suggests the right name for a wrong field."""
 
     def __dir__(self) -> list[str]:
         return sorted({*super().__dir__(), *(self.dtype.names or ())})
+
+    def __getattr__(self, name: str) -> Any:
+        raise no_such(self, name)
 
     def __repr__(self) -> str:
         with np.printoptions(threshold=8, edgeitems=3):

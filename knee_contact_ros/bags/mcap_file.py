@@ -13,9 +13,8 @@ import zlib
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
-from functools import lru_cache
 from io import BytesIO
-from itertools import groupby, islice, pairwise
+from itertools import groupby, islice
 from operator import attrgetter
 from pathlib import Path
 from typing import IO, Any, NamedTuple
@@ -23,25 +22,20 @@ from typing import IO, Any, NamedTuple
 import lz4.frame
 import numpy as np
 import zstandard
-from mcap import records
-from mcap.data_stream import ReadDataStream, RecordBuilder
-from mcap.exceptions import EndOfFile
+from mcap.data_stream import RecordBuilder
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Attachment, Channel, ChunkIndex, DataEnd, Footer, Header, Message, Metadata, Schema, Statistics
+from mcap.stream_reader import StreamReader
 from numpy.typing import NDArray
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 
 from knee_contact_ros.bags.columns import MESSAGE_HEADS, Batch, Connection, File, Segment
 from knee_contact_ros.bags.recorder import HEAD, MAGIC, MESSAGE, MESSAGE_HEAD
 from knee_contact_ros.streams.columns import Column
+from knee_contact_ros.streams.topics import NO_DEFINITION
 from knee_contact_ros.system.files import open_regular
 
-PARSERS: dict[int, Any] = {
-    opcode: getattr(records, opcode.name.title().replace("_", ""))
-    for opcode in Opcode
-    if opcode not in (Opcode.MESSAGE, Opcode.CHUNK, Opcode.MESSAGE_INDEX)
-}
-"""Class of the `mcap` library that parses the records of each opcode"""
 MESSAGE_OPCODE, SCHEMA, CHANNEL = int(Opcode.MESSAGE), int(Opcode.SCHEMA), int(Opcode.CHANNEL)
 HOLE, PRIVATE = 0, 0x80
 """Instead of an opcode: bytes that are not records; and the first opcode of applications' private records"""
@@ -59,6 +53,8 @@ MOST_GROWTH, ALLOWED_SIZE = 200, 2**26
 [B] that is always allowed"""
 BLOCK, LOOSE = 2**20, 64
 """Bytes searched or summed at a time; messages outside chunks read at a time"""
+NOT_A_RECORD = (McapError, struct.error, UnicodeDecodeError, OverflowError)
+"""Errors of `mcap` about bytes that are not records"""
 UNPACKERS: dict[str, Callable[[bytes], Any]] = {
     "": BytesIO,
     "zstd": lambda data: zstandard.ZstdDecompressor().stream_reader(data),
@@ -69,8 +65,8 @@ BAD_DATA = (zstandard.ZstdError, RuntimeError, EOFError, MemoryError)
 """Errors of these streams"""
 CHANNELS = 2**16
 """Number of possible channels in a file"""
-NO_DEFINITION = MessageDefinition(MessageDefinitionFormat.NONE, "")
-"""Definition of a type that the bag does not define"""
+NO_SCHEMA = Schema(id=0, data=b"", encoding="", name="")
+"""Schema of a channel that has none"""
 FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
 """Format of a definition by the encoding of its schema"""
 Advance = Callable[[int, int], None]
@@ -91,21 +87,21 @@ class Piece(NamedTuple):
     end: int
     """Offset [B] of the end"""
     content: Any = None
-    """Segment of a chunk; else the record as `mcap` parses it, if `PARSERS` has its opcode"""
+    """Segment of a chunk; else the record as `mcap` parses it, but for messages, their index and private records"""
 
 
-def parsed(opcode: int, content: bytes) -> Any:
-    """Record as the `mcap` library parses it; None if that would not write the same bytes, or `PARSERS` lacks it."""
+def parsed(data: bytes) -> Any:
+    """Record as the `mcap` library parses it; None if that does not know it, or would not write the same bytes."""
     builder = RecordBuilder()
     try:
-        record = PARSERS[opcode].read(ReadDataStream(BytesIO(content)))
+        record: Any = next(StreamReader(BytesIO(data), skip_magic=True).records)
         record.write(builder)
-    except (KeyError, EndOfFile, struct.error, UnicodeDecodeError, OverflowError):
+    except NOT_A_RECORD:
         return None
-    written: bytes = builder.end()[HEAD.size :]  # type: ignore[no-untyped-call]
-    if opcode == Opcode.ATTACHMENT and content.endswith(bytes(4)):  # it has no checksum
+    written: bytes = builder.end()  # type: ignore[no-untyped-call]
+    if isinstance(record, Attachment) and data.endswith(bytes(4)):  # it has no checksum
         written = written[:-4] + bytes(4)
-    return record if written == content else None
+    return record if written == data else None
 
 
 class Records:
@@ -116,14 +112,13 @@ class Records:
         self._index: dict[int, ChunkIndex] = {}  # by the offsets of the chunks
         self._starts = [size]
         footer = self.record_at(max(size - len(MAGIC) - FOOTER_SIZE, 0))
-        begin = footer.content.summary_start if footer and isinstance(footer.content, Footer) else size
-        if footer and footer.offset - ALLOWED_SIZE <= begin < footer.offset and footer.content.summary_crc:
-            with suppress(DamagedError):
-                data = self.read(begin, footer.offset) if self.fits_summary(footer) else b""
-                ends = pairwise([*starts_of(data)[0].tolist(), len(data)])
-                found = (parsed(data[begin], data[begin + HEAD.size : end]) for begin, end in ends)
-                self._index = {each.chunk_start_offset: each for each in found if isinstance(each, ChunkIndex)}
-                self._starts = [*sorted(self._index), size]
+        if footer and isinstance(footer.content, Footer) and footer.content.summary_crc and self.fits_summary(footer):
+            file.seek(footer.content.summary_start)
+            with suppress(*NOT_A_RECORD):
+                for record in StreamReader(file, skip_magic=True, record_size_limit=ALLOWED_SIZE).records:
+                    if isinstance(record, ChunkIndex):
+                        self._index[record.chunk_start_offset] = record
+        self._starts = [*sorted(self._index), size]
 
     def read(self, offset: int, end: int) -> bytes:
         """Bytes between two offsets; fewer at the end of the file."""
@@ -151,12 +146,11 @@ class Records:
             return Piece(Opcode.CHUNK, offset, chunk.end, chunk)
         if not offset < end <= min(self._limit(offset), offset + LARGEST):
             return None
-        if opcode in PARSERS:
-            record = parsed(opcode, self.read(offset + HEAD.size, end))
-            return Piece(opcode, offset, end, record) if record else None
-        known = opcode in (Opcode.MESSAGE, Opcode.MESSAGE_INDEX) or opcode >= PRIVATE
-        follows = end > self.size - HEAD.size or self._may_begin(end)  # so its length is right
-        return Piece(opcode, offset, end) if known and follows else None
+        if opcode in (Opcode.MESSAGE, Opcode.MESSAGE_INDEX) or opcode >= PRIVATE:
+            follows = end > self.size - HEAD.size or self._may_begin(end)  # so its length is right
+            return Piece(opcode, offset, end) if follows else None
+        record = parsed(self.read(offset, end)) if opcode != Opcode.CHUNK else None
+        return Piece(opcode, offset, end, record) if record else None
 
     def checksum(self, begin: int, end: int) -> int:
         """CRC-32 of the bytes between two offsets [B]."""
@@ -249,8 +243,8 @@ class McapFile(File):
         """Profile according to the header; `ros2` if the header is damaged and all messages are CDR"""
         self.unread = 0
         """Number of bytes that could not be used"""
-        self.streams: dict[int, tuple[Channel, Schema | None]] = {}
-        """Channels by their numbers, each with its schema, if it has one"""
+        self.streams: dict[int, tuple[Channel, Schema]] = {}
+        """Channels by their numbers, each with its schema, or `NO_SCHEMA`"""
         self.promised: dict[int, int] | None = None
         """Number of messages of each channel according to the statistics record; None if there is none"""
         self._others: list[int] = []  # offsets [B] of metadata and attachments
@@ -302,11 +296,11 @@ class McapFile(File):
 
     def _take(self, segment: Segment) -> None:
         """Add the records of a segment, or note why it is left out."""
-        if segment.compression is not None and segment.size > self._bytes_left:
+        if segment.size > self._bytes_left:
             words = f"the chunk is one too many: they hold more than {MOST_GROWTH} times the file"
             self._lost.append((segment.offset, segment.end, words))
             return
-        self._bytes_left -= segment.size if segment.compression is not None else 0
+        self._bytes_left -= segment.size
         try:
             heads, _, declarations, starts = self._contents(segment)
         except DamagedError as fault:
@@ -399,20 +393,15 @@ class McapFile(File):
 
     def _conclude(self) -> None:
         """Match channels with their schemas, and add the faults of the whole file."""
-        declared = self._doubtful | self._declared
+        declared: dict[tuple[type, int], Any] = {(Schema, 0): NO_SCHEMA} | self._doubtful | self._declared
         for (kind, number), channel in declared.items():
-            if kind is Channel and (channel.schema_id == 0 or (Schema, channel.schema_id) in declared):
-                schema = declared.get((Schema, channel.schema_id))
+            if kind is Channel and (schema := declared.get((Schema, channel.schema_id))):
                 self.streams[number] = channel, schema
-                name, definition = "", NO_DEFINITION
-                if schema:
-                    name, definition = schema.name, definition_of(schema.encoding, schema.data)
-                self.connections[number] = Connection(channel.topic, name, channel.message_encoding, definition)
-        notes, self.faults = self.faults, []
-        for begin, end, reason in sorted(self._lost):
-            self.unread += end - begin
-            self.faults.append(f"bytes {begin} to {end} cannot be read: {reason}")
-        self.faults += notes
+                definition = definition_of(schema.encoding, schema.data)
+                self.connections[number] = Connection(channel.topic, schema.name, channel.message_encoding, definition)
+        self.unread = sum(end - begin for begin, end, _ in self._lost)
+        lost = [f"bytes {begin} to {end} cannot be read: {reason}" for begin, end, reason in sorted(self._lost)]
+        self.faults = [*lost, *self.faults]
         if doubtful := sorted(
             stream.topic for number, (stream, _) in self.streams.items() if (Channel, number) not in self._declared
         ):
@@ -466,7 +455,7 @@ def contents_of(data: bytes, cut: bool = False, starts: NDArray[np.uint32] | Non
             raise DamagedError(f"ends in {len(data) - end} bytes that are not records")
         opcodes, ends = np.frombuffer(data, np.uint8)[places], np.append(places[1:], end)
         declared = np.flatnonzero((opcodes == SCHEMA) | (opcodes == CHANNEL)).tolist()
-        declarations = [parsed(int(opcodes[i]), data[places[i] + HEAD.size : ends[i]]) for i in declared]
+        declarations = [parsed(data[places[i] : ends[i]]) for i in declared]
         starts = places[opcodes == MESSAGE_OPCODE].astype(np.uint32)
     begins = starts.astype(np.int64)
     windows = np.ndarray(max(len(data) - MESSAGE_HEAD.size + 1, 0), HEAD_BYTES, data, strides=(1,))
@@ -501,7 +490,6 @@ LENGTH = struct.Struct("<xQ")
 """Head of a record: length [B] of its content, after the opcode"""
 
 
-@lru_cache(maxsize=64)
 def definition_of(encoding: str, text: bytes) -> MessageDefinition:
     """Definition of a type from the encoding and the text of its schema."""
     data = text.decode("utf-8", "replace")

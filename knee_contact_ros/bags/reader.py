@@ -25,18 +25,10 @@ from urllib.parse import quote
 
 import numpy as np
 import zstandard
-from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
-from rosbags.typesys import get_types_from_idl, get_types_from_msg
+from rosbags.interfaces import MessageDefinition
 
 from knee_contact_ros.bags.columns import Batch, Connection, File, Segment, blocks, by_arrival
-from knee_contact_ros.bags.mcap_file import (
-    ALLOWED_SIZE,
-    BLOCK,
-    MOST_GROWTH,
-    NO_DEFINITION,
-    McapFile,
-    definition_of,
-)
+from knee_contact_ros.bags.mcap_file import ALLOWED_SIZE, BLOCK, MOST_GROWTH, McapFile, definition_of
 from knee_contact_ros.bags.recorder import MAGIC, METADATA
 from knee_contact_ros.model.types import Rows
 from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATES
@@ -49,7 +41,9 @@ from knee_contact_ros.streams.topics import (
     KNEE_CONTACT,
     LOAD_INPUTS,
     MESSAGE_TYPES,
+    NO_DEFINITION,
     deserialize,
+    types_in,
     typestore,
 )  # fmt: skip
 from knee_contact_ros.system.errors import UsageError, in_a_line, listed
@@ -311,7 +305,7 @@ def answer_blocks(
         done = 0
         for block in reader.blocks(most=DECODED):
             try:
-                answers = decode_answers([*block.messages], first)
+                answers = decode_answers(block.messages, first)
             except Exception as error:  # whatever broken bytes and definitions provoke
                 raise UsageError(f"{path}: an answer cannot be decoded: {' '.join(str(error).split())}") from None
             yield answers
@@ -364,11 +358,10 @@ def names_in_bag(remaps: Iterable[str] = (), namespace: str = "", inputs: Sequen
 @lru_cache(maxsize=16)
 def _difference(definition: MessageDefinition, type_name: str) -> str:
     """First difference between a type's definition in a bag and in ROS 2; empty if there is none, or no definition."""
-    text, form, known = definition.data, definition.format, typestore().fielddefs
+    known = typestore().fielddefs
     with suppress(Exception):  # whatever a text that is no definition provokes
-        is_idl = form is MessageDefinitionFormat.IDL
-        types = get_types_from_idl(text) if is_idl else get_types_from_msg(text, type_name)
-        for name in types.keys() & known.keys() if form is not MessageDefinitionFormat.NONE else ():
+        types = types_in(definition, type_name)
+        for name in types.keys() & known.keys():
             for theirs, own in zip_longest(types[name][1], known[name][1]):
                 if theirs != own:
                     there, expected = (field[0] if field else "nothing" for field in (theirs, own))

@@ -121,7 +121,7 @@ def _topics(file: McapFile) -> list[TopicCount]:
     for number, (channel, schema) in sorted(file.streams.items()):
         counts[channel.topic] += own[number]
         promised[channel.topic] += (file.promised or {}).get(number, 0)
-        types[channel.topic] = schema.name if schema else ""
+        types[channel.topic] = schema.name
     return [
         TopicCount(topic, name, counts[topic], max(promised[topic] - counts[topic], 0) if file.promised else None)
         for topic, name in types.items()
@@ -137,7 +137,7 @@ def _write(partial: Path, file: McapFile, advance: Callable[[int], None]) -> Non
         writer.start(profile=file.profile, library=LIBRARY)
         schemas, channels = {0: 0}, {}
         for number, (channel, schema) in sorted(file.streams.items()):
-            if schema and schema.id not in schemas:
+            if schema.id not in schemas:
                 schemas[schema.id] = writer.register_schema(schema.name, schema.encoding, schema.data)
             channels[number] = writer.register_channel(
                 channel.topic, channel.message_encoding, schemas[channel.schema_id], channel.metadata

@@ -16,6 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from rich import box
+from rich.console import Console
+from rich.table import Column, Table
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 from scipy.stats import t as student
@@ -27,7 +30,7 @@ from knee_contact_ros.parameters.files import values_set_in
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import refuse_existing
-from knee_contact_ros.system.terminal import print_table, say, warn
+from knee_contact_ros.system.terminal import WIDTH, say, shown, warn
 
 STRETCH = 1.0
 """Duration of a stretch that the jackknife leaves out [s]: about a stride"""
@@ -207,15 +210,17 @@ def overlay(alignment: Alignment, sensor: str, reference: str, sign: float) -> s
 
 def show(alignment: Alignment, output: Path) -> None:
     """Print the estimates with their intervals, and the correlation and difference before and after."""
-    rows = list[tuple[str, ...]]()
+    table = Table(
+        "", Column("value", justify="right"), "95 % interval", "parameter", box=box.SIMPLE_HEAD, pad_edge=False
+    )
     for name, estimate, factor, digits, parameter in (
         ("offset [deg]", alignment.offset, math.degrees(1.0), 2, "knee.flexion_offset [rad]"),
         ("lag [ms]", alignment.lag, 1e3, 1, "pairing.angle_delay [s]"),
         ("gain", alignment.gain, 1.0, 3, "none; angle.scale in the map"),
     ):
         value, low, high = (f"{factor * each:.{digits}f}" for each in (estimate.value, *estimate.bounds))
-        rows.append((name, value, f"{low} to {high}", parameter))
-    print_table("lrll", ("", "value", "95 % interval", "parameter"), rows)
+        table.add_row(shown(name), value, f"{low} to {high}", shown(parameter))
+    Console(width=WIDTH, emoji=False).print(table, highlight=False)
     for label, (r, rms) in {"as they are": alignment.before, "aligned": alignment.after}.items():
         say(f"{label}: r {r:.4f}, {math.degrees(rms):.2f} deg RMS")
     say(f"{alignment.rows} rows in common")

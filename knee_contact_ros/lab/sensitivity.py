@@ -32,12 +32,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydantic import Field, ValidationError, ValidationInfo, field_validator
 
-from knee_contact_ros.lab.study import Design, Shards, Spaced, Study, groups_of, read_study, run_study
+from knee_contact_ros.lab.study import Design, Floats, Shards, Spaced, Study, groups_of, read_study, run_study
 from knee_contact_ros.lab.sweep import LATERAL, OUTCOMES, Cohort, sweep
-from knee_contact_ros.model.types import Floats
 from knee_contact_ros.offline.notebooks import Name
 from knee_contact_ros.parameters.files import Source, first_error
-from knee_contact_ros.results import Suggesting
+from knee_contact_ros.results import no_such
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS
 from knee_contact_ros.system.terminal import progress, say
@@ -149,14 +148,23 @@ class SensitivityStudy(Study):
     @field_validator("outcomes")
     @classmethod
     def _known(cls, names: tuple[str, ...]) -> tuple[str, ...]:
-        if not names or not set(names) <= set(KNOWN) or len(set(names)) < len(names):
-            raise ValueError(f"some of {', '.join(KNOWN)}, each once")
-        return names
+        return checked_outcomes(names)
 
     @field_validator("sample", mode="before")
     @classmethod
     def _none(cls, _sample: Any) -> None:
         raise ValueError("sensitivity draws its own points")
+
+
+def checked_outcomes(names: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of the outcomes to be analysed.
+
+    Raises:
+        ValueError: the list is empty, or a name is unknown or given twice.
+    """
+    if not names or not set(names) <= set(KNOWN) or len(set(names)) < len(names):
+        raise ValueError(f"some of {', '.join(KNOWN)}, each once")
+    return tuple(names)
 
 
 class Analysed(NamedTuple):
@@ -233,16 +241,18 @@ def _indices(design: SalibDesign, whole: Any, values: Floats) -> Iterator[tuple[
     # SALib takes a seed of 0 for none
     options: Any = {"num_resamples": RESAMPLES, "conf_level": design.confidence, "seed": design.seed + 1}
     if design.method == "sobol":
-        frames = sobol.analyze(design.problem, values.ravel(), calc_second_order=design.second_order, **options).to_df()
-    else:
-        points = design.unit().reshape(design.n, design.group, -1)[whole].reshape(values.size, -1)
-        all_kinds = morris.analyze(design.problem, points, values.ravel(), num_levels=LEVELS, **options).to_df()
-        frames = [all_kinds[kinds] for kinds in (["mu_star", "mu_star_conf"], ["mu"], ["sigma"])]
-    for frame in frames:
-        for name, (value, *half) in zip(frame.index, frame.to_numpy(float).tolist(), strict=True):
-            reach = half[0] if half else np.nan
-            both = name if isinstance(name, str) else " x ".join(name)
-            yield both, frame.columns[0], len(values), value, value - reach, value + reach
+        result = sobol.analyze(design.problem, values.ravel(), calc_second_order=design.second_order, **options)
+        for frame in result.to_df():
+            for name, (value, half) in zip(frame.index, frame.to_numpy(), strict=True):
+                both = name if isinstance(name, str) else " x ".join(name)
+                yield both, frame.columns[0], len(values), value, value - half, value + half
+        return
+    points = design.unit().reshape(design.n, design.group, -1)[whole].reshape(values.size, -1)
+    result = morris.analyze(design.problem, points, values.ravel(), num_levels=LEVELS, **options)
+    for kind in INDICES["morris"]:
+        for name, value, half in zip(design.ranges, result[kind], result["mu_star_conf"], strict=True):
+            reach = float(half) if kind == "mu_star" else np.nan
+            yield name, kind, len(values), float(value), value - reach, value + reach
 
 
 def analysed_in(design: SalibDesign, rows: pd.DataFrame, outcomes: Sequence[str]) -> dict[str, Analysed]:
@@ -293,7 +303,7 @@ def not_converged(design: SalibDesign, analysed: Analysed) -> list[str]:
 
 
 @dataclass(frozen=True)
-class Sensitivity(Suggesting):
+class Sensitivity:
     """Results of `sensitivity`."""
 
     outcomes: dict[str, Analysed]
@@ -307,6 +317,9 @@ class Sensitivity(Suggesting):
         doubted = sum(map(len, self.remarks.values()))
         lines = [f"{len(self.cohort.failed)} cases, {doubted} remark(s)", *map(repr, self.outcomes.values())]
         return "<Sensitivity: " + "\n  ".join(lines[:19]) + ">"
+
+    def __getattr__(self, name: str) -> Any:
+        raise no_such(self, name)
 
     def to_pandas(self) -> pd.DataFrame:
         """Return a data frame with a row for each index: outcome, parameter, index, n, value, low, high; SI units."""
@@ -348,12 +361,13 @@ def sensitivity(
             `reason` of the outcomes.
     """
     options = {"method": method, "n": n, "seed": seed, "second_order": second_order, "confidence": confidence}
-    content = {"bags": ["gait"], "sensitivity": options | {"ranges": dict(ranges)}, "outcomes": outcomes}
     try:
-        study = SensitivityStudy.model_validate(content)
+        design = SalibDesign.model_validate(options | {"ranges": dict(ranges)})
+        names = checked_outcomes(outcomes)
     except ValidationError as error:
         raise UsageError(first_error(error)) from None
-    design, names = study.design, study.outcomes
+    except ValueError as error:
+        raise UsageError(f"outcomes: {outcomes!r} is not allowed; {error}") from None
     values = dict(zip(design.ranges, design.points().T, strict=True))
     cohort = sweep(gait, values, params, remap=remap, namespace=namespace, threads=threads)
     if cohort.lateral is None and (wrong := [name for name in names if name.startswith(LATERAL)]):
@@ -387,7 +401,7 @@ def gather(study: SensitivityStudy, shards: Shards) -> list[Combination]:
     for group in groups_of(study):
         variants = study.variants()
         while cases := list(islice(variants, study.design.number)):
-            rows = table.loc[[key for key, _ in group.keyed(cases)]]
+            rows = table.loc[[group.key(values) for values in cases]]
             columns = {"bag": group.bag, "params": " + ".join(group.params)} | {
                 name: str(cases[0][name]) for name in study.grid
             }
@@ -467,12 +481,15 @@ def run_sensitivity(study_file: Path, output: str, workers: int, scheduler: str)
         tables = [tidy(each.analysed).assign(**each.columns)[[*each.columns, *AFTER]] for each in combinations]
         text = pd.concat(tables).to_csv(index=False, float_format="%.9g", lineterminator="\n")
         shards.put(TABLE, text.encode())
-        for path in shards.files.glob(f"{shards.folder}/{PICTURE}*.png"):  # of an earlier run
-            shards.files.rm_file(path)
+        written = set()
         for outcome in study.outcomes:
-            panels = [(each.label, one) for each in combinations if not (one := each.analysed[outcome]).reason]
-            if panels:
+            panels = [(each.label, each.analysed[outcome]) for each in combinations]
+            if panels := [(label, one) for label, one in panels if not one.reason]:
+                written.add(f"{PICTURE}{outcome}.png")
                 shards.put(f"{PICTURE}{outcome}.png", draw(study.design, panels))
+        for path in shards.files.glob(f"{shards.folder}/{PICTURE}*.png"):  # of an earlier run
+            if Path(path).name not in written:
+                shards.files.rm_file(path)
     for line, doubts in sentences(study, combinations):
         say(line, hang=2)
         if doubts:

@@ -264,6 +264,10 @@ def _home(channel: Channel, name: str, headers: dict[Path, Header]) -> Path:
 
 def _series(name: str, channel: Channel, table: Table, to_si: float, leave_out: bool) -> Series:
     """Sum the columns of a channel, in SI units and our sign; `leave_out` drops rows without a number."""
+    if _kind(name) == tables.ANGLE and table.degrees is not None:
+        says, header = ("deg", "yes") if table.degrees else ("rad", "no")
+        if channel.unit in {"deg", "rad"} - {says}:
+            raise UsageError(f"{table.path} says inDegrees={header}, and map: {name}.unit {channel.unit}")
     for column, weight in channel.weights.items():
         if abs(weight * channel.scale) == 1.0:
             said = table.units.get(column, "")

@@ -20,19 +20,21 @@ from statistics import fmean
 from typing import Any, NamedTuple
 
 import numpy as np
+from rich import box
+from rich.console import Console
+from rich.table import Table
 from scipy.optimize import least_squares, lsq_linear
 
 from knee_contact_ros import __version__
 from knee_contact_ros.joint_reaction.compartments import MeasuredShare, ShareTable
-from knee_contact_ros.joint_reaction.estimator import STIFF
-from knee_contact_ros.lab.checks import PEAK, outside, refuse
+from knee_contact_ros.joint_reaction.estimator import LEAST_PEAK, MOST_PEAK, STIFF
 from knee_contact_ros.lab.tables import TableFormat, TimeColumn, header_of, read_columns
 from knee_contact_ros.model.knee import LARGEST_ANGLE
 from knee_contact_ros.model.types import NANOSECOND, Floats
 from knee_contact_ros.parameters.files import SHARE_COLUMNS
-from knee_contact_ros.system.errors import UsageError, printable
+from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import refuse_existing, write_complete
-from knee_contact_ros.system.terminal import print_table, say, warn
+from knee_contact_ros.system.terminal import WIDTH, say, shown, warn
 
 TERM = re.compile(r"\s*([+-])?\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)\s*\*?\s*)?([^\W\d]\w*|'[^']+'|\"[^\"]+\")\s*")
 """A term of a sum: sign, factor, column; the column is quoted unless it has only letters, digits and _"""
@@ -45,7 +47,6 @@ LEAST_FLEXION = -10.0
 LARGEST_EXCESS = 0.15
 """Fraction of the axial peak by which a medial force may exceed the axial one or be below 0: load cells have noise, and
 one implant's medial side pulled by a tenth in swing"""
-ANGLE_UNIT = "is --angle-unit right (the default is rad)?"
 SMOOTHINGS = tuple(10.0 ** (0.5 * power) for power in range(-8, 3))
 """Penalties [BW^2] to try, for a step of 1 between neighbours, relative to the mean square error of the force"""
 EARNED = 0.95
@@ -144,19 +145,25 @@ def read_trial(
     name = paths[0].stem
     needed = list(dict.fromkeys(column for terms in sums.values() for _, column in terms))
     found: dict[str, tuple[Floats, Floats]] = {}
-    clocks, known, days = list[Floats](), list[str](), list[int | str | None]()
+    clocks, known = list[Floats](), list[str]()
+    day: int | str | None = None
     for path in paths:
         header = header_of(path, [time, *needed], TableFormat())
-        own = [column for column in needed if header.places(column)]
-        table = read_columns(header, own, TimeColumn(column=time), TableFormat())
+        header.place(time)
         known += header.names
-        clocks.append(np.asarray(table.stamps * NANOSECOND))
-        days.append(table.day)
-        if table.day != days[0]:
+        table = read_columns(
+            header, [each for each in needed if header.places(each)], TimeColumn(column=time), TableFormat()
+        )
+        day = day if clocks else table.day
+        if table.day != day:
             raise UsageError(f"{path}: trial {name} begins on another day than in {paths[0]}, or has another clock")
-        if twice := found.keys() & own:
-            raise UsageError(f"{path}: column {min(twice)} is in another file of trial {name}, too")
-        found |= {column: (clocks[-1], table.column(column)) for column in own}
+        clocks.append(np.asarray(table.stamps * NANOSECOND))
+        for column, values in zip(table.names, table.values.T, strict=True):
+            if column in found:
+                raise UsageError(f"{path}: column {column} is in another file of trial {name}, too")
+            if not np.isfinite(values).all():
+                raise UsageError(f"{path}: column {column} of trial {name} has values that are not numbers")
+            found[column] = clocks[-1], values
     for option, terms in sums.items():
         for _, column in terms:
             if column not in found:
@@ -171,7 +178,8 @@ def read_trial(
         for terms in sums.values()
     )
     flexion = np.radians(flexion) if degrees else flexion
-    _refuse_impossible(name, flexion, axial, medial, body_weight)
+    hint = "" if degrees else "; --angle-unit deg, if it is in degrees"
+    _refuse_impossible(name, flexion, axial, medial, body_weight, hint)
     moment = moments[0] / body_weight if moments else np.full(len(axial), np.nan)
     moment = np.where(np.abs(moment) <= LARGEST_MOMENT, moment, np.nan)
     return Trial(name, flexion, axial / body_weight, medial / body_weight, moment, body_weight)
@@ -192,18 +200,25 @@ def _terms(option: str, text: str) -> list[Term]:
     return terms
 
 
-def _refuse_impossible(trial: str, flexion: Floats, axial: Floats, medial: Floats, weight: float) -> None:
+def _refuse_impossible(trial: str, flexion: Floats, axial: Floats, medial: Floats, weight: float, unit: str) -> None:
     """Refuse flexion [rad] and forces [N] that cannot be those of a walking knee."""
-    mean, span = np.degrees([flexion.mean(), np.ptp(flexion)])
-    most, excess = axial.max(), max((medial - axial).max(), (-medial).max())
-    for what, value, unit, limits, cure in (
-        ("the largest angle of --flexion", np.abs(flexion).max(), "rad", (0.0, LARGEST_ANGLE), ANGLE_UNIT),
-        ("the mean of --flexion", mean, "deg", (LEAST_FLEXION, math.inf), "its sign must make flexion positive"),
-        ("the range of --flexion", span, "deg", (math.degrees(STIFF), math.inf), ANGLE_UNIT),
-        ("the peak of --axial", most / weight, "body weights", PEAK, "is it in N, and --body-weight a force, no mass?"),
-        ("--medial beyond 0 or --axial", excess, "N", (-math.inf, LARGEST_EXCESS * most), "are both of this knee?"),
-    ):
-        refuse(outside(f"trial {trial}", what, float(value), unit, limits, cure))
+    mean, span, most = math.degrees(flexion.mean()), math.degrees(np.ptp(flexion)), float(axial.max())
+    excess = max(float((medial - axial).max()), float((-medial).max()))
+    for wrong, reason in (
+        ((reached := np.abs(flexion).max()) > LARGEST_ANGLE, f"flexion reaches {reached:g} rad, beyond "
+         f"{LARGEST_ANGLE:g}{unit}"),
+        (mean < LEAST_FLEXION, f"flexion is {mean:.0f} degrees on average; it must be positive in flexion: change the "
+        "sign in --flexion"),
+        (span < math.degrees(STIFF), f"flexion moves by {span:.3g} degrees in all, less than a walking knee: is "
+        "--angle-unit right?"),
+        (not LEAST_PEAK <= most / weight <= MOST_PEAK, f"the axial force reaches {most / weight:.3g} body weights, and "
+         f"a knee that bears its body {LEAST_PEAK:g} to {MOST_PEAK:g}: are both in N, and is --body-weight a force "
+         "and not a mass?"),
+        (excess > LARGEST_EXCESS * most, f"the medial force is {excess:g} N beyond 0 or the whole; look at --axial and "
+         "--medial"),
+    ):  # fmt: skip
+        if wrong:
+            raise UsageError(f"trial {trial}: {reason}")
 
 
 def fit_table(trials: Sequence[Trial], smoothing: float) -> ShareTable:
@@ -396,14 +411,18 @@ def share_csv(table: ShareTable, notes: Sequence[str]) -> str:
 
 def _show(trials: Sequence[Trial], found: Found) -> None:
     """Print the RMS errors of the medial force in every trial, in N and in body weights, and what was chosen."""
+    console = Console(width=WIDTH, emoji=False)
     fitted_to = "the others" if len(trials) > 1 else "other quarters"
     title = f"RMS error of the medial force; fitted rules were fitted to {fitted_to}"
-    rows = [
-        (printable(trial.name), *(f"{error * trial.body_weight:.1f} N\n{error:.3f} BW" for error in errors))
-        for trial, *errors in zip(trials, *found.errors.values(), strict=True)
-    ]
-    alignment = "l" + "r" * len(found.errors)
-    print_table(alignment, ("trial", *found.errors), rows, title=title, title_justify="left")
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, title=title, title_justify="left")
+    table.add_column("trial", overflow="fold")
+    for name in found.errors:
+        table.add_column(name, justify="right")
+    for place, trial in enumerate(trials):
+        rows = [errors[place] for errors in found.errors.values()]
+        cells = [f"{error * trial.body_weight:.1f} N\n{error:.3f} BW" for error in rows]
+        table.add_row(shown(trial.name), *cells)
+    console.print(table)
     say(f"Fitted to all: {found.form}")
     if not math.isnan(found.spacing):
         say(f"For moment_balance: load.compartment_spacing: {found.spacing:.4f}")

@@ -26,7 +26,7 @@ import logging
 import math
 import re
 import signal
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import lru_cache
 from multiprocessing import resource_tracker
@@ -35,19 +35,39 @@ from tempfile import TemporaryDirectory
 from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT, bag_digest, model_digest, weight_of
-from knee_contact_ros.lab.sweep import OF_A_RUN, Knees, check_varied, compute, file_texts, read_recording
+from knee_contact_ros.lab.sweep import (
+    LATERAL,
+    OF_A_RUN,
+    SECTIONS,
+    Computed,
+    Knees,
+    checked_names,
+    compute,
+    file_texts,
+    read_recording,
+)
 from knee_contact_ros.model.compiler import worth_compiling
-from knee_contact_ros.model.types import Floats
+from knee_contact_ros.model.types import FLAT, TOLD
 from knee_contact_ros.offline.solve import with_weight
-from knee_contact_ros.parameters.files import all_values, check_value, dotted, first_error, variations_of
-from knee_contact_ros.parameters.schema import LATERAL, Parameters, has_both
+from knee_contact_ros.parameters.files import (
+    all_values,
+    check_value,
+    dotted,
+    first_error,
+    known_parameters,
+    variations_of,
+)
+from knee_contact_ros.parameters.schema import LATERAL as LATERAL_KNEE
+from knee_contact_ros.parameters.schema import Parameters, has_both
 from knee_contact_ros.system.errors import IncompleteError, ToldError, UsageError
 from knee_contact_ros.system.files import expanded, read_mapping
 from knee_contact_ros.system.terminal import progress, say, warn
 
+Floats = NDArray[np.float64]
 Values = dict[str, Any]
 S = TypeVar("S", bound="Study")
 MOST = 10_000_000
@@ -217,14 +237,16 @@ class Study(Part):
 
     @model_validator(mode="after")
     def _check(self) -> Study:
-        ranges = self.design.ranges if self.design else {}
+        ranges, known = self.design.ranges if self.design else {}, known_parameters()
         given = [*self.names, *self.values, *(f"{bag} with {list(params)}" for bag, params in self.knees)]
         given += [f"{name} {value!r}" for name, values in self.grid.items() for value in values]
         if twice := [one for one in given if given.count(one) > 1]:
             raise UsageError(f"{twice[0]} is given twice")
         if self.number > MOST:
             raise UsageError(f"{self.number} cases are not allowed; {MOST} at most")
-        check_varied(self.names, ranges)
+        checked_names(self.names)
+        if whole := [name for name in ranges if name in known and not isinstance(known[name].default, float)]:
+            raise UsageError(f"{whole[0]}: a range is not allowed; only a real number can have one")
         ends = {name: [axis.start, axis.stop] for name, axis in ranges.items()}
         for name, allowed in (self.grid | ends | {name: [value] for name, value in self.values.items()}).items():
             for value in allowed:
@@ -303,7 +325,7 @@ def groups_of(study: Study) -> list[Group]:
         for bag, params in several:
             parameters, texts = with_weight([*params, study.values], weight), dict[str, str]()
             file_texts(parameters, texts)
-            found.append(Group(bag, place, digest, ticks, params, parameters, texts))
+            found.append(Group(bag, place, digest, ticks, params, parameters, texts, variations_of(parameters)))
     return found
 
 
@@ -324,26 +346,30 @@ class Group(NamedTuple):
     """Parameters that the cases share"""
     files: dict[str, str]
     """Contents of the files that parameters name"""
+    varied: Callable[[Values], Parameters]
+    """Function that returns the parameters of a case"""
 
-    def keyed(self, cases: Iterable[Values]) -> Iterator[tuple[str, Values]]:
-        """Yield key and values of cases, also of those that are not allowed; names of files do not enter a key."""
-        varied = variations_of(self.parameters)
-        for values in cases:
-            try:
-                parameters, rest = varied(values), []
-                texts = file_texts(parameters, self.files)
-            except UsageError:
-                parameters, texts, rest = self.parameters, {}, sorted(values.items())
-            left_out = NOT_OF_THE_RESULT if has_both(parameters) else (*NOT_OF_THE_RESULT, LATERAL)
-            counted = {name: own for name, own in all_values(parameters).items() if not name.startswith(left_out)}
-            counted |= {name: _digest(text) for name, text in texts.items()}
-            yield _digest(repr((what_answers(), self.digest, counted, rest))), values
+    def key(self, values: Values) -> str:
+        """Return the key of a case, also if its parameters are not allowed; names of files do not enter it."""
+        try:
+            parameters, rest = self.varied(values), []
+            texts = file_texts(parameters, self.files)
+        except UsageError:
+            parameters, texts, rest = self.parameters, {}, sorted(values.items())
+        left_out = NOT_OF_THE_RESULT if has_both(parameters) else (*NOT_OF_THE_RESULT, LATERAL_KNEE)
+        counted = {name: own for name, own in all_values(parameters).items() if not name.startswith(left_out)}
+        counted |= {name: _digest(text) for name, text in texts.items()}
+        return _digest(repr((what_answers(), self.digest, counted, rest)))
 
 
 class Block(NamedTuple):
     """Cases of a group, which a worker computes together."""
 
-    group: Group
+    bag: str
+    params: tuple[str, ...]
+    """Bag and parameter files as the study names them"""
+    inputs: tuple[str, str, Parameters, tuple[tuple[str, str], ...]]
+    """Place and digest of the bag, parameters that the cases share, and names and contents of files"""
     model: str
     """Digest of the client's model, see `what_answers`"""
     number: int
@@ -358,8 +384,8 @@ def blocks_of(study: Study, groups: Sequence[Group], known: set[str]) -> Iterato
     """Yield the cases that are not `known` in blocks, made on demand, and add them to `known`."""
 
     def missing(group: Group) -> Iterator[tuple[str, Values]]:
-        for key, values in group.keyed(study.variants()):
-            if key not in known:
+        for values in study.variants():
+            if (key := group.key(values)) not in known:
                 known.add(key)
                 yield key, values
 
@@ -367,8 +393,11 @@ def blocks_of(study: Study, groups: Sequence[Group], known: set[str]) -> Iterato
     for group in groups:
         size, left = max(1, min(max(-(-variants // PARTS), LEAST), TICKS // group.ticks)), missing(group)
         while cases := list(itertools.islice(left, size)):
-            own = group._replace(files=dict(group.files))  # later cases add files
-            yield Block(own, what_answers(), study.number, study.series, *zip(*cases, strict=True))
+            inputs = group.place, group.digest, group.parameters, tuple(sorted(group.files.items()))
+            yield Block(
+                group.bag, group.params, inputs, what_answers(), study.number, study.series,
+                *zip(*cases, strict=True),
+            )  # fmt: skip
 
 
 Answered = tuple[bytes, bytes, int, tuple[str, ...]]
@@ -384,16 +413,13 @@ def compute_block(block: Block) -> Answered:
     """
     if block.model != what_answers():
         raise UsageError(f"{_worker()} has another version of knee_contact_ros; install the same one")
-    group = block.group
-    knees = _knees(group.place, group.digest, group.parameters, tuple(sorted(group.files.items())))
+    knees = _knees(*block.inputs)
     compiled = worth_compiling(block.number * len(knees.recording.steps))
     computed = compute(knees, block.cases, series=block.series, compiled=compiled)
     if not gc.get_freeze_count():  # thousands of cases start many collections, a quarter of a second each
         gc.freeze()
-    names = {"case": block.keys, "bag": group.bag, "params": " + ".join(group.params)}
-    table = computed.table(knees, block.cases, names)
-    series = _parquet(computed.series_table(block.keys)) if block.series else b""
-    return _parquet(table), series, sum(map(bool, computed.failed)), knees.recording.damage
+    series = _series(block.keys, computed) if block.series else b""
+    return _table(block, knees, computed), series, sum(map(bool, computed.failed)), knees.recording.damage
 
 
 @lru_cache(4)
@@ -411,8 +437,39 @@ def _worker() -> str:
     return f"worker {get_worker().address}"
 
 
-def _parquet(table: Any) -> bytes:
+def _table(block: Block, knees: Knees, computed: Computed) -> bytes:
+    """Make the rows of a block's cases: names, all parameters that may vary, outcomes, and why a case failed."""
+    import pandas as pd
+
+    common = {name: value for name, value in all_values(knees.parameters).items() if name.startswith(SECTIONS)}
+    varied = {*block.cases[0], *(LATERAL_KNEE + name for name in block.cases[0])}
+    rows = [values if own is None else all_values(own)
+            for own, values in zip(computed.parameters, block.cases, strict=True)]  # fmt: skip
+    before = {"case": block.keys, "bag": block.bag, "params": " + ".join(block.params)}
+    columns = {name: [row.get(name, value) for row in rows] if name in varied else value
+               for name, value in common.items()}  # fmt: skip
+    outcomes = [pd.DataFrame(rows).add_prefix(prefix)
+                for prefix, rows in zip(("", LATERAL), computed.outcomes, strict=True)]  # fmt: skip
+    after = pd.DataFrame({"failed": computed.failed, "seconds": computed.seconds})
+    kinds = {name: type(value) for name, value in common.items()}
+    table = pd.concat([pd.DataFrame(before | columns).astype(kinds), *outcomes, after], axis=1)
+    table.attrs["varied"] = sorted(block.cases[0])
     content: bytes = table.to_parquet(None, compression="zstd", index=False)
+    return content
+
+
+def _series(keys: Sequence[str], computed: Computed) -> bytes:
+    """Make the table of all answers of the cases: key, compartment, stamp [ns], and the fields of the message."""
+    import pandas as pd
+
+    parts = []
+    for place, (side, answers) in enumerate(zip(("medial", "lateral"), computed.series, strict=False)):
+        known = computed.has(place)
+        rows = answers[known].ravel().view(FLAT)
+        columns = {name: np.ascontiguousarray(rows[name]) for name in ("stamp", *TOLD)}
+        cases = np.repeat(np.array(keys)[known], answers.shape[1])
+        parts.append(pd.DataFrame({"case": cases, "compartment": side, **columns}))
+    content: bytes = pd.concat(parts).to_parquet(None, compression="zstd", index=False)
     return content
 
 
@@ -581,13 +638,13 @@ def computed_by(client: Any, blocks: Iterator[Block]) -> Iterator[tuple[Block, A
     except ToldError:
         raise
     except KilledWorker:
-        where = f"{len(block.keys)} cases of bag {block.group.bag}"
+        where = f"{len(block.keys)} cases of bag {block.bag}"
         raise IncompleteError(f"workers died repeatedly at {where}: is there too little memory? {REST}") from None
     except Exception as error:  # a boundary: whatever a worker may lack or meet; or the scheduler is gone
         if future is None or future.status != "error":
             raise IncompleteError(f"the scheduler no longer answers; {REST}") from None
         failure = f"{type(error).__name__}: {reason(error)}"
-        raise IncompleteError(f"bag {block.group.bag}: a worker failed: {failure}; {REST}") from None
+        raise IncompleteError(f"bag {block.bag}: a worker failed: {failure}; {REST}") from None
 
 
 def run_study(study: Study, output: str, workers: int = 0, scheduler: str = "") -> tuple[int, int, int]:

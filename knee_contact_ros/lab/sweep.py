@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from functools import lru_cache
@@ -22,13 +22,12 @@ from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_HEIGHT, LARGEST_L
 from knee_contact_ros.model.laws import ContactLaw
 from knee_contact_ros.model.readouts import ContactPatch
 from knee_contact_ros.model.surfaces import ContactPair
-from knee_contact_ros.model.types import FLAT, NANOSECOND, ROW, TOLD, ContactState, Floats, Rows, Status
+from knee_contact_ros.model.types import NANOSECOND, ROW, ContactState, Rows, Status
 from knee_contact_ros.offline.notebooks import Name, in_python_words
 from knee_contact_ros.offline.solve import parameters_for, parameters_in, solve
 from knee_contact_ros.parameters.build import build_model, contact_pair, load_rule
 from knee_contact_ros.parameters.files import (
     Source,
-    all_values,
     check_value,
     curve_files,
     dotted,
@@ -39,13 +38,16 @@ from knee_contact_ros.parameters.files import (
     variations_of,
 )
 from knee_contact_ros.parameters.schema import Parameters, has_both, lateral_knee
-from knee_contact_ros.results import Records, Suggesting
+from knee_contact_ros.results import Records, no_such
 from knee_contact_ros.streams.contact_stream import ContactStream, half_spacing, move_along_z
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded
 
 if TYPE_CHECKING:
     import pandas as pd
+
+
+Floats = NDArray[np.float64]
 
 
 OUTCOMES = {
@@ -203,17 +205,11 @@ def read_recording(
     axial, moment, angles = (np.ascontiguousarray(np.concatenate(column), dtype=float) for column in columns)
     rows = tuple(np.concatenate(parts) for parts in zip(*blocks, strict=True))
     stamps, height = rows[0]["stamp"].copy(), rows[0]["femoral_height"].copy()
-    steps = steps_of(rows[0])
+    steps = np.diff(stamps, prepend=stamps[:1]) * NANOSECOND
+    steps[(rows[0]["status"] & Status.TIME_RESET) != 0] = 0.0
     if parameters_in(basis).drive != "displacement":
         height[:] = np.nan
     return Recording(stamps, steps, angles, axial, moment, height, tuple(summary.damage)), rows
-
-
-def steps_of(rows: Rows) -> Floats:
-    """Return the time since the tick before [s] of answers, 0 where a run begins; shape (n,)."""
-    steps: Floats = np.diff(rows["stamp"], prepend=rows["stamp"][:1]) * NANOSECOND
-    steps[(rows["status"] & Status.TIME_RESET) != 0] = 0.0
-    return steps
 
 
 class Side(NamedTuple):
@@ -299,18 +295,15 @@ def _refuse_beyond(what: str, values: Floats, most: float, unit: str) -> None:
         raise UsageError(f"{what} {beyond[0]:g} {unit} is not allowed; at most {most:g} {unit}")
 
 
-def check_varied(names: Iterable[str], ranges: Collection[str] = ()) -> None:
-    """Refuse parameters that a study cannot vary, some of them over `ranges`; unknown ones are left to `check_value`.
+def checked_names(names: Iterable[str]) -> None:
+    """Refuse parameters that a study cannot vary; unknown ones are left to `check_value`.
 
     Raises:
         UsageError: a study cannot vary one of them.
     """
-    known = known_parameters()
-    for name in filter(known.__contains__, names):
-        if not name.startswith(SECTIONS):
+    for name in names:
+        if name in known_parameters() and not name.startswith(SECTIONS):
             raise UsageError(f"{name} is not allowed; a parameter of {', '.join(SECTIONS)}")
-        if name in ranges and not isinstance(known[name].default, float):
-            raise UsageError(f"{name}: a range is not allowed; only a real number can have one")
 
 
 class Computed(NamedTuple):
@@ -332,41 +325,6 @@ class Computed(NamedTuple):
         """Whether a case has answers of a compartment (0 or 1), shape (k,)."""
         known: NDArray[np.bool_] = np.isfinite(self.outcomes[side]["ticks"])
         return known
-
-    def table(self, knees: Knees, cases: Sequence[Values], names: Mapping[str, Any]) -> pd.DataFrame:
-        """Return a row for each case: `names`, all parameters that may vary, outcomes, why it failed, and seconds."""
-        import pandas as pd
-
-        common = {name: value for name, value in all_values(knees.parameters).items() if name.startswith(SECTIONS)}
-        rows = [common | dict(values) if own is None else all_values(own)
-                for own, values in zip(self.parameters, cases, strict=True)]  # fmt: skip
-        kinds = {name: type(value) for name, value in common.items()}
-        varied = pd.DataFrame(rows)[list(common)].astype(kinds)
-        outcomes = outcome_table(self.outcomes[0], self.outcomes[1], self.failed).assign(seconds=self.seconds)
-        table = pd.concat([pd.DataFrame(names), varied, outcomes], axis=1)
-        table.attrs["varied"] = sorted(cases[0])
-        return table
-
-    def series_table(self, keys: Sequence[str]) -> pd.DataFrame:
-        """Return all answers of the cases: key, compartment, stamp [ns], and the fields of the message."""
-        import pandas as pd
-
-        parts = []
-        for place, (side, answers) in enumerate(zip(("medial", "lateral"), self.series, strict=False)):
-            known = self.has(place)
-            rows = answers[known].ravel().view(FLAT)
-            columns = {name: np.ascontiguousarray(rows[name]) for name in ("stamp", *TOLD)}
-            which = np.repeat(np.array(keys)[known], answers.shape[1])
-            parts.append(pd.DataFrame({"case": which, "compartment": side, **columns}))
-        return pd.concat(parts)
-
-
-def outcome_table(medial: NDArray[Any], lateral: NDArray[Any] | None, failed: Any) -> pd.DataFrame:
-    """Make a table of outcomes (records of `OF_A_RUN`), those of the lateral compartment if any, and `failed`."""
-    import pandas as pd
-
-    parts = [pd.DataFrame(medial)] + ([] if lateral is None else [pd.DataFrame(lateral).add_prefix(LATERAL)])
-    return pd.concat([*parts, pd.DataFrame({"failed": failed})], axis=1)
 
 
 def compute(
@@ -398,7 +356,7 @@ def compute(
 
     def some(first: int) -> None:
         part = runs[first : first + count]
-        answers = answers_of(recording, [side for *_, side in part])
+        answers = _answers(recording, [side for *_, side in part])
         models = [side.model for *_, side in part]
         rows = outcomes(answers, recording.steps, [one.law for one in models], [one.patch for one in models])
         for (i, place, side), row, answer in zip(part, rows, answers, strict=True):
@@ -415,7 +373,7 @@ def compute(
     return Computed(parameters, failed, found, kept, (time.perf_counter() - begun) / max(number, 1))
 
 
-def answers_of(recording: Recording, sides: Sequence[Side]) -> Rows:
+def _answers(recording: Recording, sides: Sequence[Side]) -> Rows:
     """Compute k compartments through a recording, shape (k, n)."""
     answers = np.zeros((len(sides), len(recording.steps)), ROW)
     samples = np.column_stack([recording.steps, recording.angles, np.zeros_like(recording.steps), recording.heights])
@@ -429,7 +387,7 @@ def answers_of(recording: Recording, sides: Sequence[Side]) -> Rows:
 
 
 @dataclass(frozen=True)
-class Cohort(Suggesting):
+class Cohort:
     """Results of `sweep`: k cases, in the order of the values."""
 
     values: dict[str, NDArray[Any]]
@@ -452,6 +410,9 @@ class Cohort(Suggesting):
         varied = ", ".join(f"{name} {np.min(own)} to {np.max(own)}" for name, own in self.values.items())
         return f"<Cohort: {len(self.failed)} cases, {np.count_nonzero(self.failed)} failed; varied: {varied}>"
 
+    def __getattr__(self, name: str) -> Any:
+        raise no_such(self, name)
+
     def to_pandas(self) -> pd.DataFrame:
         """Return a data frame with a row for each case: values, outcomes, lateral outcomes and why it failed.
 
@@ -459,8 +420,10 @@ class Cohort(Suggesting):
         """
         import pandas as pd
 
-        outcomes = outcome_table(self.outcomes, self.lateral, self.failed)
-        table = pd.concat([pd.DataFrame(self.values), outcomes], axis=1)
+        columns: dict[str, Any] = dict(self.values)
+        for prefix, rows in (("", self.outcomes), ("lateral_", self.lateral)):
+            columns |= {prefix + name: rows[name] for name in OF_A_RUN.names or ()} if rows is not None else {}
+        table = pd.DataFrame(columns | {"failed": self.failed})
         table.attrs["varied"] = list(self.values)
         return table
 
@@ -508,7 +471,7 @@ def sweep(
 def _cases(values: Mapping[str, ArrayLike]) -> list[dict[str, Any]]:
     """Return the values of each case by name; refuse arrays of different lengths, and values that are never allowed."""
     flat = {name: np.asarray(column) for name, column in dotted(values).items()}
-    check_varied(flat)
+    checked_names(flat)
     try:
         columns = [column.tolist() for column in np.broadcast_arrays(*flat.values(), np.zeros(1))[:-1]]
         rows = [dict(zip(flat, row, strict=True)) for row in zip(*columns, strict=True)]

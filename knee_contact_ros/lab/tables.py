@@ -15,7 +15,7 @@ import re
 from array import array
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from datetime import date
-from itertools import accumulate, islice
+from itertools import islice
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple
 
@@ -393,8 +393,10 @@ def _text_header(path: Path, wanted: Collection[Column], table_format: TableForm
         over = _cells(lines[number - 1].lstrip(COMMENT), marks[line])
         if len(over) < 2:
             break
-        filled: Iterator[str] = accumulate((over + [""] * width)[:width], lambda before, cell: cell or before)
-        above.append(tuple(filled))
+        filled = [""]
+        for cell in (over + [""] * width)[:width]:
+            filled.append(cell or filled[-1])
+        above.append(tuple(filled[1:]))
     return Header(path, tuple(cells[line]), line, marks[line], text, tuple(above), notes=notes)
 
 
@@ -431,8 +433,7 @@ def read_columns(header: Header, wanted: Sequence[Column], time: TimeColumn, tab
     numbers, below, day = read_numbers(header, places, table_format, len(timed))
     if not len(numbers):
         raise UsageError(f"{path} has no rows below its names (line {header.line})")
-    of_angles = {True: "deg", False: "rad", None: ""}[header.degrees]
-    units = {name: below.get(place) or (_bracketed(header.names[place]) or of_angles) * isinstance(name, str)
+    units = {name: below.get(place, "") or _bracketed(header.names[place] if isinstance(name, str) else "")
              for name, place in zip((*timed, *wanted), places, strict=True)}  # fmt: skip
     first = numbers[:, 0] if timed else np.arange(len(numbers), dtype=np.float64)
     seconds = 1.0 if day is not None else 1.0 / rate if rate else factor(time.unit, TIME, "time")

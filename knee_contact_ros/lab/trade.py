@@ -15,15 +15,17 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+from rich import box
+from rich.console import Console
+from rich.table import Table
 
-from knee_contact_ros.lab.sweep import Recording, Side, answers_of, steps_of
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.ticks import LEVELS
 from knee_contact_ros.model.types import Rows, Status
 from knee_contact_ros.results import Results
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import write_complete
-from knee_contact_ros.system.terminal import print_table, say
+from knee_contact_ros.system.terminal import WIDTH, say, shown
 
 TOLERANCES = tuple(float(f"1e-{exponent}") for exponent in range(3, 10))
 """Values of `fidelity.tolerance` [m] that are measured"""
@@ -121,15 +123,20 @@ def measure(
 
 def answered(model: KneeModel, samples: Rows, load: float) -> tuple[Rows, float]:
     """Compute samples again with their load times `load`; return the answers and the processor time [s] of the run."""
-    unknown = np.full(len(samples), np.nan)
-    heights = samples["femoral_height"] if model.height_prescribed else unknown
-    recording = Recording(samples["stamp"], steps_of(samples), samples["flexion_angle"], unknown, unknown, heights)
-    side, seconds = Side(model, load * samples["load"], 0.0), []
+    starts = np.flatnonzero(samples["status"] & Status.TIME_RESET)
+    parts = [part for part in np.split(np.asarray(samples), starts) if len(part)]
+    seconds = []
     for _ in range(REPEATS + 1):  # the first run compiles
         begin = time.process_time()
-        (rows,) = answers_of(recording, [side])
+        rows = [
+            model.stream().advance_all(
+                part["stamp"], part["flexion_angle"], load * part["load"],
+                part["femoral_height"] if model.height_prescribed else None,
+            )
+            for part in parts
+        ]  # fmt: skip
         seconds.append(time.process_time() - begin)
-    return rows, min(seconds[1:])
+    return np.concatenate(rows), min(seconds[1:])
 
 
 def advice(trade: Trade) -> str:
@@ -153,13 +160,14 @@ def advice(trade: Trade) -> str:
 
 def show(trade: Trade) -> None:
     """Print a table with a row per setting, what its errors refer to, and the advice."""
-    rows = list[tuple[str, ...]]()
+    table = Table("level", box=box.SIMPLE_HEAD, pad_edge=False, padding=0)
+    for heading in ("tolerance", "depth [m]", "force [N]", "point [m]", "flagged", "calls", "time [us]"):
+        table.add_column(shown(heading), justify="right", no_wrap=True)
     for level, tolerance, *errors, flagged, calls, microseconds in trade.settings:
         cells = (f"{tolerance:.0e}", *(f"{error:.1e}" for error in errors), f"{1e2 * flagged:.1f} %")
-        rows.append((level, *cells, f"{calls:.1f}", f"{microseconds:.2f}"))
-    headings = ("level", "tolerance", "depth [m]", "force [N]", "point [m]", "flagged", "calls", "time [us]")
+        table.add_row(level, *cells, f"{calls:.1f}", f"{microseconds:.2f}")
     say("Largest errors at any tick; calls of the contact law and processor time per tick")
-    print_table("lrrrrrrr", headings, rows, padding=0)
+    Console(width=WIDTH).print(table)
     say(f"{trade.ticks} ticks. The reference is the same model at a tolerance of {REFERENCE:g} m; a run at")
     say(f"{SECOND:g} m differs from it by {trade.reference_error:.1e} m at most.")
     say(advice(trade), hang=0)

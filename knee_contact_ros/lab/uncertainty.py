@@ -21,14 +21,14 @@ import numpy as np
 
 from knee_contact_ros.bags.provenance import Provenance
 from knee_contact_ros.bags.reader import OWN_NAMES, Names
-from knee_contact_ros.lab.sweep import Knees, compute, read_recording
+from knee_contact_ros.lab.sweep import Floats, Knees, compute, read_recording
 from knee_contact_ros.model.compiler import worth_compiling
-from knee_contact_ros.model.types import Floats, Rows
+from knee_contact_ros.model.types import Rows
 from knee_contact_ros.offline.notebooks import Name, in_python_words, solve_inputs
 from knee_contact_ros.offline.solve import parameters_in, texts_of
 from knee_contact_ros.parameters.files import Source, all_values, curve_files, dotted, known_parameters
 from knee_contact_ros.parameters.schema import LATERAL, Parameters, has_both
-from knee_contact_ros.results import Suggesting
+from knee_contact_ros.results import no_such
 from knee_contact_ros.system.errors import UsageError, meant
 from knee_contact_ros.system.files import expanded, read_mapping
 from knee_contact_ros.system.terminal import progress
@@ -224,7 +224,7 @@ def propagated(
 
 
 @dataclass(frozen=True)
-class Uncertainty(Suggesting):
+class Uncertainty:
     """Result of `uncertainty`: standard deviations of each compartment's answers."""
 
     medial: Propagated
@@ -235,6 +235,9 @@ class Uncertainty(Suggesting):
     def __repr__(self) -> str:
         lateral = f"\n  lateral {self.lateral!r}" if self.lateral else ""
         return f"<Uncertainty: medial {self.medial!r}{lateral}>"
+
+    def __getattr__(self, name: str) -> Any:
+        raise no_such(self, name)
 
 
 def uncertainty(

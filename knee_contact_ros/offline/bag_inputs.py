@@ -16,7 +16,7 @@ from knee_contact_ros.bags.provenance import is_recording
 from knee_contact_ros.bags.reader import NAMESPACE, BagReader, Names, absolute
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters
 from knee_contact_ros.parameters.sources import Source
-from knee_contact_ros.streams.conversion import converters, types_in
+from knee_contact_ros.streams.conversion import converters, store_of
 from knee_contact_ros.streams.frames import TF_MESSAGE, TF_STATIC, ForceFrame, decode_transforms
 from knee_contact_ros.streams.messages import JOINT_STATE, RefusedSampleError
 from knee_contact_ros.streams.topics import JOINT_STATES
@@ -98,7 +98,7 @@ class BagInputs:
 
     def _types(self, source: Source, by: str) -> Typestore:
         try:
-            return types_in(self.reader.definition(absolute(source.topic)), source.type)
+            return store_of(self.reader.definition(absolute(source.topic)), source.type)
         except Exception as error:  # whatever a foreign definition provokes
             reason = " ".join(str(error).split())
             raise UsageError(f"bag {self.path}: parameter {by}: {source.type} is not defined in it: {reason}") from None

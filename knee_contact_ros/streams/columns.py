@@ -9,13 +9,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import groupby
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat, Nodetype
-from rosbags.typesys import get_types_from_idl, get_types_from_msg
+from rosbags.interfaces import MessageDefinition, Nodetype
 
 from knee_contact_ros.model.types import FIELDS, FLAT, MESSAGE, ROW, TOLD, WRENCH, Rows, untold
 from knee_contact_ros.streams.messages import (
@@ -33,7 +31,7 @@ from knee_contact_ros.streams.messages import (
     written_layout,
 )
 from knee_contact_ros.streams.pairing import FAR, STALE_INPUT, STEPS
-from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES, NANOSECONDS, definition
+from knee_contact_ros.streams.topics import KNEE_CONTACT, MESSAGE_TYPES, NANOSECONDS, types_in
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -191,18 +189,17 @@ BYTES = ("bool", "byte", "char")
 """Further types of one byte, which are read as `uint8`"""
 FRAME_END = STAMP_END + 4
 """Offset [B] of the text of the frame, behind its length"""
-PRESENT = MessageDefinition(MessageDefinitionFormat.NONE, "")
-"""Placeholder for the definition that this package writes"""
+NO_MESSAGE = "a message is not CDR, or it is cut off"
 
 
 Place = tuple[str, str]
 """A number among the fields of a message: its name (`contact_point_x` for x of `contact_point`) and type, of `FIXED`"""
 
 
-def decode_answers(messages: Sequence[bytes], message_definition: MessageDefinition) -> Rows:
+def decode_answers(messages: Column, message_definition: MessageDefinition) -> Rows:
     """Read rows from `KneeContact` messages, shape (n,), with their stamps; numbers that are missing become NaN.
 
-    `message_definition` is the one in the recording; `PRESENT` stands for this package's.
+    `message_definition` is the one in the recording; `NO_DEFINITION` stands for this package's.
 
     Raises:
         ValueError: the definition lacks a number, or a message does not fit it.
@@ -210,17 +207,21 @@ def decode_answers(messages: Sequence[bytes], message_definition: MessageDefinit
     places, whole = places_of(message_definition)
     answers = untold(len(messages))
     numbers = answers.view(FLAT)
-    for begin, end in _alike(messages):
-        block = messages[begin:end]
-        layout = layout_of(places, *_kind(block[0]))
-        length, lengths = layout.itemsize, set(map(len, block))
-        if min(lengths) < length or (whole and max(lengths) > length + MOST_TRAILING):
+    if len(messages) and (messages.ends - messages.begins).min() < FRAME_END:
+        raise ValueError(NO_MESSAGE)
+    heads = messages.rows(FRAME_END)[:, [0, 1, *range(STAMP_END, FRAME_END)]]
+    _, examples, kinds = np.unique(heads, axis=0, return_index=True, return_inverse=True)
+    for number, example in enumerate(examples.tolist()):
+        alike = np.flatnonzero(kinds.ravel() == number)
+        layout, block = layout_of(places, *_kind(messages[example])), messages.part(alike)
+        surplus = block.ends - block.begins - layout.itemsize
+        if surplus.min() < 0 or (whole and surplus.max() > MOST_TRAILING):
             raise ValueError("a message is longer or shorter than its definition says")
-        rows = np.frombuffer(b"".join(message[:length] for message in block), dtype=layout)
+        rows = block.rows(layout.itemsize).view(layout)[:, 0]
         with np.errstate(invalid="ignore"):  # a foreign definition may have other types
             for name in set(TOLD) & set(layout.names or ()):
-                numbers[name][begin:end] = rows[name]
-        numbers["stamp"][begin:end] = rows["seconds"].astype(np.int64) * NANOSECONDS + rows["nanoseconds"]
+                numbers[name][alike] = rows[name]
+        numbers["stamp"][alike] = rows["seconds"].astype(np.int64) * NANOSECONDS + rows["nanoseconds"]
     return answers
 
 
@@ -231,11 +232,7 @@ def places_of(message_definition: MessageDefinition) -> tuple[tuple[Place, ...],
     Raises:
         ValueError: the definition lacks a number that the message has always had.
     """
-    if message_definition.format is MessageDefinitionFormat.IDL:
-        types = get_types_from_idl(message_definition.data)
-    else:
-        types = get_types_from_msg(message_definition.data or definition(TYPE).decode(), TYPE)
-    places, whole = [], True
+    types, places, whole = types_in(message_definition, TYPE), list[Place](), True
     fields = types[TYPE][1]
     if not fields or fields[0][1] != (Nodetype.NAME, "std_msgs/msg/Header"):
         raise ValueError(f"{TYPE} does not begin with a header")
@@ -283,17 +280,8 @@ def _kind(message: bytes) -> tuple[Order, int]:
     order = BYTE_ORDERS.get(message[:2])
     frame_length = int.from_bytes(message[12:FRAME_END], "little" if order == "<" else "big")
     if order is None or len(message) < FRAME_END + frame_length:
-        raise ValueError("a message is not CDR, or it is cut off")
+        raise ValueError(NO_MESSAGE)
     return order, frame_length
-
-
-def _alike(messages: Sequence[bytes]) -> Iterator[tuple[int, int]]:
-    """Begin and end of the runs of messages that share byte order and length of the frame."""
-    begin = 0
-    for _, stretch in groupby(message[:2] + message[12:FRAME_END] for message in messages):
-        end = begin + sum(1 for _ in stretch)
-        yield begin, end
-        begin = end
 
 
 EXACT = 2**53

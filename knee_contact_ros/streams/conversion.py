@@ -10,7 +10,7 @@ from collections.abc import Callable, Sequence
 from typing import Any
 
 from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat, Nodetype
-from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
+from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters
@@ -18,7 +18,7 @@ from knee_contact_ros.parameters.sources import DYNAMIC_JOINT_STATE, JOINT_STATE
 from knee_contact_ros.streams import messages
 from knee_contact_ros.streams.columns import BYTES, FIXED
 from knee_contact_ros.streams.messages import JointState, RefusedSampleError, WrenchStamped
-from knee_contact_ros.streams.topics import NANOSECONDS, stamp_to_ns, typestore
+from knee_contact_ros.streams.topics import NANOSECONDS, stamp_to_ns, types_in, typestore
 from knee_contact_ros.system.errors import UsageError, listed
 
 Types = Callable[[Source, str], Typestore]
@@ -152,21 +152,14 @@ def converters(parameters: Parameters | LoadParameters, types: Types) -> tuple[C
     )
 
 
-def types_in(definition: MessageDefinition, type_name: str) -> Typestore:
-    """Definitions of a type and of all types in it, from a bag's; those of ROS 2 Jazzy where the bag has none.
-
-    Raises:
-        Exception: of many kinds, if the text does not define the type.
-    """
-    if definition.format is MessageDefinitionFormat.NONE:
-        known = typestore()
-        if type_name not in known.fielddefs:
-            raise KeyError(type_name)
-        return known
-    is_idl = definition.format is MessageDefinitionFormat.IDL
-    types = get_types_from_idl(definition.data) if is_idl else get_types_from_msg(definition.data, type_name)
-    store = get_typestore(Stores.EMPTY)
-    store.register(types)
+def store_of(definition: MessageDefinition, type_name: str) -> Typestore:
+    """Reader of messages of a type that a bag defines; see `types_in`."""
+    store = typestore()
+    if definition.format is not MessageDefinitionFormat.NONE:
+        store = get_typestore(Stores.EMPTY)
+        store.register(types_in(definition, type_name))
+    if type_name not in store.fielddefs:
+        raise KeyError(type_name)
     return store
 
 

@@ -8,7 +8,8 @@ from __future__ import annotations
 from functools import cache
 from typing import Any, NamedTuple
 
-from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
+from rosbags.typesys import Stores, get_types_from_idl, get_types_from_msg, get_typestore
 from rosbags.typesys.store import Typestore
 
 from knee_contact_ros.system.files import PACKAGE, share_folder
@@ -115,6 +116,23 @@ def typestore() -> Typestore:
     for path in sorted((share_folder() / "msg").glob("*.msg")):
         store.register(get_types_from_msg(path.read_text(encoding="utf-8"), f"{PACKAGE}/msg/{path.stem}"))
     return store
+
+
+NO_DEFINITION = MessageDefinition(MessageDefinitionFormat.NONE, "")
+"""Definition of a type that a bag does not define"""
+
+
+def types_in(message_definition: MessageDefinition, type_name: str) -> Any:
+    """Fields of a type and of all types in it, from a bag's definition; those of ROS 2 Jazzy where the bag has none.
+
+    Raises:
+        Exception: of many kinds, if the text does not define the type.
+    """
+    if message_definition.format is MessageDefinitionFormat.NONE:
+        return typestore().fielddefs
+    if message_definition.format is MessageDefinitionFormat.IDL:
+        return get_types_from_idl(message_definition.data)
+    return get_types_from_msg(message_definition.data, type_name)
 
 
 @cache  # the next file of a recording must be open at once

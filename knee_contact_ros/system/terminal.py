@@ -7,13 +7,11 @@ import shutil
 import sys
 import textwrap
 import time
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
-from typing import Any
 
 import click
-from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import (
@@ -25,7 +23,6 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
-from rich.table import Table
 
 from knee_contact_ros.system.errors import printable
 
@@ -126,16 +123,3 @@ def say(line: str, *, err: bool = False, hang: int | None = None) -> None:
 def shown(text: str) -> str:
     """Safe text for a cell or a bar of Rich, whatever foreign names and texts are in it."""
     return escape(printable(text))
-
-
-def print_table(alignment: str, headings: Sequence[str], rows: Iterable[Iterable[str]], **options: Any) -> None:
-    """Print a table of printable texts.
-
-    A letter of `alignment`, l or r, is for each column; `options` are those of Rich's `Table`.
-    """
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, **options)
-    for letter, heading in zip(alignment, headings, strict=True):
-        table.add_column(escape(heading), justify="right" if letter == "r" else "left", overflow="fold")
-    for row in rows:
-        table.add_row(*map(escape, row))
-    Console(width=WIDTH, emoji=False).print(table, highlight=False)

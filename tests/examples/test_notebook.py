@@ -5,13 +5,16 @@ from __future__ import annotations
 import base64
 import re
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from knee_contact_ros.system.files import share_folder
-from tests.helpers.needs import need
 
-need("nbformat", "nbclient", "ipykernel", "pandas", "matplotlib", extra="the dependency group dev")
+nbformat: Any = pytest.importorskip("nbformat")
+nbclient: Any = pytest.importorskip("nbclient")
+for needed in ("ipykernel", "pandas", "matplotlib"):
+    pytest.importorskip(needed)
 EXAMPLES = share_folder() / "examples"
 PICTURES = {"knee": 2, "many_knees": 2, "own_data": 1}
 
@@ -22,9 +25,6 @@ def test_each_is_in_the_gallery() -> None:
 
 @pytest.mark.parametrize("name", PICTURES)
 def test_it_is_kept_without_outputs_and_runs(name: str) -> None:
-    import nbclient
-    import nbformat
-
     if name == "many_knees":
         pytest.importorskip("SALib")
     notebook = nbformat.read(EXAMPLES / f"{name}.ipynb", as_version=4)

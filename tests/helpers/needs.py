@@ -18,13 +18,6 @@ def has_at_least(package: str, *least: int) -> bool:
         return False
 
 
-def need(*libraries: str, extra: str) -> None:
-    """Skip a file of tests where one of these is not installed; none is imported: every worker collects all files."""
-    for library in libraries:
-        if find_spec(library) is None:
-            pytest.skip(f"{library} is not installed: needs {extra}", allow_module_level=True)
-
-
 HAS_VIEWER = find_spec("rerun") is not None
 """Whether Rerun is there"""
 HAS_REPORT = has_at_least("matplotlib", 3, 7)

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from distributed import LocalCluster
 from SALib.test_functions import Ishigami
 
 import knee_contact_ros
@@ -108,8 +109,6 @@ def test_what_has_not_converged_is_told() -> None:
 @pytest.fixture(scope="module")
 def scheduler() -> Iterator[str]:
     """Workers in this process, to save their start."""
-    from distributed import LocalCluster
-
     with LocalCluster(n_workers=1, threads_per_worker=1, processes=False, protocol="tcp", host="127.0.0.1",
                       dashboard_address="127.0.0.1:0", scheduler_kwargs={"dashboard": False}) as cluster:  # fmt: skip
         yield cluster.scheduler_address

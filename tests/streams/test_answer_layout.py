@@ -12,9 +12,9 @@ from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from knee_contact_ros.model.types import FLAT, TOLD, blank
-from knee_contact_ros.streams.columns import ADDED, PRESENT, TYPE, decode_answers, places_of
+from knee_contact_ros.streams.columns import ADDED, TYPE, Column, decode_answers, places_of
 from knee_contact_ros.streams.messages import encode_answer
-from knee_contact_ros.streams.topics import NANOSECONDS, definition
+from knee_contact_ros.streams.topics import NANOSECONDS, NO_DEFINITION, definition
 
 TEXT = definition(TYPE).decode()
 STAMPS = [3 * NANOSECONDS + 5, 4 * NANOSECONDS, 2**31 * NANOSECONDS - 1]
@@ -37,12 +37,11 @@ def without(*names: str) -> str:
     return "".join(line for line in lines if not any(line.startswith(f"float64 {name} ") for name in names))
 
 
-@pytest.mark.parametrize("definition_", [PRESENT, described(TEXT)])
+@pytest.mark.parametrize("definition_", [NO_DEFINITION, described(TEXT)])
 def test_trailing_bytes_and_frames_of_other_lengths(definition_: MessageDefinition) -> None:
-    frames, trailing = ("tibia", "tibia", "a long frame"), (b"", b"\1", b"\1\2\3")
-    found = decode_answers(
-        [message(stamp, frame) + more for stamp, frame, more in zip(STAMPS, frames, trailing, strict=True)], definition_
-    )
+    frames, trailing = ("tibia", "a long frame", "tibia"), (b"", b"\1", b"\1\2\3")
+    messages = [message(stamp, frame) + more for stamp, frame, more in zip(STAMPS, frames, trailing, strict=True)]
+    found = decode_answers(Column.of(messages), definition_)
     assert found["stamp"].tolist() == STAMPS
     assert [found.view(FLAT)[name].tolist() for name in TOLD] == [[number] * 3 for number in range(len(TOLD))]
 
@@ -67,7 +66,7 @@ def test_every_definition_is_read_as_rosbags_does(
     data = bytes(
         store.serialize_cdr(store.types[TYPE](*(fields[name] for name in names)), TYPE, little_endian=little_endian)
     )
-    rows = decode_answers([data, data], described(text))
+    rows = decode_answers(Column.of([data, data]), described(text))
     assert rows["stamp"].tolist() == [-7 * NANOSECONDS + 5] * 2
     for name, value in values.items():
         assert np.array_equal(rows.view(FLAT)[name], [np.nan if name in missing else value] * 2, equal_nan=True), name
@@ -76,7 +75,7 @@ def test_every_definition_is_read_as_rosbags_does(
 def test_fields_of_no_fixed_size_end_what_is_read() -> None:
     text = TEXT.replace("uint32 evaluations ", "uint32 evaluations\nstring words\nfloat64 later ")
     data = message(1, "tibia")
-    (row,) = decode_answers([data + b"\0" * 50], described(text)).view(FLAT)
+    (row,) = decode_answers(Column.of([data + b"\0" * 50]), described(text)).view(FLAT)
     assert [row[name] for name in TOLD] == list(range(len(TOLD)))
     with pytest.raises(ValueError, match="has no evaluations"):
         places_of(described(TEXT.replace("uint32 evaluations ", "string words\nuint32 evaluations ")))
@@ -97,4 +96,4 @@ def test_fields_of_no_fixed_size_end_what_is_read() -> None:
 )
 def test_what_does_not_fit_is_refused(data: bytes, text: str, words: str) -> None:
     with pytest.raises(ValueError, match=words):
-        decode_answers([data], described(text))
+        decode_answers(Column.of([data]), described(text))

@@ -11,6 +11,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich import box
+from rich.console import Console
+from rich.markup import escape
+from rich.table import Table
 
 from knee_contact_ros import __version__
 from knee_contact_ros.bags.reader import MAGICS, names_in_bag
@@ -33,12 +37,12 @@ from knee_contact_ros.offline.notebooks import Name, in_python_words
 from knee_contact_ros.offline.solve import parameters_for
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters
-from knee_contact_ros.results import Results, Suggesting
+from knee_contact_ros.results import Results, no_such
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, LOAD_INPUTS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded, split
 from knee_contact_ros.system.output_files import refuse_existing, refuse_impossible, write_complete
-from knee_contact_ros.system.terminal import print_table, progress, say, warn
+from knee_contact_ros.system.terminal import WIDTH, progress, say, shown, warn
 
 UNITS = problems.ANSWERS | {problems.AXIAL_FORCE: "N"}
 """Units of all columns that can be measured"""
@@ -51,7 +55,7 @@ ROUGH = (
 
 
 @dataclass(frozen=True)
-class Calibration(Suggesting):
+class Calibration:
     """Result of `calibrate`: p free parameters in the order in which they were given, fitted to n samples."""
 
     unknowns: tuple[Unknown, ...]
@@ -88,6 +92,9 @@ class Calibration(Suggesting):
     def to_parameters(self) -> dict[str, Any]:
         """Return the fitted values, and those that follow from them, as parameters for `load_model` or `solve`."""
         return self.values | self.also
+
+    def __getattr__(self, name: str) -> Any:
+        raise no_such(self, name)
 
     def __repr__(self) -> str:
         values = ", ".join(f"{name}={value:.6g}" for name, value in self.values.items())
@@ -290,12 +297,15 @@ def parameter_file(found: Calibration, data: Sequence[Path], params: Sequence[Pa
 
 def _show(found: Calibration) -> None:
     """Print the fitted values with their intervals, the residual of each column, and remarks."""
-    rows = list[tuple[str, ...]]()
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+    for heading in ("parameter [unit]", "start", "fitted", f"{100.0 * found.level:g} % interval"):
+        table.add_column(heading.replace("[", r"\["), justify="right" if heading in ("start", "fitted") else "left")
     for unknown in found.unknowns:
         interval = str(found.intervals.get(unknown.name, "-"))
         name = unknown.name + (f"\n  [{unknown.unit}]" if unknown.unit else "")
-        rows.append((name, f"{unknown.start:.6g}", f"{found.values[unknown.name]:.6g}", interval))
-    print_table("lrrl", ("parameter [unit]", "start", "fitted", f"{100.0 * found.level:g} % interval"), rows)
+        cells = (f"{unknown.start:.6g}", f"{found.values[unknown.name]:.6g}", interval)
+        table.add_row(escape(name), *map(shown, cells))
+    Console(width=WIDTH, emoji=False).print(table, highlight=False)
     for name, misfit in found.rms.items():
         known = "given" if name in found.given else "estimated"
         say(f"{name}: RMS {misfit:.4g} {UNITS[name]}; noise {known}: {found.noise[name]:.4g} {UNITS[name]}")

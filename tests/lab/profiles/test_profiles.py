@@ -19,7 +19,6 @@ from knee_contact_ros.lab.profiles.surfaces import Surface, read_surface
 from knee_contact_ros.model.mechanisms import hinge
 from knee_contact_ros.model.surfaces import ContactPair, Plane, Profile
 from studies.choosing.surfaces import read_points
-from tests.helpers.needs import need
 from tests.lab.profiles.meshes import (
     EDGE,
     MIDDLE,
@@ -35,7 +34,8 @@ from tests.lab.profiles.meshes import (
     tibial_curve,
 )  # fmt: skip
 
-need("pyvista", "trimesh", "matplotlib", "nibabel", extra="the extra mesh")
+for library in ("pyvista", "trimesh", "matplotlib", "nibabel"):
+    pytest.importorskip(library, reason="needs the extra mesh")
 
 MM = 1e-3
 FACET = EDGE**2 / (8.0 * 0.020)

@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 
 from knee_contact_ros.commands.main import main
-from tests.helpers.needs import need
 from tests.lab.profiles.meshes import (
     TWO_RADII,
     femoral_curve,
@@ -22,7 +21,8 @@ from tests.lab.profiles.meshes import (
     tibial_curve,
 )
 
-need("pyvista", "trimesh", "matplotlib", "nibabel", extra="the extra mesh")
+for library in ("pyvista", "trimesh", "matplotlib", "nibabel"):
+    pytest.importorskip(library, reason="needs the extra mesh")
 
 FEMUR, BONE, TIBIA = swept(femoral_curve()), swept(femoral_curve(), inwards=0.002), swept(tibial_curve())
 SMALL = ((0.0065, -45.0, 150.0),)

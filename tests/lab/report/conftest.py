@@ -10,9 +10,6 @@ from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from tests.offline.test_solve import silent
 
-PNG = b"\x89PNG\r\n\x1a\n"
-"""How a picture begins"""
-
 
 @pytest.fixture(scope="module")
 def bags(config: Path) -> tuple[Path, Path]:
@@ -25,10 +22,3 @@ def recording(tmp_path_factory: pytest.TempPathFactory, bags: tuple[Path, Path],
     path = tmp_path_factory.mktemp("recording") / "knee.mcap"
     solve(bags[0], load_parameters([config / "osteoarthritis.yaml", {"body_weight": 700.0}]), path, silent)
     return path
-
-
-@pytest.fixture
-def unpainted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures are made but not painted, which is most of a report's time: for tests of tables and text."""
-    figure = pytest.importorskip("matplotlib.figure", reason="needs the extra report").Figure
-    monkeypatch.setattr(figure, "savefig", lambda _self, file, **_how: file.write(PNG))

@@ -31,7 +31,6 @@ def whole(tmp_path: Path) -> Path:
     return path
 
 
-@pytest.mark.usefixtures("unpainted")
 def test_a_heavy_subject_stays_itself(bags: tuple[Path, Path], tmp_path: Path, whole: Path, capsys) -> None:
     """95 kg, a share of 0.6 and a femur of his own: the peaks in BW are the same, whatever the file sets beside."""
     subject = [text for name, value in HEAVY.items() for text in ("-p", f"{name}:={value}")]
@@ -63,7 +62,6 @@ def test_what_differs_is_told_as_far_as_it_is_used(values: dict[str, object], li
     assert between([load_parameters({}), load_parameters(values)], " → ") == lines
 
 
-@pytest.mark.usefixtures("unpainted")
 def test_files_of_one_name_are_told_apart_also_when_their_laws_differ(
     bags: tuple[Path, Path], config: Path, tmp_path: Path
 ) -> None:

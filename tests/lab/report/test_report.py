@@ -124,7 +124,6 @@ def test_peaks_and_events_are_those_of_the_demo(both: Path) -> None:
             assert numbers(rows, f"{kind}_BW") == pytest.approx(numbers(rows, f"{kind}_N") / BODY_WEIGHT, rel=1e-8)
 
 
-@pytest.mark.usefixtures("unpainted")
 def test_a_recording_from_before_sliding_and_force_error(old_recording: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert main(["report", str(old_recording), "--compare", "osteoarthritis.yaml", "--output", str(out)]) == 0
@@ -172,7 +171,6 @@ def test_the_page_says_what_it_should(both: Path, moving: Path) -> None:
     assert np.ptp(numbers(rows_of(moving / "cycles.csv"), "contact_point_x_mm_mean")) > 5.0
 
 
-@pytest.mark.usefixtures("unpainted")
 def test_a_recording_says_its_parameters_itself(recording: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     assert main(["report", str(recording), "--compare", "healthy.yaml", "--output", str(out)]) == 0
@@ -186,7 +184,6 @@ def test_a_recording_says_its_parameters_itself(recording: Path, tmp_path: Path)
     assert "body_weight 700 (not 737.068)" in text
 
 
-@pytest.mark.usefixtures("unpainted")
 def test_recordings_of_others_and_of_two_knees_in_one(recording: Path, tmp_path: Path) -> None:
     """Somebody else's recorder stores the messages, and no parameters."""
     path, out = tmp_path / "both.mcap", tmp_path / "out"
@@ -290,7 +287,6 @@ def test_bad_input_is_told_in_a_line(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.usefixtures("unpainted")
 def test_a_damaged_bag_is_told_and_reported_as_far_as_it_goes(bags, tmp_path: Path, capsys) -> None:
     source = next(bags[0].glob("*.mcap"))
     cut = tmp_path / "cut.mcap"

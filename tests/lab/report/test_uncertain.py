@@ -22,7 +22,6 @@ def deviations(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-@pytest.mark.usefixtures("unpainted")
 def test_a_report_says_what_python_says(right_bag: Path, deviations: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     asked = ["report", str(right_bag), "--output", str(out)]
@@ -49,7 +48,6 @@ def test_a_report_says_what_python_says(right_bag: Path, deviations: Path, tmp_p
     assert "JCGM" not in text_of(out)
 
 
-@pytest.mark.usefixtures("unpainted")
 def test_both_compartments_of_a_recording(right_bag: Path, deviations: Path, tmp_path: Path) -> None:
     recording = tmp_path / "both.mcap"
     sources = ["--params", "healthy", "--params", "both_compartments"]

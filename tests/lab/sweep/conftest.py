@@ -6,17 +6,14 @@ from collections.abc import Iterator
 
 import pytest
 
-from tests.helpers.needs import need
 from tests.lab.sweep.studies import Cluster
 
-need("distributed", extra="the extra sweep")
+Client = pytest.importorskip("distributed", reason="the extra sweep is not installed").Client
 
 
 @pytest.fixture(scope="package")
 def cluster(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cluster]:
     """The workers run in another folder than the client: names relative to one mean nothing in the other."""
-    from distributed import Client
-
     cluster, elsewhere = Cluster(tmp_path_factory.mktemp("cluster")), tmp_path_factory.mktemp("elsewhere")
     for _ in range(2):
         cluster.add_worker(elsewhere)
