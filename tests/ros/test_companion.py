@@ -70,7 +70,7 @@ class Loop:
 def companion() -> Iterator[subprocess.Popen[str]]:
     """The example with quick rates, so that the test is short, and patience, for other tests may slow it down."""
     arguments = ["--params-file", str(PARAMETERS)]
-    for setting in ("rise_rate:=100.0", "fall_rate:=400.0", "timeout:=0.5"):
+    for setting in ("rise_rate:=100.0", "fall_rate:=100.0", "timeout:=0.5"):
         arguments += ["-p", setting]
     process = subprocess.Popen([sys.executable, EXAMPLE, "--ros-args", *arguments], stderr=subprocess.PIPE, text=True)
     yield process

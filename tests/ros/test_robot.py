@@ -13,10 +13,13 @@ import numpy as np
 from knee_contact_ros.bags.reader import read_answers
 from knee_contact_ros.model.types import FLAT, TOLD, UNUSABLE
 from knee_contact_ros.streams.strides import strides_of
+from knee_contact_ros.streams.topics import NANOSECONDS
 from tests import ROOT
 
 BLOCK = re.compile(r"^```(sh|text)\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 PAGE = (ROOT / "docs" / "tutorials" / "your-robot.md").read_text(encoding="utf-8")
+STRIDE = 1.1
+"""[s] of the robot's walk"""
 TIMEOUT = 400.0  # a new machine compiles first
 
 
@@ -53,5 +56,6 @@ def test_every_line_does_what_the_page_says(tmp_path: Path) -> None:
     assert len(live) > 1000
     assert (live["status"] & UNUSABLE == 0).mean() > 0.9  # a busy machine may be late
     strides = strides_of(live, 737.0)
-    assert len(strides) >= 8
-    assert abs(np.median([each.span.duration for each in strides]) - 1.1) < 0.02
+    seconds = (live["stamp"][-1] - live["stamp"][0]) / NANOSECONDS  # a busy machine starts late
+    assert len(strides) > 0.7 * seconds / STRIDE
+    assert abs(np.median([each.span.duration for each in strides]) - STRIDE) < 0.02

@@ -20,8 +20,8 @@ from tests.helpers.processes import remount
 from tests.lab.sweep.studies import Cluster, assert_same, computed, end, started, table, wait_until
 
 pytestmark = pytest.mark.xdist_group("cluster of cohorts")
-CASES = 1280
-A_BLOCK = 80
+CASES = 640
+A_BLOCK = 40
 
 
 @pytest.fixture(scope="module")
@@ -127,7 +127,7 @@ def test_a_client_that_ends_leaves_no_process(
 
 
 def test_a_full_disk(asked: Path, expected: pd.DataFrame, cluster: Cluster, small_disk: Path) -> None:
-    remount(small_disk, "size=300k")
+    remount(small_disk, "size=150k")
     out = small_disk / "out"
     with pytest.raises(IncompleteError, match=f"output {out}: No space left on device"):
         computed(read_study(asked, Study), out, scheduler=cluster.address)
