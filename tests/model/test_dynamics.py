@@ -140,8 +140,9 @@ def test_the_stated_limits_of_validity(name: str, half: float, least: float, err
         assert abs(delivered_restitution(LOSSES[name](restitution)) - restitution) < error
 
 
-@pytest.mark.parametrize("restitution", [0.1, 0.5, 0.9])
-@pytest.mark.parametrize("impact", IMPACTS, ids=lambda impact: f"n={impact.exponent:g}")
+@pytest.mark.parametrize(
+    ("impact", "restitution"), [*((impact, 0.5) for impact in IMPACTS), (IMPACTS[1], 0.1), (IMPACTS[1], 0.9)]
+)
 @pytest.mark.parametrize("name", LOSSES)
 def test_impacts_deliver_the_closed_forms(name: str, impact: Impact, restitution: float) -> None:
     exponent, stiffness, mass, speed = impact
