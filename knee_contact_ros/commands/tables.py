@@ -9,7 +9,7 @@ import numpy as np
 from rich import box
 from rich.console import Console
 from rich.markup import escape
-from rich.table import Column, Table
+from rich.table import Table
 
 from knee_contact_ros.bags.recover import Recovery
 from knee_contact_ros.model.types import Status
@@ -18,7 +18,7 @@ from knee_contact_ros.offline.summary import Moment, Summary
 from knee_contact_ros.parameters.schema import LoadParameters
 from knee_contact_ros.results import begin_of, stamp_text
 from knee_contact_ros.streams.topics import LATERAL, MEDIAL, NANOSECONDS
-from knee_contact_ros.system.terminal import UNBOUNDED, WIDTH, say, shown
+from knee_contact_ros.system.terminal import UNBOUNDED, WIDTH, say, show_pairs, show_table, shown
 
 MOST_PEAKS = 12
 """Largest number of load peaks that have a row each"""
@@ -37,37 +37,30 @@ def show_summary(summary: Summary, live: Mapping[str, str], files: Mapping[str, 
         if name:
             console.print(f"{name} compartment")
         console.print(peak_table(compartment))
-    figures = figure_table()
     begin = begin_of(summary.first_stamp)
     since = f" from {begin / NANOSECONDS:.3f} s on" if begin else ""
     runs = f" in {summary.runs} runs" if summary.runs > 1 else ""
-    figures.add_row("ticks", f"{summary.ticks} over {summary.duration:.2f} s{since}{runs}")
+    figures = [("ticks", f"{summary.ticks} over {summary.duration:.2f} s{since}{runs}")]
     if len(summary.load_peaks) > MOST_PEAKS:
-        figures.add_row("peaks", f"{len(summary.load_peaks)} of the load")
-    for name, value in live.items():
-        figures.add_row(name, shown(value))
+        figures.append(("peaks", f"{len(summary.load_peaks)} of the load"))
+    figures += [(name, shown(value)) for name, value in live.items()]
     if summary.split:
-        figures.add_row("share of the load", summary.split.text)
-    figures.add_row("samples refused", counts(summary.refused))
+        figures.append(("share of the load", summary.split.text))
+    figures.append(("samples refused", counts(summary.refused)))
     for name, each in compartments(summary):
         of = f"{name}: " if name else ""
-        figures.add_row("ticks flagged", of + counts(each.flagged, each.ticks_flagged))
         depth = error_text(each.largest_error * MICROMETRE, "um")
         errors = f"{depth} of depth at most, {error_text(each.largest_force_error, 'N')} of force"
-        figures.add_row("error estimate", of + errors)
-        figures.add_row("levels", of + _shares(each.levels))
-        figures.add_row("cost", f"{of}{each.evaluations / max(each.ticks, 1):.1f} contact law evaluations per tick")
-    for sentence in summary.sentences:
-        figures.add_row("warning", shown(sentence))
-    console.print(figures)
+        figures += [
+            ("ticks flagged", of + counts(each.flagged, each.ticks_flagged)),
+            ("error estimate", of + errors),
+            ("levels", of + _shares(each.levels)),
+            ("cost", f"{of}{each.evaluations / max(each.ticks, 1):.1f} contact law evaluations per tick"),
+        ]
+    show_pairs([*figures, *(("warning", shown(sentence)) for sentence in summary.sentences)])
     console.print()
     for name, path in files.items():
         say(f"{name}: {path}")
-
-
-def figure_table() -> Table:
-    """Make an empty table of names and values, without headings."""
-    return Table(Column(no_wrap=True), Column(overflow="fold"), box=None, show_header=False, pad_edge=False)
 
 
 def compartments(summary: Summary) -> list[tuple[str, Summary]]:
@@ -139,30 +132,24 @@ NOT_CALIBRATED = "not calibrated to this person: for looking, not for gating any
 
 def show_load(summary: LoadSummary, parameters: LoadParameters, rows: Mapping[str, str], output: str) -> None:
     """Print the peak of the joint reaction with its parts and standard deviation, its mean, and figures of the run."""
-    console, weight = Console(width=WIDTH, emoji=False), parameters.person.constants.weight
-    peak, stamps = summary.peak, summary.stamps
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for heading in ("", "[N]", "[BW]"):
-        table.add_column(heading.replace("[", "\\["), justify="right" if heading else "left", no_wrap=True)
+    peak, stamps, weight = summary.peak, summary.stamps, parameters.person.constants.weight
     parts = {
         "largest joint reaction": peak.axial_force, "  without muscles": peak.resultant_force,
         "  quadriceps": peak.quadriceps_force, "  hamstrings": peak.hamstrings_force,
         "  gastrocnemius": peak.gastrocnemius_force, "standard deviation": peak.standard_deviation,
         "mean joint reaction": float(summary.axial.mean()),
     }  # fmt: skip
-    for name, force in parts.items():
-        table.add_row(name, f"{force:.1f}", f"{force / weight:.2f}")
-    console.print(table)
-    figures = figure_table()
-    figures.add_row("estimates", f"{len(stamps)} over {(stamps[-1] - stamps[0]) / NANOSECONDS:.2f} s")
-    figures.add_row("level", summary.level)
-    figures.add_row("constants", "fitted to this person's knee" if summary.calibrated else NOT_CALIBRATED)
-    for name, value in rows.items():
-        figures.add_row(name, shown(value))
-    figures.add_row("samples refused", counts(summary.refused))
-    figures.add_row("estimates flagged", counts(summary.flagged, int(np.count_nonzero(summary.estimates["status"]))))
-    console.print(figures)
-    console.print()
+    cells = [(name, f"{force:.1f}", f"{force / weight:.2f}") for name, force in parts.items()]
+    show_table(("", "[N]", "[BW]"), cells, right=["[N]", "[BW]"])
+    show_pairs([
+        ("estimates", f"{len(stamps)} over {(stamps[-1] - stamps[0]) / NANOSECONDS:.2f} s"),
+        ("level", summary.level),
+        ("constants", "fitted to this person's knee" if summary.calibrated else NOT_CALIBRATED),
+        *((name, shown(value)) for name, value in rows.items()),
+        ("samples refused", counts(summary.refused)),
+        ("estimates flagged", counts(summary.flagged, int(np.count_nonzero(summary.estimates["status"])))),
+    ])  # fmt: skip
+    say("")
     say(f"Bag: {output}")
 
 
@@ -172,15 +159,11 @@ MOST_FAULTS = 20
 
 def show_recovery(recovery: Recovery, output: str) -> None:
     """Print the recovered and the missing messages of each topic, the faults, and the output file."""
-    console = Console(width=WIDTH, emoji=False)
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    table.add_column("topic, and its type", overflow="fold")
-    table.add_column("messages", justify="right", no_wrap=True)
-    table.add_column("missing", justify="right", no_wrap=True)
-    for row in recovery.topics:
-        missing = "unknown" if row.missing is None else str(row.missing)
-        table.add_row(f"{shown(row.topic)}\n  {shown(row.type)}", str(row.messages), missing)
-    console.print(table)
+    rows = [
+        (f"{shown(topic)}\n  {shown(kind)}", str(count), "unknown" if missing is None else str(missing))
+        for topic, kind, count, missing in recovery.topics
+    ]
+    show_table(("topic, and its type", "messages", "missing"), rows, right=("messages", "missing"))
     lines = [f"{recovery.unread} of {recovery.size} bytes could not be read"]
     first, last = recovery.times
     lines.insert(0, f"from {first / NANOSECONDS:.3f} s to {last / NANOSECONDS:.3f} s")

@@ -16,9 +16,6 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from rich import box
-from rich.console import Console
-from rich.table import Column, Table
 from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 from scipy.stats import t as student
@@ -26,11 +23,12 @@ from scipy.stats import t as student
 from knee_contact_ros.lab import checks
 from knee_contact_ros.lab.sensors import read_channels, read_map
 from knee_contact_ros.lab.tables import Floats, Series
-from knee_contact_ros.parameters.files import values_set_in
+from knee_contact_ros.parameters.files import parameter_text
+from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.output_files import refuse_existing
-from knee_contact_ros.system.terminal import WIDTH, say, shown, warn
+from knee_contact_ros.system.output_files import refuse_existing, write_complete
+from knee_contact_ros.system.terminal import say, show_table, shown, warn
 
 STRETCH = 1.0
 """Duration of a stretch that the jackknife leaves out [s]: about a stride"""
@@ -96,8 +94,8 @@ def align(files: Sequence[Path], maps: Sequence[Path], output: Path, longest_lag
     sensor, reference = read_channels(files, sensors, ("angle", "reference")).values()
     checks.refuse(checks.impossible(sensor) + checks.impossible(reference))
     alignment = aligned(sensor, reference, longest_lag, sensors.max_gap)
-    output.write_text(overlay(alignment, sensor.columns, reference.columns, sensors.angle.sign), encoding="utf-8")
-    values_set_in(output)
+    text = overlay(alignment, sensor.columns, reference.columns, sensors.angle.sign)
+    write_complete({output: text.encode()})
     show(alignment, output)
     gain, (least, most) = alignment.gain.value, alignment.gain.bounds
     if abs(gain - 1.0) > GAIN_OFF and not least <= 1.0 <= most:  # which offset and delay cannot correct
@@ -200,28 +198,23 @@ def overlay(alignment: Alignment, sensor: str, reference: str, sign: float) -> s
         f"offset {degrees} deg, lag {milliseconds} ms (95 %); r {alignment.after[0]:.4f}.",
         *["The sensor falls in flexion: live, give knee.flexion_sign: -1.0 too; import-csv has turned it."][: sign < 0],
     ]
-    return (
-        "".join(f"# {' '.join(line.split())}\n" for line in comments)
-        + "/**/knee_contact:\n  ros__parameters:\n"
-        + f"    knee:\n      flexion_offset: {offset.value:.6f}\n"
-        + f"    pairing:\n      angle_delay: {lag.value:.6f}\n"
-    )
+    values = ("knee:", f"  flexion_offset: {offset.value:.6f}", "pairing:", f"  angle_delay: {lag.value:.6f}")
+    return parameter_text(Parameters, comments, values)
 
 
 def show(alignment: Alignment, output: Path) -> None:
     """Print the estimates with their intervals, and the correlation and difference before and after."""
-    table = Table(
-        "", Column("value", justify="right"), "95 % interval", "parameter", box=box.SIMPLE_HEAD, pad_edge=False
-    )
+    rows = []
     for name, estimate, factor, digits, parameter in (
         ("offset [deg]", alignment.offset, math.degrees(1.0), 2, "knee.flexion_offset [rad]"),
         ("lag [ms]", alignment.lag, 1e3, 1, "pairing.angle_delay [s]"),
         ("gain", alignment.gain, 1.0, 3, "none; angle.scale in the map"),
     ):
         value, low, high = (f"{factor * each:.{digits}f}" for each in (estimate.value, *estimate.bounds))
-        table.add_row(shown(name), value, f"{low} to {high}", shown(parameter))
-    Console(width=WIDTH, emoji=False).print(table, highlight=False)
+        rows.append((shown(name), value, f"{low} to {high}", shown(parameter)))
+    show_table(("", "value", "95 % interval", "parameter"), rows, right=["value"])
     for label, (r, rms) in {"as they are": alignment.before, "aligned": alignment.after}.items():
         say(f"{label}: r {r:.4f}, {math.degrees(rms):.2f} deg RMS")
     say(f"{alignment.rows} rows in common")
-    say(f"\nParameters: {output}")
+    say("")
+    say(f"Parameters: {output}")

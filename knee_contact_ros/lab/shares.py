@@ -20,9 +20,6 @@ from statistics import fmean
 from typing import Any, NamedTuple
 
 import numpy as np
-from rich import box
-from rich.console import Console
-from rich.table import Table
 from scipy.optimize import least_squares, lsq_linear
 
 from knee_contact_ros import __version__
@@ -34,7 +31,7 @@ from knee_contact_ros.model.types import NANOSECOND, Floats
 from knee_contact_ros.parameters.files import SHARE_COLUMNS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.output_files import refuse_existing, write_complete
-from knee_contact_ros.system.terminal import WIDTH, say, shown, warn
+from knee_contact_ros.system.terminal import say, show_table, shown, warn
 
 TERM = re.compile(r"\s*([+-])?\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)\s*\*?\s*)?([^\W\d]\w*|'[^']+'|\"[^\"]+\")\s*")
 """A term of a sum: sign, factor, column; the column is quoted unless it has only letters, digits and _"""
@@ -411,18 +408,13 @@ def share_csv(table: ShareTable, notes: Sequence[str]) -> str:
 
 def _show(trials: Sequence[Trial], found: Found) -> None:
     """Print the RMS errors of the medial force in every trial, in N and in body weights, and what was chosen."""
-    console = Console(width=WIDTH, emoji=False)
     fitted_to = "the others" if len(trials) > 1 else "other quarters"
     title = f"RMS error of the medial force; fitted rules were fitted to {fitted_to}"
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, title=title, title_justify="left")
-    table.add_column("trial", overflow="fold")
-    for name in found.errors:
-        table.add_column(name, justify="right")
+    rows = []
     for place, trial in enumerate(trials):
-        rows = [errors[place] for errors in found.errors.values()]
-        cells = [f"{error * trial.body_weight:.1f} N\n{error:.3f} BW" for error in rows]
-        table.add_row(shown(trial.name), *cells)
-    console.print(table)
+        errors = [each[place] for each in found.errors.values()]
+        rows.append([shown(trial.name), *(f"{error * trial.body_weight:.1f} N\n{error:.3f} BW" for error in errors)])
+    show_table(["trial", *found.errors], rows, right=found.errors, title=title, title_justify="left")
     say(f"Fitted to all: {found.form}")
     if not math.isnan(found.spacing):
         say(f"For moment_balance: load.compartment_spacing: {found.spacing:.4f}")

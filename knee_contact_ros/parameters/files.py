@@ -7,7 +7,7 @@ mapping, or several of these; later ones override earlier ones.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
@@ -191,6 +191,12 @@ def check_file(path: Path, schema: type[NodeSection]) -> None:
     for names in spaces or [[]]:
         namespace = "/".join("x" if name == "*" else name for name in names if name != "**")
         _validated(values_for(sections, _node(schema, namespace)), f"{path}: ", schema)
+
+
+def parameter_text(schema: type[NodeSection], comments: Iterable[str], lines: Iterable[str]) -> str:
+    """Text of a parameter file of a node, with comments above, from lines of YAML."""
+    head = [*(f"# {' '.join(comment.split())}" for comment in comments), f"/**/{schema.node}:", "  ros__parameters:"]
+    return "\n".join([*head, *(f"    {line}" for line in lines), ""])
 
 
 def check_value(name: str, value: Any) -> None:

@@ -7,11 +7,13 @@ import shutil
 import sys
 import textwrap
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
+from typing import Any
 
 import click
+from rich import box
 from rich.console import Console
 from rich.markup import escape
 from rich.progress import (
@@ -23,6 +25,7 @@ from rich.progress import (
     TimeElapsedColumn,
     TimeRemainingColumn,
 )
+from rich.table import Column, Table
 
 from knee_contact_ros.system.errors import printable
 
@@ -118,6 +121,26 @@ def say(line: str, *, err: bool = False, hang: int | None = None) -> None:
             replace_whitespace=False, drop_whitespace=True,
         )  # fmt: skip
     click.echo(text, err=err)
+
+
+def show_table(
+    headings: Sequence[str], rows: Iterable[Sequence[str]], right: Collection[str] = (), **look: Any
+) -> None:
+    """Print a table; columns with the headings `right` are justified right. Foreign texts in cells must be `shown`."""
+    table = Table(box=box.SIMPLE_HEAD, pad_edge=False, **look)
+    for heading in headings:
+        table.add_column(escape(heading), justify="right" if heading in right else "left", overflow="fold")
+    for row in rows:
+        table.add_row(*row)
+    Console(width=WIDTH, emoji=False).print(table, highlight=False)
+
+
+def show_pairs(pairs: Iterable[tuple[str, str]]) -> None:
+    """Print names and values, a row each. Foreign texts in values must be `shown`."""
+    table = Table(Column(no_wrap=True), Column(overflow="fold"), box=None, show_header=False, pad_edge=False)
+    for pair in pairs:
+        table.add_row(*pair)
+    Console(width=WIDTH, emoji=False).print(table, highlight=False)
 
 
 def shown(text: str) -> str:

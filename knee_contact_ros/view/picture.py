@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -22,6 +24,23 @@ MAGNIFICATION = 10.0
 """Factor by which the depth of the overlap is magnified along the normal, as in the viewer"""
 NAME_INSIDE = {"femur": 11.0, "tibia": 4.0}
 """Distances [mm] of the bones' names from the ends of their shafts"""
+GRAPHS: dict[str, Any] = {
+    "font.size": 10, "axes.titlesize": 10, "axes.spines.top": False, "axes.spines.right": False, "axes.grid": True,
+    "grid.color": "0.92", "axes.axisbelow": True, "legend.frameon": False, "legend.fontsize": 8.5,
+}  # fmt: skip
+"""Style of pictures with curves"""
+
+
+@contextmanager
+def drawn(file: Any, size: tuple[float, float], dpi: int, **style: Any) -> Iterator[Any]:
+    """Yield a matplotlib figure of a size [in] and style to draw on, then write it as PNG into a file or path."""
+    import matplotlib as mpl
+    from matplotlib.figure import Figure
+
+    with mpl.rc_context(style):  # type: ignore[arg-type]
+        figure = Figure(figsize=size, layout="constrained")
+        yield figure
+        figure.savefig(file, format="png", dpi=dpi, metadata={"Software": None})
 
 
 def draw_knee(axis: Any, model: KneeModel, angle: float, height: float, force: float, body_weight: float) -> None:

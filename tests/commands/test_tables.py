@@ -16,15 +16,16 @@ from knee_contact_ros.bags.recover import Recovery, TopicCount
 from knee_contact_ros.commands import tables
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.commands.tables import show_recovery
-from knee_contact_ros.lab import gait_bag, trade
+from knee_contact_ros.lab import trade
 from knee_contact_ros.model.types import FLAT, TOLD
+from knee_contact_ros.system import terminal
 from knee_contact_ros.system.files import share_folder
 from tests.helpers.terminals import Terminal
 from tests.helpers.walking import walk, walking_bag
 from tests.lab.opensim.storages import kinematics, reactions
 
 COLUMNS = 80
-MODULES = (tables, gait_bag, trade)
+MODULES = (tables, terminal, trade)
 NO_TABLE = re.compile(r"^(Recording|Bag|Recovered): |^- |^Take ")
 """Files, and what is said in whole lines"""
 RULE = re.compile("─+")

@@ -99,6 +99,7 @@ def test_the_command_writes_parameters_that_make_the_sensor_right(
     said = capsys.readouterr()
     assert "warning" not in said.err
     assert re.search(r"lag \[ms\] +2[01]\.\d ", said.out)
+    assert f"\n\nParameters: {overlay}\n" in said.out
     parameters = load_parameters(overlay)
     assert math.degrees(parameters.knee.flexion_offset) == pytest.approx(OFFSET, abs=0.1)
     assert parameters.pairing.angle_delay == pytest.approx(DELAY, abs=1e-3)

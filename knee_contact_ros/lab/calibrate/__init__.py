@@ -11,10 +11,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from rich import box
-from rich.console import Console
-from rich.markup import escape
-from rich.table import Table
 
 from knee_contact_ros import __version__
 from knee_contact_ros.bags.reader import MAGICS, names_in_bag
@@ -35,14 +31,14 @@ from knee_contact_ros.lab.calibrate.fit import (
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.offline.notebooks import Name, in_python_words
 from knee_contact_ros.offline.solve import parameters_for
-from knee_contact_ros.parameters.files import load_parameters
+from knee_contact_ros.parameters.files import load_parameters, parameter_text
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters
 from knee_contact_ros.results import Results, no_such
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, LOAD_INPUTS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded, split
 from knee_contact_ros.system.output_files import refuse_existing, refuse_impossible, write_complete
-from knee_contact_ros.system.terminal import WIDTH, progress, say, shown, warn
+from knee_contact_ros.system.terminal import progress, say, show_table, shown, warn
 
 UNITS = problems.ANSWERS | {problems.AXIAL_FORCE: "N"}
 """Units of all columns that can be measured"""
@@ -287,25 +283,19 @@ def parameter_file(found: Calibration, data: Sequence[Path], params: Sequence[Pa
         *(f"{line[0].upper()}{line[1:]}." for line in (*found.remarks, *intervals_known)),
         *(f"Warning: {warning}." for warning in found.warnings),
     ]  # fmt: skip
-    lines = [f"# {' '.join(comment.split())}" for comment in comments]
-    lines += [f"/**/{(LoadParameters if bags_in(list(data)) else Parameters).node}:", "  ros__parameters:"]
-    lines += [
-        f"    {name}: {'true' if value is True else f'{value:.9e}'}" for name, value in found.to_parameters().items()
-    ]
-    return "\n".join(lines) + "\n"
+    lines = [f"{name}: {'true' if value is True else f'{value:.9e}'}" for name, value in found.to_parameters().items()]
+    return parameter_text(LoadParameters if bags_in(list(data)) else Parameters, comments, lines)
 
 
 def _show(found: Calibration) -> None:
     """Print the fitted values with their intervals, the residual of each column, and remarks."""
-    table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-    for heading in ("parameter [unit]", "start", "fitted", f"{100.0 * found.level:g} % interval"):
-        table.add_column(heading.replace("[", r"\["), justify="right" if heading in ("start", "fitted") else "left")
-    for unknown in found.unknowns:
-        interval = str(found.intervals.get(unknown.name, "-"))
-        name = unknown.name + (f"\n  [{unknown.unit}]" if unknown.unit else "")
-        cells = (f"{unknown.start:.6g}", f"{found.values[unknown.name]:.6g}", interval)
-        table.add_row(escape(name), *map(shown, cells))
-    Console(width=WIDTH, emoji=False).print(table, highlight=False)
+    rows = []
+    for name, start, _, _, unit, _ in found.unknowns:
+        interval = str(found.intervals.get(name, "-"))
+        with_unit = f"{name}\n  {shown(f'[{unit}]')}" if unit else name
+        rows.append((with_unit, f"{start:.6g}", f"{found.values[name]:.6g}", interval))
+    headings = ("parameter [unit]", "start", "fitted", f"{100.0 * found.level:g} % interval")
+    show_table(headings, rows, right=headings[1:3])
     for name, misfit in found.rms.items():
         known = "given" if name in found.given else "estimated"
         say(f"{name}: RMS {misfit:.4g} {UNITS[name]}; noise {known}: {found.noise[name]:.4g} {UNITS[name]}")

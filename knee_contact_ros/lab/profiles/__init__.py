@@ -9,7 +9,6 @@ from __future__ import annotations
 import io
 import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -17,9 +16,12 @@ from knee_contact_ros.lab.checks import outside, refuse
 from knee_contact_ros.lab.profiles.fit import GAIT, SLAB, TOLERANCE, Fit, circle, concave, contact_centre, fit
 from knee_contact_ros.lab.profiles.surfaces import Surface, read_surface
 from knee_contact_ros.model.types import Floats
+from knee_contact_ros.parameters.files import parameter_text
+from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import require
 from knee_contact_ros.system.output_files import refuse_existing, write_complete
+from knee_contact_ros.view.picture import GRAPHS, drawn
 
 LABEL = 11
 """Width of a line's label on the terminal, with the space after it"""
@@ -31,9 +33,6 @@ FAR_CONDYLE, FAR_PLATEAU = 40.0, 70.0
 """Largest distances [mm] from the origin to the middle of a condyle's circle, and to a plateau"""
 SIZE, DPI = (8.0, 9.0), 110
 """Size of a picture [in] and its resolution"""
-STYLE: Any = {"font.size": 9.5, "axes.titlesize": 10, "axes.spines.top": False, "axes.spines.right": False,
-              "axes.grid": True, "grid.color": "0.92", "axes.axisbelow": True, "legend.frameon": False,
-              "legend.fontsize": 8.5}  # fmt: skip
 
 
 def run_fit_profile(
@@ -109,18 +108,15 @@ def _origin(found: Fit, text: str | None, mesh: Path) -> Floats:
             f"--origin {text}: it must be {allowed}; this is x = {MM * x.min():.1f} to {MM * x.max():.1f} mm"
         )
     where = f"{mesh}, --origin {','.join(f'{MM * each:g}' for each in place)}"
-    if not found.femur:
-        away = MM * float(np.hypot(*(points - place).T).min())
-        refuse(
-            outside(where, "the distance of the plateau", away, "mm", (0.0, FAR_PLATEAU), "give surface or X,Y in mm")
-        )
-        return np.array(place)
-    touching = (found.shape.normal >= math.radians(GAIT[0])) & (found.shape.normal <= math.radians(GAIT[1]))
-    middle = circle(points[touching])[0]
-    cure = (f"a femur turns about it: give the joint's axis in the mesh by --origin=X,Y, or this condyle's middle: "
-            f"--origin={','.join(f'{round(MM * each, 1) + 0.0:.1f}' for each in middle)}")  # fmt: skip
-    away = MM * math.dist(middle, place)
-    refuse(outside(where, "the distance of the condyle's middle", away, "mm", (0.0, FAR_CONDYLE), cure))
+    what, away, most = "plateau", float(np.hypot(*(points - place).T).min()), FAR_PLATEAU
+    cure = "give surface or X,Y in mm"
+    if found.femur:
+        touching = (found.shape.normal >= math.radians(GAIT[0])) & (found.shape.normal <= math.radians(GAIT[1]))
+        middle = circle(points[touching])[0]
+        what, away, most = "condyle's middle", math.dist(middle, place), FAR_CONDYLE
+        cure = (f"a femur turns about it: give the joint's axis in the mesh by --origin=X,Y, or this condyle's middle: "
+                f"--origin={','.join(f'{round(MM * each, 1) + 0.0:.1f}' for each in middle)}")  # fmt: skip
+    refuse(outside(where, f"the distance of the {what}", MM * away, "mm", (0.0, most), cure))
     return np.array(place)
 
 
@@ -193,27 +189,20 @@ def csv(found: Fit, name: str, points: Floats) -> str:
 def _parameter_file(found: Fit, profile: Path) -> str:
     """Write a parameter file as YAML text that sets the profile and nothing else."""
     side, quoted = _side(found), str(profile.resolve()).replace("'", "''")
-    return f"""\
-# The {side} of {profile.name}: give this file after healthy.yaml; osteoarthritis.yaml may come before or after it.
-/**/knee_contact:
-  ros__parameters:
-    {side}:
-      geometry: profile
-      profile: '{quoted}'
-"""
+    hint = "give this file after healthy.yaml; osteoarthritis.yaml may come before or after it."
+    values = (f"{side}:", "  geometry: profile", f"  profile: '{quoted}'")
+    return parameter_text(Parameters, [f"The {side} of {profile.name}: {hint}"], values)
 
 
 def picture(found: Fit, name: str) -> bytes:
     """Draw slice and profile, and below them curvature, deviations and thickness, as PNG; `name` is the mesh's."""
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
     from scipy.spatial import cKDTree
 
     smoothed, shape, thickness = found.smoothed, found.shape, found.thickness
     along = np.degrees(shape.normal) if found.femur else MM * shape.points[:, 0]
     heights = [2.5, 1.0, 1.0, *([1.0] if thickness else [])]
-    with mpl.rc_context(STYLE):
-        canvas = Figure(figsize=SIZE, layout="constrained")
+    file = io.BytesIO()
+    with drawn(file, SIZE, DPI, **GRAPHS | {"font.size": 9.5}) as canvas:
         whole, *rows = canvas.subplots(len(heights), 1, height_ratios=heights)
         for number, piece in enumerate(MM * thickness.bone if thickness else ()):
             whole.plot(*piece.T, color=BONE, linewidth=1.2, label=None if number else "bone")
@@ -242,6 +231,4 @@ def picture(found: Fit, name: str) -> bytes:
         whole.set_title(title.replace("$", r"\$"))
         canvas.align_ylabels()
         canvas.legend(loc="outside lower center", ncols=3)
-        file = io.BytesIO()
-        canvas.savefig(file, format="png", dpi=DPI, metadata={"Software": None})
     return file.getvalue()

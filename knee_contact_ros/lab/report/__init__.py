@@ -148,9 +148,10 @@ def lead(bases: Sequence[Run]) -> str:
 
 def what_differs(found: Sequence[Run]) -> list[str]:
     """List the parameters that differ, a line each: in comparisons, and between the recordings."""
-    changes = {
-        run.name: run.differences or ["the comparison changes nothing"] for run in found if run.beside is not None
-    }
+    changes = {}
+    for run, base in ((run, found[run.beside]) for run in found if run.beside is not None):
+        lines = runs.between([base.parameters if base.known else None, run.parameters], " → ")
+        changes[run.name] = lines or ["the comparison changes nothing"]
     if len(set(map(tuple, changes.values()))) == 1:
         lines = list(next(iter(changes.values())))
     else:

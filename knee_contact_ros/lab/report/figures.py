@@ -26,9 +26,6 @@ MICRO = 1e6
 HUES = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#7B3294", "#66C2A5")
 """Colours of runs and of uncertain inputs, by Okabe and Ito: colour-blind readers can distinguish them"""
 DPI = 200
-STYLE: Any = {"font.size": 10, "axes.titlesize": 10, "axes.spines.top": False, "axes.spines.right": False,
-         "axes.grid": True, "grid.color": "0.92", "axes.axisbelow": True, "legend.frameon": False,
-         "legend.fontsize": 8.5, "figure.dpi": DPI}  # fmt: skip
 LINE, LETTERS = 0.19, 50
 """Height of a legend line [in], and its number of letters"""
 WIDTH, CYCLE, TIME, UNCERTAIN = 4.4, 2.9, 5.2, 6.0
@@ -42,6 +39,8 @@ FEW, FEW_EVENTS, FEW_POINTS = 12, 60, 20
 """Largest numbers of single cycles drawn and of gait events marked, as more cannot be distinguished; and the number of
 points below which each one is marked, as a line alone may be invisible"""
 MARKS = {HEEL_STRIKE: {"color": "0.25", "linestyle": "-"}, TOE_OFF: {"color": "0.25", "linestyle": ":"}}
+BONE: Any = {"color": "0.35", "linestyle": ":", "linewidth": 1.2}
+"""Line of the depth where bone begins"""
 AROUND, LEAST = 1.0, 1e-3
 """Time [s] that a figure of uncertainty shows on either side of the largest load or contact force, and the smallest
 deviation of the depth in it [µm]"""
@@ -115,13 +114,9 @@ def cycles_of(run: Run, what: Quantity) -> Floats:
 @contextmanager
 def drawn(into: list[Figure], name: str, title: str, caption: str, height: float) -> Iterator[Any]:
     """Yield a matplotlib figure of a height [in] to draw on, then add it to the other figures as PNG."""
-    import matplotlib as mpl
-    from matplotlib.figure import Figure as Canvas
-
-    with mpl.rc_context(STYLE):
-        canvas, file = Canvas(figsize=(WIDTH, height), layout="constrained"), io.BytesIO()
+    file = io.BytesIO()
+    with picture.drawn(file, (WIDTH, height), DPI, **picture.GRAPHS | {"figure.dpi": DPI}) as canvas:
         yield canvas
-        canvas.savefig(file, format="png", dpi=DPI, metadata={"Software": None})
     into.append(Figure(name, title, caption, file.getvalue()))
 
 
@@ -209,9 +204,7 @@ def over_time(runs: Sequence[Run]) -> list[Figure]:
                         time, what.scaled(run.gathered.columns[what.field], run.weight), **look, label=_plain(run.label)
                     )
                     if what is DEPTHS and run.has_bone:
-                        axis.axhline(
-                            MM * run.parameters.contact.layer_depth, color="0.35", linestyle=":", linewidth=1.2
-                        )
+                        axis.axhline(MM * run.parameters.contact.layer_depth, **BONE)
                 for begin, kind in zip(marks["time_s"], marks["event"], strict=True):
                     axis.axvline(begin, linewidth=0.9, zorder=1.5, **MARKS[kind])
                 axis.set_ylabel(f"{what.title.lower()} [{what.unit}]".removeprefix("penetration "))
@@ -332,7 +325,7 @@ def _panel(canvas: Any, runs: Sequence[Run], cyclic: Sequence[Run], what: Quanti
         shade: Any = {"facecolor": "0.85", "zorder": 0, "alpha": 0.6} | edge
         axis.fill_between(each.window, each.lowest, each.highest, label=each.text, **shade)
     for layer in sorted({run.parameters.contact.layer_depth for run in cyclic if what is DEPTHS and run.has_bone}):
-        axis.axhline(MM * layer, color="0.35", linestyle=":", linewidth=1.2)
+        axis.axhline(MM * layer, **BONE)
         axis.annotate(f"bone from {MM * layer:g} mm", (99.0, MM * layer), ha="right", va="bottom", fontsize=8.5)
     for run in cyclic:
         values, look = cycles_of(run, what), _look(runs, run)

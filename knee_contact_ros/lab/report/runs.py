@@ -313,8 +313,6 @@ class Run(NamedTuple):
     """Index of the run whose inputs this comparison uses; None: this run is not a comparison"""
     known: bool = True
     """Whether the parameters are the recording's own rather than assumed"""
-    differences: Sequence[str] = ()
-    """Differences of a comparison's contact law from that of its run, as texts"""
     kept: Sequence[str] = ()
     """Parameters that a comparison takes from its run although its files set other values, as texts"""
     uncertain: Propagated | None = None
@@ -384,7 +382,6 @@ def collect(options: ReportOptions, work: Path, bar: Bar) -> list[Run]:
                     runs.append(again._replace(
                         name=name, label=f"{name}, {' + '.join(each.stem for each in options.compare)}",
                         topic=run.topic, beside=len(runs) - 1, kept=kept(run.parameters, over),
-                        differences=between([run.parameters if run.known else None, again.parameters], " → "),
                     ))  # fmt: skip
     return runs
 
