@@ -13,8 +13,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from rich.console import Console
-from rich.table import Table
 
 from knee_contact_ros import __version__
 from knee_contact_ros.bags.provenance import ORIGIN
@@ -26,7 +24,7 @@ from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import sha256_of
 from knee_contact_ros.system.output_files import replace
-from knee_contact_ros.system.terminal import WIDTH, say, shown, warn
+from knee_contact_ros.system.terminal import say, show_pairs, shown, warn
 
 JOINT = "knee"
 """Name of the knee in a bag, whatever its name in the model: the default of `knee.joint_name`"""
@@ -92,10 +90,6 @@ class Signal(NamedTuple):
         return f"{len(self.stamps)} rows, {self.stamps[0] / NANOSECONDS:.3f} to {self.stamps[-1] / NANOSECONDS:.3f} s"
 
 
-NOTHING = Signal(np.empty(0, np.int64), np.empty((0, 6)))
-"""A wrench that is not known"""
-
-
 class Gait(NamedTuple):
     """Gait of a knee, with its origin."""
 
@@ -103,26 +97,20 @@ class Gait(NamedTuple):
     """`right` or `left`"""
     joints: dict[str, Signal]
     """Angles and rates by the joints' names in the bag, the knee first, all at the same stamps"""
-    reaction: Signal
-    """Wrench of the femur on the tibia at the tibia frame's origin, in that frame (x anterior, y superior, z right)
+    wrenches: dict[str, Signal]
+    """One or both, with x forward, y up and z to the right
 
-    It has no rows if only the ground's force is known.
+    `load`: of the femur on the tibia at the tibia frame's origin, in that frame. `ground_force`: of the ground on the
+    foot about the ankle joint's centre, in upright axes.
     """
     columns: dict[str, str]
     """Names of the columns and of their file, by quantity"""
     notes: list[str]
     """What was converted or left out, as sentences"""
-    ground: Signal | None = None
-    """Wrench of the ground on the foot about the ankle joint's centre, in upright axes (x forward, y up, z right)"""
     doubts: Sequence[str] = ()
     """What is likely a mistake, as sentences"""
     weight: float | None = None
     """Body weight [N], if it is known"""
-
-    @property
-    def angle(self) -> Signal:
-        """Flexion of the knee."""
-        return next(iter(self.joints.values()))
 
 
 def common_window(*known: Stamps, start: float | None = None, end: float | None = None) -> tuple[int, int]:
@@ -201,7 +189,7 @@ def sampled(
         name: Signal(at, np.hstack([angle.at(at).with_rate().values, *(torque.at(at).values for torque in torques)]))
         for name, (angle, *torques) in joints.items()
     }
-    return Gait(side, moved, inside.get("load", NOTHING), {}, notes, inside.get("ground_force"))
+    return Gait(side, moved, inside, {}, notes)
 
 
 def _gaps(name: str, known: Stamps, longest: float) -> list[str]:
@@ -232,13 +220,10 @@ def write_bag(gait: Gait, folder: Path, origin: dict[str, str]) -> None:
     Raises:
         UsageError: the folder cannot be written.
     """
+    kinds = {"load": (topics.JOINT_REACTION_FORCE, f"tibia_{gait.side[0]}"),
+             "ground_force": (topics.GROUND_REACTION_FORCE, "ground")}  # fmt: skip
     streams = {topics.JOINT_STATES: _joint_messages(gait.joints)}
-    for wrench, topic, frame in (
-        (gait.reaction, topics.JOINT_REACTION_FORCE, f"tibia_{gait.side[0]}"),
-        (gait.ground or NOTHING, topics.GROUND_REACTION_FORCE, "ground"),
-    ):
-        if len(wrench.stamps):
-            streams[topic] = _wrenches(wrench, topic, frame)
+    streams |= {kinds[name][0]: _wrenches(wrench, *kinds[name]) for name, wrench in gait.wrenches.items()}
     with BagWriter(folder / f"{folder.name}_0.mcap") as bag:
         for topic in streams:
             bag.add_topic(f"/{topic}", topics.MESSAGE_TYPES[topic])
@@ -280,7 +265,8 @@ def store(bags: Mapping[Path, Gait], source: str, files: dict[str, Path], more: 
         for name, path in files.items():
             origin |= {name: path.name, f"{name}_sha256": digest(path)}
         origin |= {f"columns of {name}": columns for name, columns in gait.columns.items()}
-        origin |= {"conversions": "\n".join(gait.notes)} | QUANTITIES | (LEG_QUANTITIES if gait.ground else {}) | more
+        origin |= {"conversions": "\n".join(gait.notes)} | QUANTITIES
+        origin |= (LEG_QUANTITIES if "ground_force" in gait.wrenches else {}) | more
         origin |= {"body_weight": f"{gait.weight:.7g} N"} if gait.weight else {}
         origin |= {"doubts": "\n".join(gait.doubts)} if gait.doubts else {}
         write_bag(gait, work / bag.name, origin)
@@ -293,23 +279,17 @@ def store(bags: Mapping[Path, Gait], source: str, files: dict[str, Path], more: 
 
 def show(gait: Gait, bag: Path) -> None:
     """Print the columns with the ranges of their values, what was converted, and where the bag is."""
-    table, ranges = Table(box=None, show_header=False, pad_edge=False), {}
-    table.add_column(no_wrap=True)
-    table.add_column(overflow="fold")
+    ranges = {}
     for name, signal in zip(("angle", "hip", "ankle"), gait.joints.values(), strict=False):
         low, high = np.degrees([signal.values[:, 0].min(), signal.values[:, 0].max()])
         ranges[name] = f"{signal.span}, {low:.1f} to {high:.1f} deg"
-    for name, wrench in ("load", gait.reaction), ("ground_force", gait.ground):
-        if wrench and len(wrench.stamps):
-            force = np.abs(wrench.values[:, 1])
-            weight = f" ({force.max() / gait.weight:.2f} BW)" if gait.weight else ""
-            at = wrench.stamps[int(force.argmax())] / NANOSECONDS
-            ranges[name] = f"{wrench.span}, largest {force.max():.1f} N{weight} at {at:.3f} s"
-    for name, columns in gait.columns.items():
-        table.add_row(name, shown(columns))
-        if name in ranges:
-            table.add_row("", ranges[name])
-    Console(width=WIDTH, emoji=False).print(f"{gait.side} knee", table, highlight=False, sep="\n")
+    for name, wrench in gait.wrenches.items():
+        force = np.abs(wrench.values[:, 1])
+        weight = f" ({force.max() / gait.weight:.2f} BW)" if gait.weight else ""
+        at = wrench.stamps[int(force.argmax())] / NANOSECONDS
+        ranges[name] = f"{wrench.span}, largest {force.max():.1f} N{weight} at {at:.3f} s"
+    say(f"{gait.side} knee")
+    show_pairs((name, f"{shown(text)}\n{ranges.get(name, '')}".rstrip()) for name, text in gait.columns.items())
     for line in ("", *(f"- {note}" for note in gait.notes), *[""][: len(gait.notes)], f"Bag: {bag}"):
         say(line, hang=2)
 

@@ -48,7 +48,7 @@ def by_bag(folder: Path, time: np.ndarray, angle: np.ndarray, load: np.ndarray, 
     stamps, wrench = np.rint(1e9 * time).astype(np.int64), np.zeros((len(time), 6))
     wrench[:, axis] = -load
     angles = Signal(stamps, angle[:, None]).with_rate()
-    write_bag(Gait("right", {"knee": angles}, Signal(stamps, wrench), {}, []), folder / "own", {})
+    write_bag(Gait("right", {"knee": angles}, {"load": Signal(stamps, wrench)}, {}, []), folder / "own", {})
     return ["solve", "own", "-p", f"body_weight:={WEIGHT}", "--output=out.mcap"]
 
 

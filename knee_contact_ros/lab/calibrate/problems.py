@@ -7,10 +7,10 @@ to a measured joint reaction in a bag.
 from __future__ import annotations
 
 import math
+import warnings
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -27,9 +27,9 @@ from knee_contact_ros.lab.gait_bag import digest
 from knee_contact_ros.lab.tables import TableFormat, header_of, read_numbers
 from knee_contact_ros.model.compiler import worth_compiling
 from knee_contact_ros.model.knee import KneeModel
-from knee_contact_ros.model.types import UNUSABLE, Floats, Rows, Status, blank
+from knee_contact_ros.model.types import UNUSABLE, Floats, Status
 from knee_contact_ros.offline.estimate_load import estimate_load
-from knee_contact_ros.parameters.build import build_model, retuned
+from knee_contact_ros.parameters.build import build_model, contact_pair, retuned
 from knee_contact_ros.parameters.files import curve_texts, flat_parameters, known_parameters, load_parameters
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters
 from knee_contact_ros.results import Results
@@ -81,10 +81,7 @@ def read_measured(path: Path, drive: str) -> Measured:
         UsageError: the file cannot be read or is not such a table, or values make no sense.
     """
     header = header_of(path, COLUMNS, TableFormat())
-    for name in header.names:
-        if header.names.count(name) > 1:
-            raise UsageError(f"{path}: column {name or repr('')} is there twice")
-    numbers, _, _ = read_numbers(header, range(len(header.names)), TableFormat())
+    numbers, _, _ = read_numbers(header, [header.place(name) for name in header.names], TableFormat())
     columns = dict(zip(header.names, numbers.T, strict=True))
     return replace(measured_from(columns, drive, str(path)), digest=digest(path))
 
@@ -166,8 +163,8 @@ class ContactProblem(Problem):
     texts: Mapping[str, str]
     """Contents of the files that parameters name, by parameter"""
 
-    def answers(self, values: Values) -> Rows:
-        """Compute the answers, shape (n,), without the checks of `KneeModel.run`; see `Problem.answers`.
+    def answers(self, values: Values) -> Results:
+        """Compute the answers, shape (n,); see `Problem.answers`.
 
         Values are within their ranges, and parameters are not checked again: that takes milliseconds.
         """
@@ -175,36 +172,28 @@ class ContactProblem(Problem):
         for name, value in values.items():
             section, own = name.split(".")
             changed = changed.model_copy(update={section: getattr(changed, section).model_copy(update={own: value})})
-        femur, tibia, trial = changed.femur, changed.tibia, self.measured
+        femur, tibia = changed.femur, changed.tibia
         if femur.geometry == tibia.geometry == "circle" and tibia.radius <= femur.radius:
             raise UsageError(f"tibia.radius: {tibia.radius:g} must exceed femur.radius, {femur.radius:g}")
-        stamps = np.rint(trial.time * 1e9)
-        durations = np.diff(stamps, prepend=stamps[:1]) * 1e-9
-        height = np.full(len(stamps), math.nan) if trial.height is None else trial.height
-        samples = np.column_stack([durations, trial.angle, trial.load_of(changed.load.share), height])
-        answers = blank(len(samples))
-        same_surfaces = (changed.femur.radius, changed.tibia) == (self.parameters.femur.radius, self.parameters.tibia)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # `predicted` has warned of implausible inputs
+            return self._run(changed)
+
+    def _run(self, parameters: Parameters) -> Results:
+        """Run a model with other parameters; its surfaces are made again only if they change."""
+        trial, begun = self.measured, self.parameters
+        same_surfaces = (parameters.femur.radius, parameters.tibia) == (begun.femur.radius, begun.tibia)
         try:
-            model = retuned(self.model, changed) if same_surfaces else self._made(changed)
-            model.compute(samples, answers)
+            pair = self.model.pair if same_surfaces else contact_pair(parameters, self.texts)
+            model = retuned(replace(self.model, pair=pair), parameters)
+            results = model.run(trial.time, trial.angle, trial.load_of(parameters.load.share), trial.height)
         except ValueError as error:
             raise UsageError(f"{trial.source}: {error}") from None
-        return answers
-
-    def _made(self, parameters: Parameters) -> KneeModel:
-        return replace(build_model(parameters, curves=self.texts), compiled=self.model.compiled, results=Results)
+        return results.view(Results)
 
     def predicted(self, values: Values) -> Results:
-        """Compute the answers by a run of a model, after a check of all parameters; see `Problem.predicted`."""
-        parameters = load_parameters(flat_parameters(self.parameters) | values)
-        trial = self.measured
-        try:
-            series = self._made(parameters).run(
-                trial.time, trial.angle, trial.load_of(parameters.load.share), trial.height
-            )
-        except ValueError as error:
-            raise UsageError(f"{trial.source}: {error}") from None
-        return series if isinstance(series, Results) else series.view(Results)
+        """Compute the answers after a check of all parameters; see `Problem.predicted`."""
+        return self._run(load_parameters(flat_parameters(self.parameters) | values))
 
     def conclusions(
         self,
@@ -298,9 +287,9 @@ def referenced(
         UsageError: a bag cannot be used, a topic is missing or has no usable sample, or two bags are the same.
     """
     digests = [bag_digest(bag) for bag in bags]
-    for one, other in combinations(range(len(bags)), 2):
-        if digests[one] == digests[other]:
-            fault = f"bags {bags[one]} and {bags[other]} are the same"
+    for place, own in enumerate(digests):
+        if (first := digests.index(own)) < place:
+            fault = f"bags {bags[first]} and {bags[place]} are the same"
             raise UsageError(f"{fault}: each bag is left out in turn, so each must be a different one")
     topic, left_out = names.get(OWN_NAME, OWN_NAME), Counter[str]()
     samples, columns, counts, doubts = list[Sensed](), list[Floats](), list[tuple[str, int]](), list[str]()
@@ -419,10 +408,9 @@ class LoadProblem(Problem):
             f"samples: {data.number} fitted; left out: {', '.join(counts)}",
         ]
         if several:
-            errors, end = [], 0
-            for bag, count in data.bags:
-                within, end = np.zeros_like(known), end + count
-                within[end - count : end] = known[end - count : end]
+            errors, number = [], np.repeat(np.arange(len(data.bags)), [count for _, count in data.bags])
+            for place, (bag, _) in enumerate(data.bags):
+                within = known & (number == place)
                 others = replace(data, answers={AXIAL_FORCE: np.where(within, np.nan, reference)})
                 errors.append((self.error(refit(replace(self, measured=others)), within), self.error(begun, within)))
                 own, start = errors[-1]

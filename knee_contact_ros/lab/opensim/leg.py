@@ -188,28 +188,18 @@ def about_ankle(ground: GroundFile, ankle: Floats) -> Signal:
     data, wrench = ground.data, np.zeros((len(ankle), 6))
     for names in ground.forces:
         force = _vector(data, names.force)
-        stands = force[:, 1] >= IN_THE_AIR
-        point, moment = (_vector(data, name, stands) if name else np.zeros_like(force) for name in names[1:])
+        stands = force[:, 1:2] >= IN_THE_AIR
+        standing = data._replace(values=np.where(stands, data.values, 0.0))  # in the air, a point may be NaN
+        point, moment = (_vector(standing, name) if name else np.zeros_like(force) for name in names[1:])
         arm = point - ankle
         checks.check_near(arm, force[:, 1], f"{data.path}: {names.point}(x y z)")
-        wrench += np.where(stands[:, None], np.hstack([force, np.cross(arm, force) + moment]), 0.0)
+        wrench += np.where(stands, np.hstack([force, np.cross(arm, force) + moment]), 0.0)
     return Signal(data.stamps, wrench)
 
 
-def _vector(data: Table, name: str, where: np.ndarray | None = None) -> Floats:
-    """Vector in three columns, shape (n, 3); 0 where `where`, shape (n,), is false, as a point may be NaN in the air.
-
-    Raises:
-        UsageError: a number that counts is not finite.
-    """
-    values = data.columns([name + axis for axis in "xyz"])
-    if where is not None:
-        values = np.where(where[:, None], values, 0.0)
-    wrong = ~np.isfinite(values).all(axis=1)
-    if wrong.any():
-        time = data.time(int(np.argmax(wrong)))
-        raise UsageError(f"{data.path}: {name}(x y z) is not finite at {time} s, while the foot is on the ground")
-    return values
+def _vector(data: Table, name: str) -> Floats:
+    """Vector in three columns, shape (n, 3); a number that is not finite is refused."""
+    return np.column_stack([data.column(name + axis) for axis in "xyz"])
 
 
 def read_leg(

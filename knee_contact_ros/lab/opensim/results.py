@@ -255,11 +255,9 @@ def needs_model(table: Table, reaction: Reaction) -> UsageError:
 def hinge(angle: Signal, stamps: Stamps) -> Pose:
     """Pose of a tibia in a femur's frame with the same origin, rotated about z by the flexion angle only."""
     flexion = np.interp(stamps, angle.stamps, angle.values[:, 0])
-    rotation = np.zeros((len(stamps), 3, 3))
-    rotation[:, 0, 0] = rotation[:, 1, 1] = np.cos(flexion)
-    rotation[:, 0, 1], rotation[:, 1, 0] = -np.sin(flexion), np.sin(flexion)
-    rotation[:, 2, 2] = 1.0
-    return Pose(rotation, np.zeros((len(stamps), 3)))
+    cosine, sine, zero = np.cos(flexion), np.sin(flexion), np.zeros(len(stamps))
+    rotation = np.array([[cosine, -sine, zero], [sine, cosine, zero], [zero, zero, zero + 1.0]])
+    return Pose(np.moveaxis(rotation, 2, 0), np.zeros((len(stamps), 3)))
 
 
 def read_reaction(table: Table, parts: Sequence[tuple[Reaction, Pose | None]], side: str) -> tuple[Signal, list[str]]:

@@ -186,7 +186,7 @@ DAMAGED_TABLES = [
     ("time,flexion_angle,load\n0,0,100\n", "nothing is measured in it; one or more of the columns penetration_d"),
     ("time,flexion_angle,penetration_depth\n0,0,1e-4\n", "it has no column load, which drive force needs"),
     ("time,flexion_angle,load,penetration_dept\n0,0,1,1\n", "penetration_dept is not known; did you mean penetra"),
-    ("time,flexion_angle,load,load,gap\n0,0,1,1,1\n", "column load is there twice"),
+    ("time,flexion_angle,load,load,gap\n0,0,1,1,1\n", "has 2 columns load; their names must differ"),
     ("time,flexion_angle,load,axial_load,gap\n0,0,1,1,1\n", "columns load and axial_load are both there"),
 ]
 

@@ -95,7 +95,7 @@ def test_reactions_in_other_frames_are_turned_as_opensim_does(reference_data: Pa
     for kind in kinds:
         reactions = tmp_path / f"x_{'_'.join(kind)}_ReactionLoads.sto"
         files = Files(tmp_path / "q.sto", reactions, model=tmp_path / "model.osim")
-        found[kind] = read_knee(side, files, Settings(anyway=True), tmp_path).reaction.values
+        found[kind] = read_knee(side, files, Settings(anyway=True), tmp_path).wrenches["load"].values
     ours = found["child", "child"]
     assert np.abs(ours[:, 1]).max() > 5e4  # nothing but gravity and inertia; the muscles pull as their tone does
     for kind, wrench in found.items():
@@ -133,7 +133,9 @@ def test_the_compartments_of_a_knee_are_added_in_the_tibias_frame(reference_data
         }
     jr = write_storage(tmp_path / "jr.sto", table.stamps / NANOSECONDS, columns, "no")
     parts_of = whole._replace(reactions=jr, model=tmp_path / "model.osim")
-    ours, found = (read_knee("right", files, Settings(), tmp_path).reaction.values for files in (whole, parts_of))
+    ours, found = (
+        read_knee("right", files, Settings(), tmp_path).wrenches["load"].values for files in (whole, parts_of)
+    )
     np.testing.assert_allclose(found, ours, rtol=0.0, atol=0.01)
     with pytest.raises(
         UsageError, match=r"med_cond_joint_r_on_med_cond_r_in_med_cond_r_fx is in med_cond_r, .*--model M"

@@ -152,7 +152,7 @@ def test_a_reaction_with_columns_missing_and_a_file_without_one() -> None:
 def test_angles_come_out_in_rad_positive_in_flexion(
     tmp_path: Path, sign: float, unit: str, header: str | None, names: str
 ) -> None:
-    angle, rate = knee(files(tmp_path, sign=sign, unit=unit, header=header, names=names)).angle.values.T
+    angle, rate = knee(files(tmp_path, sign=sign, unit=unit, header=header, names=names)).joints["knee"].values.T
     assert angle == pytest.approx(flexion(TIME), abs=DIGITS)
     exact = np.radians(30.0) * 2.0 * np.pi / DURATION * np.sin(2.0 * np.pi * TIME / DURATION)
     # Central differences over 10 ms: h²/6 of the third derivative, 0.0013 rad/s; at the ends h/2 of the second.
@@ -162,9 +162,9 @@ def test_angles_come_out_in_rad_positive_in_flexion(
 
 def test_the_right_reaction_is_taken_as_it_is_and_the_left_one_mirrored(tmp_path: Path) -> None:
     right, left = (knee(files(tmp_path), side) for side in ("right", "left"))
-    expected = np.column_stack(reaction_columns(right.reaction.stamps * 1e-9))
-    assert right.reaction.values == pytest.approx(expected, abs=1e-9)
-    assert left.reaction.values == pytest.approx(expected * [1, 1, -1, -1, -1, 1], abs=1e-9)
+    expected = np.column_stack(reaction_columns(right.wrenches["load"].stamps * 1e-9))
+    assert right.wrenches["load"].values == pytest.approx(expected, abs=1e-9)
+    assert left.wrenches["load"].values == pytest.approx(expected * [1, 1, -1, -1, -1, 1], abs=1e-9)
     assert any("mirrored" in note for note in left.notes)
 
 
@@ -178,7 +178,9 @@ def test_a_reaction_on_the_femur_is_turned_and_moved(tmp_path: Path) -> None:
     names = [f"knee_r_on_femur_r_in_tibia_r_{axis}" for axis in AXES]
     jr = storages.write_storage(tmp_path / "jr.sto", time, dict(zip(names, on_femur, strict=True)), "no")
     gait = knee(Files(kinematics(tmp_path / "q.sto"), jr))
-    assert gait.reaction.values == pytest.approx(np.hstack([force, torque]), abs=1e-8)  # 12 decimals of 0.4 m, 1800 N
+    assert gait.wrenches["load"].values == pytest.approx(
+        np.hstack([force, torque]), abs=1e-8
+    )  # 12 decimals of 0.4 m, 1800 N
     assert any("Newton" in note for note in gait.notes)
 
 
@@ -197,18 +199,20 @@ def test_rates_of_a_file_are_taken_if_they_are_the_angles(tmp_path: Path) -> Non
             with pytest.raises(UsageError, match=says):
                 knee(Files(read.kinematics, read.reactions, u))
         else:
-            assert knee(Files(read.kinematics, read.reactions, u)).angle.values[:, 1] == pytest.approx(rate, abs=DIGITS)
+            assert knee(Files(read.kinematics, read.reactions, u)).joints["knee"].values[:, 1] == pytest.approx(
+                rate, abs=DIGITS
+            )
 
 
 def test_reactions_without_an_angle_are_left_out_and_counted(tmp_path: Path) -> None:
     read = Files(kinematics(tmp_path / "q.sto"), reactions(tmp_path / "jr.sto", rows=1501, end=1.5))
     gait = knee(read)
-    assert gait.reaction.stamps[-1] == 1_200_000_000
+    assert gait.wrenches["load"].stamps[-1] == 1_200_000_000
     assert "load: 300 rows left out, before time 0 or where another signal or time is not" in gait.notes
     window = knee(read, start=0.2005, end=0.6005)
-    assert window.reaction.stamps[[0, -1]].tolist() == [201_000_000, 600_000_000]
+    assert window.wrenches["load"].stamps[[0, -1]].tolist() == [201_000_000, 600_000_000]
     # The angles' neighbours stay, so that every reaction has an angle on either side.
-    assert window.angle.stamps[[0, -1]].tolist() == [200_000_000, 610_000_000]
+    assert window.joints["knee"].stamps[[0, -1]].tolist() == [200_000_000, 610_000_000]
 
 
 @pytest.mark.parametrize(
@@ -252,7 +256,7 @@ def test_a_reaction_in_the_femurs_frame_is_turned_by_the_angle(tmp_path: Path) -
     columns = {name: values for name, values in columns.items() if "femur" in name}
     path = storages.write_storage(tmp_path / "femur.sto", time, columns, "no")
     found = knee(Files(tmp_path / "q.sto", path), rate=None)
-    np.testing.assert_allclose(found.reaction.values, ours.reaction.values, atol=1e-6)
+    np.testing.assert_allclose(found.wrenches["load"].values, ours.wrenches["load"].values, atol=1e-6)
     assert "turned from femur_r by the flexion angle alone, as of a hinge, and its torque" in found.doubts[0]
 
 
@@ -264,15 +268,15 @@ def test_a_gap_is_told_and_not_interpolated_across(tmp_path: Path) -> None:
     for rate, rows in ((200.0, 241 - 47), (None, 1201)):
         gait = knee(Files(q, reactions(tmp_path / "jr.sto")), rate=rate)
         assert any("angle: 1 gaps longer than 0.1 s, the longest of 0.24 s at 0.5 s" in note for note in gait.notes)
-        assert len(gait.reaction.stamps) == rows
-        assert gait.angle.values[:, 0] == pytest.approx(flexion(gait.angle.stamps * 1e-9), abs=3e-4)
+        assert len(gait.wrenches["load"].stamps) == rows
+        assert gait.joints["knee"].values[:, 0] == pytest.approx(flexion(gait.joints["knee"].stamps * 1e-9), abs=3e-4)
 
 
 def test_rows_outside_the_time_that_is_asked_for_do_not_matter(tmp_path: Path) -> None:
     angle = np.where(TIME < 0.2, np.nan, -np.degrees(flexion(TIME)))
     q = storages.write_storage(tmp_path / "q.sto", TIME, {"knee_angle_r": angle, "hip": np.nan * TIME}, "yes")
     gait = knee(Files(q, reactions(tmp_path / "jr.sto")), start=0.25, end=1.0, rate=100.0)
-    assert gait.angle.values[:, 0] == pytest.approx(flexion(gait.angle.stamps * 1e-9), abs=DIGITS)
+    assert gait.joints["knee"].values[:, 0] == pytest.approx(flexion(gait.joints["knee"].stamps * 1e-9), abs=DIGITS)
     with pytest.raises(UsageError, match=r"column knee_angle_r is nan at 0\.1 s; it must be a finite number"):
         knee(Files(q, reactions(tmp_path / "jr.sto")), start=0.1)
 
@@ -310,7 +314,7 @@ def test_a_model_tells_sign_and_weight(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="Give --angle-sign 1 or -1, or --model"):
         knee(Files(standing, jr))
     gait = read_knee("right", Files(standing, jr, model=model), Settings(), tmp_path)
-    assert gait.angle.values[:, 0].min() > 0.0
+    assert gait.joints["knee"].values[:, 0].min() > 0.0
     assert gait.weight == pytest.approx(72.6 * 9.80665)
     for text, says in (
         ("<a>", r"m\.osim is not an OpenSim document"),
@@ -336,8 +340,8 @@ def test_the_reference_results_are_the_tables_of_the_shipped_bags(
     lines = [line for line in rows if not line.startswith("#")]
     numbers = np.array([[float(value) for value in line.split(",")] for line in lines[1:]])
     assert lines[0].startswith("t,knee_angle,knee_vel,Fx,Fy,Fz,Mx,My,Mz")
-    assert numbers[:, 0] == pytest.approx(gait.angle.stamps * 1e-9, abs=1e-9)
+    assert numbers[:, 0] == pytest.approx(gait.joints["knee"].stamps * 1e-9, abs=1e-9)
     # The tables have six digits, and rates from the rounded angles' neighbours.
-    assert gait.angle.values[:, 0] == pytest.approx(numbers[:, 1], rel=1e-5, abs=1e-6)
-    assert gait.angle.values[:, 1] == pytest.approx(numbers[:, 2], rel=1e-4, abs=1e-3)
-    assert gait.reaction.values == pytest.approx(numbers[:, 3:9], rel=1e-5, abs=1e-5)
+    assert gait.joints["knee"].values[:, 0] == pytest.approx(numbers[:, 1], rel=1e-5, abs=1e-6)
+    assert gait.joints["knee"].values[:, 1] == pytest.approx(numbers[:, 2], rel=1e-4, abs=1e-3)
+    assert gait.wrenches["load"].values == pytest.approx(numbers[:, 3:9], rel=1e-5, abs=1e-5)
