@@ -60,7 +60,7 @@ from knee_contact_ros.system.processes import PATIENCE, Child, child_process
 from knee_contact_ros.system.ros import executor_of, joining, private_graph
 from knee_contact_ros.system.terminal import progress, warn
 from knee_contact_ros.view.output import NOT_INSTALLED, has_screen, installed_viewer, look, viewer_command
-from knee_contact_ros.view.picture import draw_knee
+from knee_contact_ros.view.picture import draw_knee, drawn
 
 BAG, RECORDED = "gait2354_right_sensors", "gait2354_right"
 """Bundled bags: a leg's sensors, and the joint reaction of the same gait by a musculoskeletal model"""
@@ -224,22 +224,17 @@ def draw_peak(recording: Path, model: KneeModel, parameters: Parameters, picture
         UsageError: matplotlib is not installed.
     """
     require("report", "matplotlib")
-    import matplotlib as mpl
-    from matplotlib.figure import Figure
-
     answers = read_answers(recording)
     what = "contact_force" if model.height_prescribed else "load"
     peak = answers[int(answers[what].argmax())]
     which = f"{MEDIAL} compartment, " if has_both(parameters) else ""
     when = stamp_text(int(peak["stamp"]), begin_of(int(answers["stamp"][0])))
     title = f"{which}largest {what.replace('_', ' ')}, at {when} s"
-    with mpl.rc_context(STYLE):
-        figure = Figure(figsize=SIZE, layout="constrained")
+    with drawn(picture, SIZE, DPI, **STYLE) as figure:
         knee = figure.subplots()
         angle, height, force = (float(peak[name]) for name in ("flexion_angle", "femoral_height", "contact_force"))
         draw_knee(knee, model, angle, height, force, parameters.body_weight)
         knee.set_title(title)
-        figure.savefig(picture, format="png", dpi=DPI, metadata={"Software": None})
     return title
 
 
