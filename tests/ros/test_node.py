@@ -182,7 +182,8 @@ def test_medial_and_lateral_answers_and_the_wrench_of_both(peer: Peer, start_nod
     solve(recording, found, redone, lambda _done, _total: None)
     assert raw(recording, topics) == raw(redone, topics)
     assert len(raw(recording, topics)) == 5 * TICKS + 1 + 15  # and a leg, which moves 50 times a second
-    assert scene.is_file() or not HAS_VIEWER
+    # On a busy machine the process of the scene needs longer to start than the node takes in all; it goes on by itself.
+    peer.wait_until(lambda: scene.is_file() or not HAS_VIEWER)
 
 
 @pytest.mark.usefixtures("hang_up")
