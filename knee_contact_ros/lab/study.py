@@ -573,14 +573,17 @@ def workers_of(number: int, scheduler: str) -> Iterator[Any]:
         IncompleteError: no process can be started.
     """
     from dask import config
+    from distributed import Client, LocalCluster  # before the settings: it adds its own, which must outlive the context
+    from distributed.comm import parse_address
+    from distributed.comm.registry import get_backend
 
     with ExitStack() as opened:
         opened.enter_context(config.set(DASK))
-        from distributed import Client, LocalCluster
-
         for name in [name for name in logging.root.manager.loggerDict if name.startswith(LOGS)]:
             logging.getLogger(name).setLevel(logging.CRITICAL)
         try:
+            if scheduler:  # a client of an unknown kind of address would wait for it at the end
+                get_backend(parse_address(scheduler)[0])
             with _ignoring_interrupts():
                 cluster = scheduler or opened.enter_context(LocalCluster(
                     n_workers=number or None, threads_per_worker=1, processes=True, host="127.0.0.1",

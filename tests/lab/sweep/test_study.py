@@ -6,6 +6,7 @@ import itertools
 import re
 import shutil
 import socket
+import subprocess
 import zipfile
 from pathlib import Path
 from typing import Any
@@ -23,7 +24,7 @@ from knee_contact_ros.lab.study import MOST, Shards, Study, groups_of
 from knee_contact_ros.lab.sweep import OUTCOMES
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 from tests import ROOT
-from tests.lab.sweep.studies import DAMPINGS, assert_same, computed, study, table
+from tests.lab.sweep.studies import DAMPINGS, assert_same, computed, started, study, table
 
 pytestmark = pytest.mark.xdist_group("cluster of cohorts")
 GRID = {"contact.damping": DAMPINGS, "contact.layer_depth": [3e-4, 5e-4, 7e-4, 9e-4]}
@@ -171,6 +172,18 @@ def test_what_workers_cannot_do_is_told_in_a_line(
     assert list(tmp_path.rglob("cases-*")) == []
 
 
+def test_an_address_of_an_unknown_kind_ends_at_once_and_leaves_the_settings_of_dask() -> None:
+    """In a process that has not used Dask before: a later study there needs the settings that it adds."""
+    code = (
+        "from dask import config; from knee_contact_ros.lab.study import workers_of; import contextlib\n"
+        "from knee_contact_ros.system.errors import UsageError\n"
+        "with contextlib.suppress(UsageError), workers_of(1, 'nonsense://1'): pass\n"
+        "print(config.get('distributed.comm.timeouts.connect'))"
+    )
+    process = started("-c", code, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.communicate(timeout=60) == ("30s\n", "")
+
+
 def test_a_folder_of_others_a_foreign_table_and_a_damaged_one(right_bag: Path, address: str, tmp_path: Path) -> None:
     asked, out = study(right_bag, grid=GRID), tmp_path / "out"
     computed(asked, out, scheduler=address)
@@ -198,7 +211,7 @@ def test_a_folder_of_others_a_foreign_table_and_a_damaged_one(right_bag: Path, a
 def keys_of(bag: Path, **content: Any) -> list[str]:
     """The keys of all cases."""
     asked = study(bag, **content)
-    return [group.key(values) for group in groups_of(asked) for values in asked.variants()]
+    return [key for group in groups_of(asked) for key, _ in group.keyed(asked.variants())]
 
 
 def test_what_a_knee_is_and_no_name_or_spelling_makes_the_key(right_bag: Path, config: Path, tmp_path: Path) -> None:
