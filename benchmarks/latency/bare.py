@@ -1,12 +1,14 @@
 """Nodes that compute nothing: what rclpy itself takes for the same topics, in a process of the same shape.
 
-`python -m benchmarks.latency.bare events|single|bytes`, until SIGINT or SIGTERM.
+`python -m benchmarks.latency.bare events|single|bytes|beside`, until SIGINT or SIGTERM.
 """
 
 from __future__ import annotations
 
+import multiprocessing
 import signal
 import sys
+import time
 from typing import Any
 
 import rclpy
@@ -18,6 +20,7 @@ from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
 from sensor_msgs.msg import JointState
 
+from knee_contact_ros.node.output_process import step_back
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, JOINT_STATES, KNEE_CONTACT, KNEE_CONTACT_WRENCH
 from knee_contact_ros.system.ros import executor_of
 
@@ -26,7 +29,11 @@ INPUT_QOS = QoSProfile(depth=1000)
 OUTPUT_QOS = QoSProfile(depth=100)
 SPIN_PERIOD = 0.1
 
-EVENTS, SINGLE, BYTES = "events", "single", "bytes"
+EVENTS, SINGLE, BYTES, BESIDE = "events", "single", "bytes", "beside"
+LOADS = ((0.9e-3, 0.03, 0), (7e-3, 0.2, 10))
+"""Processor time [s] of a piece of work, the time [s] from one to the next, and niceness: as recorder and scene do"""
+SHARE = sum(work / period for work, period, _ in LOADS)
+"""What that is of a processor"""
 STAMP = slice(4, 12)
 """Bytes of the stamp in a message that begins with a header"""
 
@@ -104,8 +111,22 @@ def prepared() -> tuple[bytes, bytes]:
     return encode_answer(0, "tibia_r", row), encode_answer_wrench(0, "tibia_r", row)
 
 
+def busy(work: float, period: float, niceness: int) -> None:
+    """Work as an output's process does, without an output; see `LOADS`."""
+    step_back(niceness)
+    memory = bytearray(1 << 18)
+    while True:
+        end = time.thread_time() + work
+        while time.thread_time() < end:
+            memory[::64] = memory[::64]
+        time.sleep(period - work)
+
+
 def main(kind: str) -> None:
-    """Run a bare node of a kind (`EVENTS`, `SINGLE` or `BYTES`) until a signal ends it."""
+    """Run a bare node of a kind (`EVENTS`, `SINGLE`, `BYTES` or `BESIDE`) until a signal ends it."""
+    others = [multiprocessing.Process(target=busy, args=load, daemon=True) for load in LOADS if kind == BESIDE]
+    for other in others:
+        other.start()
     signals: list[int] = []
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _frame: signals.append(number))
@@ -125,6 +146,8 @@ def main(kind: str) -> None:
         executor.shutdown()
         node.destroy_node()
         rclpy.shutdown()
+        for other in others:
+            other.kill()
 
 
 if __name__ == "__main__":

@@ -373,6 +373,9 @@ CANDIDATES = {
                                  partial(start_ours, [PARAMETERS, PARAMETERS.with_name("both_compartments.yaml")])),
     BARE: Candidate(f"rclpy's {Quickest.__name__}, ordinary messages in and out, no computation, no files",
                     partial(start_bare, bare.EVENTS)),
+    "bare, beside others": Candidate(f"the bare node beside two processes that take {100.0 * bare.SHARE:.1f} % of a "
+                                     "processor, in the pieces and with the priorities of recorder and scene",
+                                     partial(start_bare, bare.BESIDE)),
     "bare, single-threaded": Candidate("the same with rclpy's SingleThreadedExecutor",
                                        partial(start_bare, bare.SINGLE)),
     "bare, bytes": Candidate("the bare node with bytes in and prepared bytes out: the least that rclpy can take",

@@ -23,7 +23,7 @@ from tests import ROOT
 MS = 1_000_000
 SHORT = """
 from benchmarks.latency.__main__ import CANDIDATES, main
-for name in ("this node, both", "bare, bytes", "bare, single-threaded"):  # they are the others with another argument
+for name in ("this node, both", "bare, bytes", "bare, single-threaded"):  # as others, with another argument
     del CANDIDATES[name]
 main()
 """
@@ -92,7 +92,7 @@ def test_a_short_run(tmp_path: Path) -> None:
     assert sorted(path.name for path in tmp_path.iterdir()) == ["latency.csv", "latency.md"]
     with (tmp_path / "latency.csv").open(encoding="utf-8", newline="") as file:
         rows = list(csv.DictReader(file))
-    assert [row["candidate"] for row in rows] == ["this node", "bare"]
+    assert [row["candidate"] for row in rows] == ["this node", "bare", "bare, beside others"]
     for row in rows:
         assert (row["published"], row["lost"]) == ("200", "0")
         times = [float(row[name]) for name in ("median_ms", "p99_ms", "p999_ms", "max_ms")]
