@@ -1,6 +1,7 @@
 """Mistakes of newcomers, through every command that takes their numbers: refused, or told with the likely cause.
 
-What is right is not warned about. tests/ros/test_streams.py walks through the live node.
+What is right is not warned about. tests/ros/test_streams.py walks through the live node, and
+tests/lab/profiles/test_refusals.py has those with surfaces.
 """
 
 from __future__ import annotations
@@ -8,7 +9,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -16,7 +16,6 @@ import pytest
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.gait_bag import Gait, Signal, write_bag
 from tests.lab.opensim.storages import write_model, write_storage
-from tests.lab.profiles.meshes import TWO_RADII, femoral_curve, saved, swept, tibial_curve
 from tests.lab.trials import write_csv
 from tests.model.test_inputs import Columns, gait
 
@@ -151,27 +150,3 @@ def test_what_is_right_is_not_warned_about(
     monkeypatch.chdir(tmp_path)
     assert main(way(tmp_path, *gait())) == 0
     assert capsys.readouterr().err == ""
-
-
-SURFACES: dict[str, tuple[Callable[..., Any], str, str]] = {
-    "mm for m": (lambda p: 1e3 * p, "", "likely it is in mm"),
-    "cm for mm": (lambda p: 1e2 * p, "--unit=mm", "largest extent"),
-    "LPS for RAS": (lambda p: p[:, [2, 0, 1]] * [-1.0, -1.0, 1.0], "--axes=y,z,x", "z = 8.0 to 28.0 mm; or see --axes"),
-    "upside down": (lambda p: p * [1.0, -1.0, 1.0], "", "looks up"),
-    "the other bone": (lambda p: p, "--side=tibia", "--side femur"),
-    "a tibia upside down": (lambda _p: swept(tibial_curve())[0] * [1.0, -1.0, 1.0], "--side=tibia", "upside down"),
-}
-
-
-@pytest.mark.parametrize("name", SURFACES)
-def test_a_surface_that_is_no_knees_is_refused(
-    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    pytest.importorskip("trimesh", reason="needs the extra mesh")
-    monkeypatch.chdir(tmp_path)
-    change, option, words = SURFACES[name]
-    tibia = "tibia" in name
-    points, triangles = swept(tibial_curve()) if tibia else swept(femoral_curve(TWO_RADII))
-    saved(Path("a.stl"), (change(points), triangles))
-    assert main(["fit-profile", "a.stl", "--slice=-18", "--output=a.csv", *filter(None, [option])]) == 2
-    assert re.search(words, capsys.readouterr().err)

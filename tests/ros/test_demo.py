@@ -18,7 +18,6 @@ from knee_contact_ros.commands.main import main
 from knee_contact_ros.offline.solve import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.topics import LOAD_ESTIMATE, MESSAGE_TYPES, RECORDED
-from knee_contact_ros.system.files import share_folder
 from knee_contact_ros.view.output import SCREENS
 from tests.helpers.needs import HAS_PICTURE, HAS_VIEWER, needs_viewer
 from tests.helpers.processes import internet_sockets
@@ -28,25 +27,13 @@ from tests.ros.conftest import own_words
 
 COMMAND = [sys.executable, "-m", "knee_contact_ros.commands.main"]
 LOADS = Path("load_recording") / "load_recording_0.mcap"
-RIGHT = share_folder() / "bags" / "gait2354_right"
 TIMEOUT = 400  # two nodes on a new machine compile first
-Said = pytest.CaptureFixture[str]
 
 
 def run(*arguments: str | Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
         [*COMMAND, *map(str, arguments)], capture_output=True, text=True, timeout=TIMEOUT, check=False
     )
-
-
-def told_of_bad_input(arguments: Sequence[str | Path], said: Said) -> str:
-    """The only line of a command that is refused; nothing of it starts, so it may run in this process."""
-    said.readouterr()
-    assert main(list(map(str, arguments))) == 2
-    printed, errors = said.readouterr()
-    assert printed == ""
-    assert len(errors.splitlines()) == 1, errors
-    return str(errors)
 
 
 def recorded(path: Path, topics: Sequence[str] = RECORDED) -> list[tuple[str, int, str]]:
@@ -180,30 +167,6 @@ def test_replay_says_when_nobody_listens(right_bag: Path) -> None:
     done = run("replay", right_bag, "--rate", "20", "--wait", "0.1")
     assert done.returncode == 0
     assert "not every topic has a subscriber after 0.1 s" in done.stderr
-
-
-@pytest.mark.parametrize(
-    ("arguments", "words"),
-    [
-        (["demo", "--bag", "nowhere"], "no bag at nowhere"),
-        (["demo", "--params", "nowhere.yaml"], "nowhere.yaml: cannot read the parameter file"),
-        (["demo", "--rate", "0"], "0.01<=x<=100"),
-        (["demo", "--from-sensors", "--bag", str(RIGHT)], "has no topic /ground_reaction_force"),
-        (["demo", "--from-sensors", "--params", "load/gait2354"], "no parameters for node knee_contact"),
-        (["demo", "--load-params", "load/insole"], "--load-params is for --from-sensors"),
-        (["replay", "nowhere"], "no bag at nowhere"),
-        (["solve", "nowhere", "--output", "x.mcap"], "no bag at nowhere"),
-        (["solve", "nowhere"], "Missing option '--output'"),
-        (["replay"], "Missing argument 'BAG'"),
-        (["walk"], "No such command 'walk'"),
-    ],
-)
-def test_bad_input_is_told_in_one_line(
-    arguments: list[str], words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: Said
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    assert words in told_of_bad_input(arguments, capfd)
-    assert list(tmp_path.iterdir()) == []
 
 
 @needs_viewer

@@ -17,12 +17,12 @@ from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
 
 from knee_contact_ros.bags.reader import INPUT_TYPES, RawMessage
+from knee_contact_ros.commands.main import main
 from knee_contact_ros.streams.topics import NANOSECONDS, stamp_to_ns
 from tests.helpers.bags import write_rosbag2
 from tests.helpers.messages import raw_inputs
 from tests.helpers.terminals import Terminal
 from tests.ros.conftest import PATIENCE, Peer, own_words
-from tests.ros.test_demo import Said, told_of_bad_input
 
 COMMAND = [sys.executable, "-m", "knee_contact_ros.commands.main", "replay"]
 ANGLE, FORCE = INPUT_TYPES
@@ -182,6 +182,9 @@ def test_keys_step_pause_and_go_on(ear: Ear, right_bag: Path, gait: list[RawMess
     ],
 )
 def test_what_cannot_be_played_is_told_in_one_line(
-    arguments: list[str], words: str, right_bag: Path, capfd: Said
+    arguments: list[str], words: str, right_bag: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    assert words in told_of_bad_input(["replay", right_bag, *arguments], capfd)
+    assert main(["replay", str(right_bag), *arguments]) == 2
+    printed, errors = capfd.readouterr()
+    assert words in errors
+    assert (printed, len(errors.splitlines())) == ("", 1)

@@ -28,6 +28,7 @@ FEMUR, BONE, TIBIA = swept(femoral_curve()), swept(femoral_curve(), inwards=0.00
 SMALL = ((0.0065, -45.0, 150.0),)
 GROWING = ((0.020, -60.0, 40.0), (0.030, 40.0, 150.0))
 LARGE = swept(femoral_curve(TWO_RADII), larger=1.6)
+KNEE, FACES = swept(femoral_curve(TWO_RADII))
 SCANNER = FEMUR[0][:, [2, 0, 1]]
 """The femur's points in a scanner's axes: x right, y anterior, z superior"""
 HOLLOW = 0.008 * np.exp(-(np.linspace(-9.0, 9.0, len(femoral_curve()[0])) ** 2))[:, None] * femoral_curve()[1]
@@ -114,6 +115,13 @@ CASES = {
     "bone outside": ("a.stl", mesh(BONE, bone=FEMUR), ["--bone", "bone.stl"], "is not behind the cartilage"),
     "bone elsewhere": ("a.stl", mesh(bone=(FEMUR[0] + [0.0, 0.0, 0.05], FEMUR[1])), ["--bone", "bone.stl"],
                        "misses --bone"),
+    "mm for m": ("a.stl", mesh((1e3 * KNEE, FACES)), [], "likely it is in mm"),
+    "cm for mm": ("a.stl", mesh((1e2 * KNEE, FACES)), ["--unit=mm"], "largest extent"),
+    "LPS for RAS": ("a.stl", mesh((KNEE[:, [2, 0, 1]] * [-1.0, -1.0, 1.0], FACES)), ["--axes=y,z,x"],
+                    "z = 8.0 to 28.0 mm; or see --axes"),
+    "upside down": ("a.stl", mesh((KNEE * [1.0, -1.0, 1.0], FACES)), [], "looks up"),
+    "femur as tibia": ("a.stl", mesh((KNEE, FACES)), ["--side=tibia"], "--side femur"),
+    "a tibia upside down": ("a.stl", mesh((TIBIA[0] * [1.0, -1.0, 1.0], TIBIA[1])), ["--side=tibia"], "upside down"),
     "origin": ("a.stl", mesh(), ["--origin", "here"], "--origin here: it must be mesh or X,Y in mm"),
     "no suffix": ("a.stl", mesh(), ["--output", "b.stl"], "must end with .csv"),
 }  # fmt: skip
