@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view
 from numpy.typing import ArrayLike
 
 from knee_contact_ros.model.compiler import in_kernel, inlined
@@ -52,14 +53,16 @@ MOST_STEPS, MOST_HALVES = 40, 80
 """Largest numbers of Newton steps and of halvings"""
 FAR = 1.0
 """Height [m] beyond which no contact is searched: only a diverged iterate gets there"""
-GRID, LEANS, FINE, PARTS = 2048, 61, 16384, 8
-"""Numbers of places of the envelopes, of slopes of the tibia, of its points, and of points in a femoral segment"""
-ARC_POINTS, BALLS, SAFE = 1201, 6, 0.9
+STEP, PARTS = 5e-5, 8
+"""Distance of the envelopes' and the tibia's points [m]; number of points in a femoral segment"""
+ARC_POINTS, BALLS, SAFE = 1201, 6, 0.8
 """Number of points of a cup's spline; of balls in a tibial piece, and part of their radii that is safe"""
 TAILS: Floats = np.geomspace(1e-4, 0.1, 20)
 """Places [m] beyond the measured tibia against which balls are checked"""
-LAST_STEP, LONGEST, FINEST = 1e-7, 1e-3, 1e-14
-"""Newton's step [m] after which the error is a rounding error; largest step [m]; where halving ends [m]"""
+LAST_STEP, LAST_BUMPY, FINEST = 5e-7, 1e-7, 1e-14
+"""Newton's step [m] after which the error is a rounding error, and that of bumpy surfaces; where halving ends [m]"""
+LONGEST, SHORT, PER_DISTANCE = 1e-3, 1e-4, 0.05
+"""Largest step [m] of surfaces in contact; of bumpy ones, so that it leads to no other bump; and more, of a distance"""
 NO_TABLE = Table(NOTHING, NOWHERE, NOTHING, NOTHING, NOTHING[0, :0])
 OUTLINE_POINTS = 201
 """Number of points of an outline, besides the measured ones"""
@@ -182,6 +185,7 @@ def common_normal(
     while row < rows - 1 and height < heights[column, row + 1]:
         row += 1
     inner = SHRUNK * surfaces.femoral_radius
+    shortest, last_step = (SHORT, LAST_BUMPY) if surfaces.non_convex > 0.0 else (LONGEST, LAST_STEP)
     best, extent, turning, normal_x, normal_y = -math.inf, 0.0, 0.0, 0.0, 1.0
     cell = column * rows + row
     for k in range(int(surfaces.begins[cell]), int(surfaces.begins[cell + 1])):
@@ -207,14 +211,15 @@ def common_normal(
             room = room if least else square
             along = bend * px1 / room
             fall, curved = py1 - slope * px1 - along * aside, py2 - slope * px2 - along * aside_u
-            step = -fall / curved if abs(fall) < LONGEST * curved else -math.copysign(LONGEST, fall)
+            longest = shortest + abs(dy) * PER_DISTANCE
+            step = -fall / curved if abs(fall) < longest * curved else -math.copysign(longest, fall)
             i, u, beyond = carried_on(cubics, i, u + step)
             step -= beyond
-            step_place = max(min((aside + aside_u * step) / room, LONGEST), -LONGEST)
+            step_place = max(min((aside + aside_u * step) / room, longest), -longest)
             place += step_place
             j = piece_at(tibia, j, place)
             steps += 1
-            found = abs(step) + abs(step_place) < LAST_STEP and least and (curved > 0.0 or beyond != 0.0)
+            found = abs(step) + abs(step_place) < last_step and least and (curved > 0.0 or beyond != 0.0)
         if depth > best:
             best, normal_x, normal_y = depth, -slope / norm, 1.0 / norm
             extent, turning = -(px * normal_x + py * normal_y), normal_x * py - normal_y * px
@@ -552,7 +557,8 @@ def _starts(femur: Circle | Profile, tibia: Floats, mechanism: Mechanism) -> Tab
 
     The femur has a gap g where it touches the upper envelope of balls of radius g about the tibia's points, and a depth
     d where it touches the lower envelope. A corner of the table has an angle and a depth. There, the femoral points
-    that may be deepest are those with the smallest vertical clearance above the envelope.
+    that may be deepest are those with the smallest vertical clearance above the envelope, each with all tibial points
+    that may be nearest.
     """
     turns, cubics = isinstance(femur, Profile), femur.cubics
     parts, inner = (1, SHRUNK * femur.radius) if isinstance(femur, Circle) else (PARTS, 0.0)
@@ -565,31 +571,44 @@ def _starts(femur: Circle | Profile, tibia: Floats, mechanism: Mechanism) -> Tab
     sine, cosine = (np.sin(angles)[:, None], np.cos(angles)[:, None]) if turns else (0.0, 1.0)
     x = np.array([mechanism.translation(angle)[0] for angle in angles.tolist()])[:, None] + cosine * px - sine * py
     y = sine * px + cosine * py + np.zeros_like(x)
-    place, lean = np.linspace(x.min(), x.max(), GRID), np.linspace(-STEEPEST, STEEPEST, LEANS)[:, None]
-    fine = np.linspace(place[0] - 0.05, place[-1] + 0.05, FINE)
-    rise = _rise(tibia, fine)
+    place = np.arange(x.min(), x.max() + STEP, STEP)
     found, heights = [], np.empty((len(angles), len(LEVELS)))
     for level, depth in enumerate((LEVELS - inner).tolist()):
-        # Feet of balls that touch the femur at `place`, and the highest or lowest of their tops; exact to third order
-        sign, feet = -1.0 if depth > 0.0 else 1.0, place + depth * np.sin(lean)
-        tops = sign * (np.interp(feet, fine, rise) - depth * np.cos(lean))
-        best = np.clip(tops.argmax(axis=0), 1, LEANS - 2)
-        before, at, behind = (tops[best + k, np.arange(GRID)] for k in (-1, 0, 1))
+        # Balls whose feet are on the tibia, and which touch the femur at `place`: their highest or lowest tops
+        sign, reach = -1.0 if depth > 0.0 else 1.0, math.ceil(abs(depth) * math.sin(STEEPEST) / STEP) + 1
+        offset = STEP * np.arange(-reach, reach + 1)
+        ball = np.where(abs(offset) <= abs(depth), np.sqrt(np.maximum(depth * depth - offset**2, 0.0)), -FAR)
+        rise = _rise(tibia, place[0] + STEP * np.arange(-reach, len(place) + reach))
+        tops = sliding_window_view(sign * rise, len(offset)) + ball
+        best = np.clip(tops.argmax(axis=1), 1, 2 * reach - 1)
+        before, at, behind = (tops[np.arange(len(place)), best + k] for k in (-1, 0, 1))
         bend = np.maximum(2.0 * at - before - behind, 1e-12)
-        envelope, foot = sign * (at + (behind - before) ** 2 / (8.0 * bend)), feet[best, np.arange(GRID)]
+        envelope = sign * (at + (behind - before) ** 2 / (8.0 * bend))  # a parabola's
         clear = y - np.interp(x, place, envelope)
-        lowest = clear.argmin(axis=1)[:, None]
-        least = np.take_along_axis(clear, lowest, 1)
-        heights[:, level] = -least[:, 0]
+        lowest = clear.argmin(axis=1)
+        least = clear[np.arange(len(angles)), lowest]
+        heights[:, level] = -least
         edge = np.full((len(angles), 1), math.inf)
         dips = (clear <= np.hstack([edge, clear[:, :-1]])) & (clear < np.hstack([clear[:, 1:], edge]))
         columns, points = np.nonzero(dips)
-        feet, nearest_foot = (np.interp(x[columns, at], place, foot) for at in (points, lowest[columns, 0]))
-        away = np.hypot(px[points] - px[lowest[columns, 0]], py[points] - py[lowest[columns, 0]])
-        room = SLACK * (away + np.abs(feet - nearest_foot)) + SLACK_OF_ALL
-        kept = clear[columns, points] - least[columns, 0] <= room
-        corners = np.stack([columns, np.full(len(columns), level), points, feet])
-        found.append(corners[:, kept])
+        deepest = lowest[columns]
+        touched, other = (((x[columns, one] - place[0]) / STEP + 0.5).astype(int) for one in (points, deepest))
+        away = np.hypot(px[points] - px[deepest], py[points] - py[deepest])
+        higher, shift = clear[columns, points] - least[columns], place[touched] - place[other] - offset[best[other]]
+        kept = higher <= SLACK * (away + abs(shift + offset[best[touched]])) + SLACK_OF_ALL
+        columns, points, touched, away, higher, shift = (
+            one[kept] for one in (columns, points, touched, away, higher, shift)
+        )
+        which, foot = np.arange(len(points)), best[touched]
+        if depth < 0.0:  # apart, other tops of the tibia may become the nearest ones to the same femoral point
+            near = tops[touched]
+            which, foot = np.nonzero((near[:, 1:-1] > near[:, :-2]) & (near[:, 1:-1] >= near[:, 2:]))
+            foot += 1
+        lower = at[touched[which]] - tops[touched[which], foot]
+        kept = higher[which] + lower <= SLACK * (away[which] + abs(shift[which] + offset[foot])) + SLACK_OF_ALL
+        which, foot = which[kept], foot[kept]
+        feet = place[touched[which]] + offset[foot]
+        found.append(np.stack([columns[which], np.full(len(which), level), points[which], feet]))
     return _cells(np.concatenate(found, axis=1), heights, cubics, tibia, parts)
 
 

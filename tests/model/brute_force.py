@@ -56,8 +56,8 @@ def on_plateau(x: Points, y: Points, reach: float = 0.12) -> Distance:
         return spline(inside) + spline(inside, 1) * (place - inside)
 
     points, piece = np.stack([dense, height(dense)], axis=1), np.searchsorted(x, dense)
-    # Two points may be equally near: also the nearest ones of every other and of every third piece are refined
-    groups = [np.ones(len(dense), bool), *(piece % 2 == k for k in range(2)), *(piece % 3 == k for k in range(3))]
+    # Two points may be equally near: also the nearest ones of every other, third and fifth piece are refined
+    groups = [np.ones(len(dense), bool), *(piece % number == k for number in (2, 3, 5) for k in range(number))]
     trees = [(cKDTree(points[group]), dense[group]) for group in groups]
 
     def distance(points: Points, exact: bool = True) -> tuple[Points, Points]:
