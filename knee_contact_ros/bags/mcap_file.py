@@ -13,6 +13,7 @@ import zlib
 from bisect import bisect_right
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
+from functools import lru_cache
 from io import BytesIO
 from itertools import groupby, islice
 from operator import attrgetter
@@ -490,6 +491,7 @@ LENGTH = struct.Struct("<xQ")
 """Head of a record: length [B] of its content, after the opcode"""
 
 
+@lru_cache(maxsize=64)  # thousands of channels may share a schema of a megabyte
 def definition_of(encoding: str, text: bytes) -> MessageDefinition:
     """Definition of a type from the encoding and the text of its schema."""
     data = text.decode("utf-8", "replace")

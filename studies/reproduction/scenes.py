@@ -64,7 +64,7 @@ def parameters(*files: str) -> Parameters:
 @cache
 def model(*files: str, changes: Changes = ()) -> KneeModel:
     """Compiled model of some parameter files with changes."""
-    asked = load_parameters({**parameters(*files).model_dump(), "fidelity.tolerance": TOLERANCE, **dict(changes)})
+    asked = load_parameters([parameters(*files), {"fidelity.tolerance": TOLERANCE, **dict(changes)}])
     return load_model(asked, compiled=True)
 
 

@@ -211,7 +211,7 @@ def test_a_folder_of_others_a_foreign_table_and_a_damaged_one(right_bag: Path, a
 def keys_of(bag: Path, **content: Any) -> list[str]:
     """The keys of all cases."""
     asked = study(bag, **content)
-    return [key for group in groups_of(asked) for key, _ in group.keyed(asked.variants())]
+    return [group.key(values) for group in groups_of(asked) for values in asked.variants()]
 
 
 def test_what_a_knee_is_and_no_name_or_spelling_makes_the_key(right_bag: Path, config: Path, tmp_path: Path) -> None:
