@@ -24,6 +24,8 @@ INFORMATION = "[INFO]"
 """Mark of ROS log lines that report nothing wrong"""
 LAST_WORDS = 5.0
 """Longest time [s] that a process may take to end once its socket is closed"""
+ROOM = 1 << 18
+"""Requested memory [B] of a socket, of which Linux gives what it allows: a process that is busy gets it all the same"""
 RUN_MODULE = (
     "import sys; sys.path[:] = filter(None, sys.path); del sys.argv[0]; "
     "import runpy; runpy.run_module(sys.argv[0], run_name='__main__', alter_sys=True)"
@@ -120,6 +122,7 @@ def connected(module: str, *arguments: str) -> tuple[Connection, Process]:
     """
     ours, theirs = socket.socketpair()
     with ours, theirs:
+        ours.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, ROOM)
         options = python_module(module, str(theirs.fileno()), *arguments)
         process = start(output=None, pass_fds=[theirs.fileno()], **OWN_GROUP, **options)
         return Connection(ours.detach()), process

@@ -60,6 +60,13 @@ def on_plateau(x: Points, y: Points, reach: float = 0.12) -> Distance:
     groups = [np.ones(len(dense), bool), *(piece % number == k for number in (2, 3, 5) for k in range(number))]
     trees = [(cKDTree(points[group]), dense[group]) for group in groups]
 
+    def zoomed(points: Points, place: Points) -> Points:
+        for width in DENSE * (1.5 / ZOOM) ** np.arange(ROUNDS):
+            near = place[:, None] + np.linspace(-width, width, 2 * ZOOM + 1)
+            at = np.hypot(near - points[:, :1], height(near) - points[:, 1:]).argmin(axis=1)
+            place = near[np.arange(len(place)), at]
+        return place
+
     def distance(points: Points, exact: bool = True) -> tuple[Points, Points]:
         best, best_foot = np.full(len(points), np.inf), np.zeros_like(points)
         for tree, places in trees if exact else trees[:1]:
@@ -70,6 +77,8 @@ def on_plateau(x: Points, y: Points, reach: float = 0.12) -> Distance:
                 room = 1.0 + slope**2 - dy * height(place, 2)
                 step = (points[:, 0] - place + slope * dy) / np.where(room > 0.0, room, 1.0)
                 place = np.clip(place + step, start - DENSE, start + DENSE)
+            stuck = exact & (np.abs(step) > 1e-10)  # near a centre of curvature Newton's method does not settle
+            place[stuck] = zoomed(points[stuck], start[stuck])
             foot = np.stack([place, height(place)], axis=1)
             away = np.hypot(*(points - foot).T)
             best_foot[away < best] = foot[away < best]
