@@ -226,7 +226,7 @@ def draw_peak(recording: Path, model: KneeModel, parameters: Parameters, picture
     require("report", "matplotlib")
     answers = read_answers(recording)
     what = "contact_force" if model.height_prescribed else "load"
-    peak = answers[int(answers[what].argmax())]
+    peak = answers[int(np.nan_to_num(answers[what], nan=-np.inf).argmax())]  # a doubtful load may have no number
     which = f"{MEDIAL} compartment, " if has_both(parameters) else ""
     when = stamp_text(int(peak["stamp"]), begin_of(int(answers["stamp"][0])))
     title = f"{which}largest {what.replace('_', ' ')}, at {when} s"

@@ -17,6 +17,7 @@ from tests.offline.test_solve import make_bag, silent
 
 pytest.importorskip("rclpy", reason="the demo needs ROS")
 
+from knee_contact_ros.commands import demo
 from knee_contact_ros.commands.demo import draw_peak
 
 
@@ -58,6 +59,18 @@ def test_it_says_what_is_largest_and_when(
 ) -> None:
     rows = [(begin + i * 5_000_000, 0.1, 800.0 + step * i) for i in range(20)]
     assert drawn(make_bag(tmp_path / "in.mcap", rows, heights=heights), parameters, tmp_path) == words
+
+
+def test_an_answer_without_a_number_is_not_the_largest(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    bag = make_bag(tmp_path / "in.mcap", [(i * 5_000_000, 0.1, 800.0 + i) for i in range(20)])
+
+    def holed(recording: Path) -> np.ndarray:
+        answers = read_answers(recording).copy()
+        answers["load"][[0, 19]] = np.nan
+        return answers
+
+    monkeypatch.setattr(demo, "read_answers", holed)
+    assert drawn(bag, {}, tmp_path) == "largest load, at 0.090 s"
 
 
 def test_of_both_compartments_the_picture_says_which(right_bag: Path, tmp_path: Path) -> None:
