@@ -237,7 +237,8 @@ def test_what_is_shown_is_the_answer(peer: Peer, start_node: Start) -> None:
     peer.node.create_subscription(MarkerArray, KNEE_CONTACT_MARKERS, pictures.append, 10)
     number = 0
     while len({marker.action for picture in pictures for marker in picture.markers[-1:]}) < 2 and number < 200:
-        peer.send(number * APART, 0.02 * (number % 50), 450.0 * (number % 3))
+        load = 450.0 * (number // 4 % 2)  # when it ends, the contact needs longer than a tick to lose its force
+        peer.send(number * APART, 0.02 * (number % 50), load)
         number += 1
         peer.wait_until(lambda: len(peer.contacts) == number)  # noqa: B023
         peer.spin(0.06)
