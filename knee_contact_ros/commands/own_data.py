@@ -98,7 +98,7 @@ def import_opensim(**options: Any) -> None:
     clear, it says which option decides. The reaction must act on the tibia and be expressed in its frame. A left knee
     is mirrored to a right one.
     """
-    from knee_contact_ros.lab.opensim.command import import_opensim as import_all
+    from knee_contact_ros.lab.opensim import import_opensim as import_all
 
     import_all(**options)
 

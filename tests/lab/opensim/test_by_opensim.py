@@ -12,8 +12,7 @@ from scipy.spatial.transform import Rotation
 from knee_contact_ros.bags.reader import INPUT_TYPES, read_bag
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.joint_reaction.estimator import Estimate
-from knee_contact_ros.lab.opensim import child
-from knee_contact_ros.lab.opensim.command import Files, read_knee
+from knee_contact_ros.lab.opensim import Files, child, read_knee
 from knee_contact_ros.lab.opensim.results import AXES, Settings
 from knee_contact_ros.lab.opensim.run import Setup, dynamics_setup, read_setup, run_python
 from knee_contact_ros.lab.tables import read_storage

@@ -11,7 +11,7 @@ import pytest
 
 from knee_contact_ros.lab.checks import sign_of, unit_of
 from knee_contact_ros.lab.gait_bag import Gait
-from knee_contact_ros.lab.opensim.command import Files, read_knee
+from knee_contact_ros.lab.opensim import Files, read_knee
 from knee_contact_ros.lab.opensim.results import Settings, angle_column, find_reactions
 from knee_contact_ros.lab.tables import Table, read_storage
 from knee_contact_ros.system.errors import UsageError
