@@ -185,7 +185,8 @@ def test_splines_through_an_ellipse_converge_at_fourth_order() -> None:
         h = math.hypot(a * math.sin(angle), b * math.cos(angle))
         return h, (a * a - b * b) * math.sin(angle) * math.cos(angle) / h
 
-    errors = [max(abs(ellipse(n).support(t)[0] - exact(t)[0]) for t in angles) for n in (40, 80, 160)]
+    splines = [ellipse(n) for n in (40, 80, 160)]
+    errors = [max(abs(spline.support(t)[0] - exact(t)[0]) for t in angles) for spline in splines]
     assert min(math.log2(coarse / fine) for coarse, fine in itertools.pairwise(errors)) > 3.7
     assert errors[-1] < 1e-9
     smooth, fine = ContactPair(SmoothFemur(closed_form=exact), Plane(), hinge()), ellipse(320)
