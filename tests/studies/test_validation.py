@@ -24,6 +24,7 @@ from studies.validation.split import CALLED, other_person, shipped
 from studies.validation.split import missed as missed_by
 from studies.validation.total import DEFAULT, FREE, OTHER_PERSON, Estimate, estimates, fitted
 
+pytestmark = pytest.mark.xdist_group("validation")  # its estimates are made once
 PAGE = ROOT / "docs" / "explanation" / "validation.md"
 WORDS = 1500
 
