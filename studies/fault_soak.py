@@ -62,7 +62,8 @@ TEXT = """\
 The real node (`healthy.yaml`, recording to MCAP, drawing to a Rerun file, `pairing.wait` 7 s) at 1 kHz beside one busy
 process. Every 10 000 samples something goes wrong, drawn at random from the streams' part of the table in
 [faults](../reference/faults.md), or its recorder or viewer stands still for two seconds. Lost: good samples without an
-answer. Flagged: answers between a fault and the next one whose status is not 0.
+answer, as where a node is more than a second late on a busy machine: its subscriptions hold 1000 samples. Flagged:
+answers between a fault and the next one whose status is not 0.
 
 At the end the recording is computed again from itself, and the bytes of its `knee_contact` messages are compared, but
 for those from a force that was answered without its angle to the next start from rest (what was not there in time live
