@@ -12,7 +12,7 @@ from pathlib import Path
 import click
 
 from knee_contact_ros import __version__
-from knee_contact_ros.commands import live, offline, own_data, studies
+from knee_contact_ros.commands import lab, live, offline
 from knee_contact_ros.system.errors import IncompleteError, UsageError, printable
 
 INTERRUPTED = 130
@@ -20,13 +20,12 @@ LAST_STANDARD_STREAM = 2
 
 
 GROUPS = {
-    "See it": (live.demo, offline.view, studies.report, offline.table),
+    "See it": (live.demo, offline.view, lab.report, offline.table),
     "Compute": (live.node, live.load, live.replay, offline.solve, offline.estimate_load, offline.recover, offline.warm),
     "Bring your own data": (
-        own_data.import_opensim, own_data.import_csv, own_data.align, own_data.fit_profile, own_data.fit_share,
-        own_data.calibrate,
+        lab.import_opensim, lab.import_csv, lab.align, lab.fit_profile, lab.fit_share, lab.calibrate,
     ),
-    "Study": (studies.sweep, studies.sensitivity, studies.trade),
+    "Study": (lab.sweep, lab.sensitivity, lab.trade),
 }  # fmt: skip
 """Commands by what they are for, as the help shows them"""
 

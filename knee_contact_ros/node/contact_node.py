@@ -12,95 +12,48 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from contextlib import AbstractContextManager
 from importlib.util import find_spec
 from typing import Any
 
 import numpy as np
 from geometry_msgs.msg import WrenchStamped
+from numpy.typing import NDArray
 from rclpy.lifecycle import LifecycleNode
 from sensor_msgs.msg import JointState
 from visualization_msgs.msg import MarkerArray
 
 from knee_contact_ros.bags.provenance import provenance_record
 from knee_contact_ros.model.compiler import COMPILING, kept_files
-from knee_contact_ros.model.types import ROW, reader
+from knee_contact_ros.model.types import ROW, ContactState, reader
 from knee_contact_ros.msg import KneeContact
 from knee_contact_ros.node.diagnostics import ContactHealth
 from knee_contact_ros.node.inputs import HandedInputs
-from knee_contact_ros.node.markers import MARKER_DEPTH, MARKER_PERIOD, KneeMarkers, MarkerTopic
 from knee_contact_ros.node.parameters import NodeKind
 from knee_contact_ros.node.session import OUTPUT_DEPTH, Session
 from knee_contact_ros.parameters.files import curve_texts
 from knee_contact_ros.parameters.schema import LATERAL, Parameters, has_both
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.messages import JointState as StrideNumbers
-from knee_contact_ros.streams.messages import encode_joint_state
+from knee_contact_ros.streams.messages import check_stamp, encode_joint_state
 from knee_contact_ros.streams.output import Knee
-from knee_contact_ros.streams.pairing import PairedSample
+from knee_contact_ros.streams.pairing import LoadSample, PairedSample
 from knee_contact_ros.streams.strides import CERTAIN, Stride, Strides
 from knee_contact_ros.streams.topics import (
     KNEE_CONTACT,
     KNEE_CONTACT_MARKERS,
     KNEE_CONTACT_STRIDE,
     KNEE_CONTACT_WRENCH,
+    NANOSECONDS,
     knee_name,
     recorded_topics,
+    typestore,
 )
 from knee_contact_ros.system.processes import OWN_GROUP, python_module, start
-from knee_contact_ros.view.anatomy import compartments_of, drawings_of
+from knee_contact_ros.view import colours
+from knee_contact_ros.view.anatomy import NEWTONS_PER_MM, KneeOutlines, compartments_of, drawings_of
 from knee_contact_ros.view.output import address
-
-STRIDE_PERIOD = 0.05
-"""Time [s] between two looks for strides"""
-
-
-class StrideTopic:
-    """Publishes the strides between ticks, while somebody listens; without a listener a tick costs nothing more."""
-
-    def __init__(self, publisher: Any, body_weight: float) -> None:
-        """Publish with the publisher of a JointState the strides of a person with this body weight [N]."""
-        self.rows: list[bytes] | None = None
-        """Rows of the answers since the last look; None while nobody listens"""
-        self.frame_id = ""
-        self._publisher, self._body_weight = publisher, body_weight
-
-    def publish(self) -> None:
-        """Publish the strides that have become certain."""
-        if not self._publisher.get_subscription_count():
-            self.rows = None
-        elif self.rows is None:
-            self.rows, self._strides = [], Strides(self._body_weight)
-        elif self.rows:
-            rows = np.frombuffer(b"".join([row[: ROW.itemsize] for row in self.rows]), ROW)
-            self.rows = []
-            for stride in self._strides.add(rows):
-                self._publisher.publish(encode_stride(stride, self.frame_id, int(rows["stamp"][-1])))
-
-
-STRIDE_NUMBERS = (
-    "peak_force", "peak_depth", "impulse", "stance_impulse", "loading_rate", "stance_time", "stride_time", "phase",
-    "usable",
-)  # fmt: skip
-"""Names of the numbers of a stride's message"""
-
-
-def encode_stride(stride: Stride, frame_id: str, now: int) -> bytes:
-    """Bytes of the message of a stride: a JointState with a number for each of `STRIDE_NUMBERS`.
-
-    Its stamp is the heel strike that ends the stride. `phase` is that of the answer at the stamp `now` [ns] in the
-    stride that follows, if this lasts as long; NaN if stamps have jumped since.
-    """
-    span = stride.span
-    since = now - span.end if 0 <= now - span.end <= CERTAIN else math.nan
-    numbers = (
-        stride.peak_force, stride.peak_depth, stride.impulse, stride.stance_impulse, stride.loading_rate,
-        1e-9 * (span.toe_off - span.start), span.duration, since / (span.end - span.start),
-        float(stride.usable),
-    )  # fmt: skip
-    return encode_joint_state(StrideNumbers(span.end, frame_id, STRIDE_NUMBERS, numbers, (), ()))
-
 
 COUNTED = reader("fidelity", "status")
 """Reader of the fields of an answer's rows that the health of the node depends on"""
@@ -237,3 +190,174 @@ class ContactSession(Session):
 
 
 CONTACT_NODE = NodeKind(Parameters, LIVE, ContactSession)
+
+
+STRIDE_PERIOD = 0.05
+"""Time [s] between two looks for strides"""
+
+
+class StrideTopic:
+    """Publishes the strides between ticks, while somebody listens; without a listener a tick costs nothing more."""
+
+    def __init__(self, publisher: Any, body_weight: float) -> None:
+        """Publish with the publisher of a JointState the strides of a person with this body weight [N]."""
+        self.rows: list[bytes] | None = None
+        """Rows of the answers since the last look; None while nobody listens"""
+        self.frame_id = ""
+        self._publisher, self._body_weight = publisher, body_weight
+
+    def publish(self) -> None:
+        """Publish the strides that have become certain."""
+        if not self._publisher.get_subscription_count():
+            self.rows = None
+        elif self.rows is None:
+            self.rows, self._strides = [], Strides(self._body_weight)
+        elif self.rows:
+            rows = np.frombuffer(b"".join([row[: ROW.itemsize] for row in self.rows]), ROW)
+            self.rows = []
+            for stride in self._strides.add(rows):
+                self._publisher.publish(encode_stride(stride, self.frame_id, int(rows["stamp"][-1])))
+
+
+STRIDE_NUMBERS = (
+    "peak_force", "peak_depth", "impulse", "stance_impulse", "loading_rate", "stance_time", "stride_time", "phase",
+    "usable",
+)  # fmt: skip
+"""Names of the numbers of a stride's message"""
+
+
+def encode_stride(stride: Stride, frame_id: str, now: int) -> bytes:
+    """Bytes of the message of a stride: a JointState with a number for each of `STRIDE_NUMBERS`.
+
+    Its stamp is the heel strike that ends the stride. `phase` is that of the answer at the stamp `now` [ns] in the
+    stride that follows, if this lasts as long; NaN if stamps have jumped since.
+    """
+    span = stride.span
+    since = now - span.end if 0 <= now - span.end <= CERTAIN else math.nan
+    numbers = (
+        stride.peak_force, stride.peak_depth, stride.impulse, stride.stance_impulse, stride.loading_rate,
+        1e-9 * (span.toe_off - span.start), span.duration, since / (span.end - span.start),
+        float(stride.usable),
+    )  # fmt: skip
+    return encode_joint_state(StrideNumbers(span.end, frame_id, STRIDE_NUMBERS, numbers, (), ()))
+
+
+MARKER_ARRAY, MARKER = "visualization_msgs/msg/MarkerArray", "visualization_msgs/msg/Marker"
+LIFETIME = 1
+"""Time [s] for which a viewer shows a marker that is not sent again"""
+LENGTH = 1e-3 / NEWTONS_PER_MM
+"""Length of the arrow by its force [m/N]"""
+LINE, BALL, ARROW = (3e-4, 0.0, 0.0), (2e-3, 2e-3, 2e-3), (1e-3, 3e-3, 4e-3)
+"""Scales of the markers [m]: width of a line; diameters of a sphere; diameters of an arrow's shaft and head, and head
+length"""
+SHOWN = reader(
+    "flexion_angle", "contact_force", "contact_point_x", "contact_point_y", "contact_point_z", "femoral_height",
+    "contact_state", "femoral_x", "normal_x", "normal_y",
+)  # fmt: skip
+"""Reader of the fields of an answer's row that are drawn"""
+MARKER_PERIOD = 1.0 / 30.0
+"""Shortest time [s] from one message to the next"""
+MARKER_DEPTH = 1
+"""Number of messages that the publisher keeps: old pictures are useless"""
+
+
+class KneeMarkers:
+    """Makes markers for RViz: both surfaces in the tibia frame, the contact point and the force on the femur.
+
+    Their namespaces begin with the name of the knee or of the compartment. The model is planar, and so are the markers:
+    all lie at z = 0, or those of each compartment at the z of its contact. They are locked to their frame: a viewer
+    draws them where the frame is now, not where it was at the stamp.
+    """
+
+    def __init__(self, drawings: Sequence[KneeOutlines]) -> None:
+        """Make the message once; afterwards its moving parts are changed."""
+        self._types: Any = typestore().types
+        self._compartments = [self._markers_of(drawing) for drawing in drawings]
+        self._message: Any = self._types[MARKER_ARRAY](
+            markers=[marker for markers in self._compartments for marker in markers]
+        )
+        self.encode(0, "", bytes(len(drawings) * ROW.itemsize))  # the encoder is made at its first use
+
+    def encode(self, stamp: int, frame_id: str, rows: bytes) -> bytes:
+        """Return the bytes of the MarkerArray of an answer at `stamp` [ns]; `rows` has a row for each compartment.
+
+        Raises:
+            ValueError: a ROS message cannot hold the stamp.
+        """
+        check_stamp(stamp)
+        header = self._header(stamp, frame_id)
+        for marker in self._message.markers:
+            marker.header = header
+        for number, markers in enumerate(self._compartments):
+            self._move(markers, SHOWN.unpack_from(rows, number * ROW.itemsize))
+        return bytes(typestore().serialize_cdr(self._message, MARKER_ARRAY))
+
+    def _move(self, markers: Sequence[Any], values: tuple[Any, ...]) -> None:
+        """Move the markers of a compartment to where an answer has them."""
+        angle, force, x, y, z, height, state, femoral_x, normal_x, normal_y = values
+        tibia, femur, point, arrow = markers
+        tibia.pose, femur.pose = self._pose(0.0, 0.0, z), self._pose(femoral_x, height, z, angle)
+        point.pose, point.color = self._pose(x, y, z), self._colour(colours.OF_STATE[state])
+        length = LENGTH * force
+        arrow.points = self._points([(x, y), (x + length * normal_x, y + length * normal_y)], z)
+        arrow.action = arrow.ADD if force != 0.0 else arrow.DELETE
+
+    def _markers_of(self, drawing: KneeOutlines) -> list[Any]:
+        """Make the markers of a compartment, before they move: tibia, femur, contact point and force."""
+        kind, apart = self._types[MARKER], colours.OF_STATE[ContactState.SEPARATED]
+        tibia, femur = (self._points(line.tolist()) for line in (drawing.tibia, drawing.femur))
+        return [
+            self._marker(f"{drawing.knee}/tibia", kind.LINE_STRIP, LINE, colours.SURFACE, tibia),
+            self._marker(f"{drawing.knee}/femur", kind.LINE_STRIP, LINE, colours.SURFACE, femur),
+            self._marker(f"{drawing.knee}/contact_point", kind.SPHERE, BALL, apart, []),
+            self._marker(f"{drawing.knee}/contact_force_on_femur", kind.ARROW, ARROW, colours.FORCE, []),
+        ]
+
+    def _marker(self, name: str, shape: int, scale: Sequence[float], colour: Any, points: list[Any]) -> Any:
+        """Make a marker with its own frame at the origin, and points in that frame."""
+        of, nothing = self._types, np.zeros(0, np.uint8)
+        return of[MARKER](
+            header=self._header(0, ""), ns=name, id=0, type=shape, action=0, pose=self._pose(0.0, 0.0, 0.0),
+            scale=of["geometry_msgs/msg/Vector3"](*scale), color=self._colour(colour),
+            lifetime=of["builtin_interfaces/msg/Duration"](sec=LIFETIME, nanosec=0), frame_locked=True,
+            points=points, colors=[], texture_resource="",
+            texture=of["sensor_msgs/msg/CompressedImage"](self._header(0, ""), "", nothing), uv_coordinates=[], text="",
+            mesh_resource="", mesh_file=of["visualization_msgs/msg/MeshFile"]("", nothing),
+            mesh_use_embedded_materials=False,
+        )  # fmt: skip
+
+    def _header(self, stamp: int, frame_id: str) -> Any:
+        """Make a header with a stamp [ns]."""
+        time = self._types["builtin_interfaces/msg/Time"](*divmod(stamp, NANOSECONDS))
+        return self._types["std_msgs/msg/Header"](time, frame_id)
+
+    def _pose(self, x: float, y: float, z: float, turn: float = 0.0) -> Any:
+        """Make a pose at x, y, z [m], turned about z by an angle [rad] from x to y."""
+        turned = self._types["geometry_msgs/msg/Quaternion"](0.0, 0.0, math.sin(0.5 * turn), math.cos(0.5 * turn))
+        return self._types["geometry_msgs/msg/Pose"](self._types["geometry_msgs/msg/Point"](x, y, z), turned)
+
+    def _colour(self, rgb: Sequence[int] | NDArray[np.uint8]) -> Any:
+        """Make an opaque colour."""
+        return self._types["std_msgs/msg/ColorRGBA"](*(part / 255.0 for part in rgb), 1.0)
+
+    def _points(self, line: Sequence[Sequence[float]], z: float = 0.0) -> list[Any]:
+        """Make points at z [m] of pairs x, y [m]."""
+        return [self._types["geometry_msgs/msg/Point"](x, y, z) for x, y in line]
+
+
+class MarkerTopic:
+    """Publishes markers between ticks, and not with every tick."""
+
+    def __init__(self, publisher: Any, markers: KneeMarkers) -> None:
+        """Publish `markers` with the publisher of a MarkerArray."""
+        self.publisher = publisher
+        self.newest: tuple[LoadSample, bytes] | None = None
+        """Answer to show next: its load, and the bytes of its row; None if it was shown"""
+        self._markers = markers
+
+    def publish(self) -> None:
+        """Publish the newest answer, unless it was published or nobody subscribes."""
+        if self.newest and self.publisher.get_subscription_count():
+            load, row = self.newest
+            self.newest = None
+            self.publisher.publish(self._markers.encode(load.stamp, load.frame_id, row))

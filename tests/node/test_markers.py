@@ -11,7 +11,7 @@ import knee_contact_ros
 from knee_contact_ros.model.mechanisms import MECHANISMS
 from knee_contact_ros.model.surfaces import GEOMETRIES, TIBIAL_GEOMETRIES
 from knee_contact_ros.model.types import Contact, ContactState
-from knee_contact_ros.node.markers import LENGTH, KneeMarkers
+from knee_contact_ros.node.contact_node import LENGTH, KneeMarkers
 from knee_contact_ros.streams.topics import typestore
 from knee_contact_ros.view.anatomy import PLATEAU_REACH, drawing_of
 from knee_contact_ros.view.colours import OF_STATE
