@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from knee_contact_ros.bags.provenance import metadata_of
 from knee_contact_ros.bags.reader import answer_blocks, answer_topics
 from knee_contact_ros.bags.recorder import REFUSED_SAMPLES
-from knee_contact_ros.model.types import ROW, Fidelity, Rows, Status
+from knee_contact_ros.model.types import Fidelity, Rows, Status
 from knee_contact_ros.streams.gait_events import LOAD_PEAK, GaitEvent, GaitEvents
 from knee_contact_ros.streams.topics import KNEE_CONTACT, KNEE_CONTACT_LATERAL, NANOSECONDS
 from knee_contact_ros.streams.watch import Doubts, Split
@@ -98,7 +98,7 @@ class Summary:
 
     def __post_init__(self) -> None:
         self._events = GaitEvents(self.body_weight)
-        self._recent = np.empty(0, ROW)
+        self._recent = list[Rows]()  # blocks of answers
 
     def add(self, answers: Rows) -> None:
         """Add a block of answers, at least one, to all figures."""
@@ -151,18 +151,19 @@ class Summary:
 
     def _finish_run(self) -> None:
         self._keep(self._events.finish())
-        self._events, self._recent = GaitEvents(self.body_weight), self._recent[:0]
+        self._events, self._recent = GaitEvents(self.body_weight), []
 
     def _find_peaks(self, answers: Rows) -> None:
-        self._recent = np.concatenate((self._recent, answers))
+        self._recent.append(answers)
         self._keep(self._events.add(answers["stamp"], np.zeros(len(answers)), answers["load"]))
-        self._recent = self._recent[np.abs(self._recent["stamp"] - answers["stamp"][-1]) <= LOOK_BACK]
+        self._recent = [rows for rows in self._recent if abs(rows["stamp"][-1] - answers["stamp"][-1]) <= LOOK_BACK]
 
     def _keep(self, events: Sequence[GaitEvent]) -> None:
         for event in events:
             if event.kind == LOAD_PEAK:
-                at = np.flatnonzero(self._recent["stamp"] == event.stamp)[-1]
-                self.load_peaks.append(Moment.of(self._recent[at], self.runs))
+                rows = next(rows for rows in reversed(self._recent) if event.stamp in rows["stamp"])
+                at = np.flatnonzero(rows["stamp"] == event.stamp)[-1]
+                self.load_peaks.append(Moment.of(rows[at], self.runs))
 
     @property
     def sentences(self) -> list[str]:
