@@ -35,7 +35,10 @@ Lost are good samples whose clock was set back by less than `max_gap`, so that t
 first angle. A stamp that is less than three steps ahead, or not ahead of the other stream, is no surprise to a pairing,
 and not among the disturbances. Nor is a wrong force
 at the time of angles whose clock is wrong by as much, or of a clock that has just been set and had no time to heal.
-Clocks of both that are set back right after a pause, to just behind what was there before it, make it a shorter one."""
+Clocks of both that are set back right after a pause, to just behind what was there before it, make it a shorter one.
+
+If three wrong stamps in a row have by chance the time to which the other stream's clock is set just then, both streams
+agree, and both are believed. This is counted as a breach."""
 HEADER = (
     "disturbance", "times", "breaches", "answers flagged, per time", "good samples lost, per time",
 )  # fmt: skip
