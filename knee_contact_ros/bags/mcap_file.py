@@ -64,8 +64,6 @@ UNPACKERS: dict[str, Callable[[bytes], Any]] = {
 """Streams of uncompressed data by the name of the compression"""
 BAD_DATA = (zstandard.ZstdError, RuntimeError, EOFError, MemoryError)
 """Errors of these streams"""
-CHANNELS = 2**16
-"""Number of possible channels in a file"""
 NO_SCHEMA = Schema(id=0, data=b"", encoding="", name="")
 """Schema of a channel that has none"""
 FORMATS = {"ros2msg": MessageDefinitionFormat.MSG, "ros2idl": MessageDefinitionFormat.IDL}
@@ -275,8 +273,9 @@ class McapFile(File):
 
     def read(self, segment: Segment, numbers: Mapping[int, int]) -> Batch:
         """Messages of a segment; see `File.read`."""
-        number_of = np.full(CHANNELS, -1, np.intp)
-        number_of[list(numbers)] = list(numbers.values())
+        own = numbers.keys() & segment.counts.keys()
+        number_of = np.full(max(segment.counts) + 1, -1, np.intp)
+        number_of[list(own)] = [numbers[channel] for channel in own]
         heads, messages, *_ = self._contents(segment)
         batch = Batch(number_of[heads["channel"]], heads["log"], messages)
         return batch.part(np.flatnonzero(batch.numbers >= 0))
