@@ -323,8 +323,8 @@ def work_folder(output: Path) -> Iterator[Path]:
 
 
 def replace(source: Path, target: Path) -> None:
-    """Move a result, if there is one, to its place; an earlier result there is removed."""
-    if target.is_dir():
+    """Move a result, if there is one, to its place; an earlier result there, or a link to one, is removed."""
+    if target.is_dir() and not target.is_symlink():
         shutil.rmtree(target)
     else:
         target.unlink(missing_ok=True)
