@@ -206,12 +206,13 @@ def table(bag: Path, output: Path, topic: str) -> None:
     vector has its own column. If there are several topics (knees, compartments), they follow each other and a column
     names them. BAG is a recording, or the output of `solve`.
     """
-    from knee_contact_ros.bags.reader import absolute, answer_topics, read_answers
+    from knee_contact_ros.bags.reader import absolute, answer_topics, files_of, read_answers
     from knee_contact_ros.results import answer_table
     from knee_contact_ros.system.files import require
-    from knee_contact_ros.system.output_files import write_complete
+    from knee_contact_ros.system.output_files import refuse_input, write_complete
     from knee_contact_ros.system.terminal import say
 
+    refuse_input(output, files_of(bag))
     topics = [absolute(topic)] if topic else answer_topics(bag)
     if not topics:
         raise UsageError(f"{bag} has no answers: knee-contact solve computes them")

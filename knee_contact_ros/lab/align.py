@@ -27,7 +27,7 @@ from knee_contact_ros.parameters.files import parameter_text
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.output_files import refuse_existing, write_complete
+from knee_contact_ros.system.output_files import refuse_existing, refuse_input, write_complete
 from knee_contact_ros.system.terminal import say, show_table, shown, warn
 
 STRETCH = 1.0
@@ -86,11 +86,12 @@ def align(files: Sequence[Path], maps: Sequence[Path], output: Path, longest_lag
         UsageError: a file, the map or the output cannot be used, or the angles are not of the same knee. Nothing is
             written then.
     """
+    refuse_input(output, [*files, *maps])
+    if not overwrite:
+        refuse_existing(output)
     sensors = read_map(maps)
     if sensors.reference is None:
         raise UsageError(f"map {maps[-1]}: reference: is missing: the angle that `angle` is compared with")
-    if not overwrite:
-        refuse_existing(output)
     sensor, reference = read_channels(files, sensors, ("angle", "reference")).values()
     checks.refuse(checks.impossible(sensor) + checks.impossible(reference))
     alignment = aligned(sensor, reference, longest_lag, sensors.max_gap)

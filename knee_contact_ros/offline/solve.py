@@ -27,7 +27,7 @@ from knee_contact_ros.bags.provenance import (
     weight_of,
     with_values,
 )
-from knee_contact_ros.bags.reader import OWN_NAMES, Names, refuse_input
+from knee_contact_ros.bags.reader import OWN_NAMES, Names, files_of
 from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
 from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.model.compiler import worth_compiling
@@ -45,6 +45,7 @@ from knee_contact_ros.streams.topics import Answer, recorded_topics
 from knee_contact_ros.streams.watch import held_sentence, unanswered_sentence
 from knee_contact_ros.system.errors import UsageError, in_a_line
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded, find_file, read_mapping
+from knee_contact_ros.system.output_files import refuse_input
 
 SAME_WEIGHT = 0.01
 """Largest relative difference of body weights that count as equal"""
@@ -147,7 +148,7 @@ def recording_of(
     if output is None:
         yield None
         return
-    refuse_input(bag, output)
+    refuse_input(output, files_of(bag))
     with BagWriter(output, overwrite=overwrite, alone=True) as writer:
         record = provenance_record(parameters, curves, bag)
         yield AnswerWriter(writer, record, {topic: f"/{topic}" for topic in topics}, told_as)
