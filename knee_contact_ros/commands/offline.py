@@ -147,7 +147,7 @@ def estimate_load(bag: Path, given: Given, output: Path, overwrite: bool, in_bag
     sources = ", ".join(map(str, [*(given.parameter_files or [without]), *given.parameter_values]))
     rows = {"parameters": sources, "body weight": f"{parameters.person.constants.weight:.7g} N"}
     show_load(summary, parameters, rows, str(output))
-    warn([*others_beside(bag), *weight_doubt(bag, parameters), *doubts])
+    warn([*others_beside(bag), *weight_doubt(bag, parameters), *doubts, *summary.implausible])
     if summary.damage:
         raise IncompleteError(f"bag {bag} is damaged, and read as far as it can be: {in_a_line(summary.damage)}")
 
