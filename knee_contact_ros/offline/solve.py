@@ -36,7 +36,7 @@ from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_t
 from knee_contact_ros.offline.solve_blocks import take
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.files import Source, all_values, curve_texts, dotted, first_error, load_parameters
-from knee_contact_ros.parameters.schema import LoadParameters, Parameters, Section, has_both
+from knee_contact_ros.parameters.schema import LoadParameters, Parameters, Section, constants_of, has_both
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.output import PROVENANCE
@@ -297,6 +297,9 @@ def basis_of(
     given = params if isinstance(params, Sequence) and not isinstance(params, str) else [params]
     sources = [*(person.sources() if person else ()), *given, values]
     parameters: Parameters = parameters_for(bag, sources, namespace)
+    law, thickness = parameters.contact.law, person.content.thickness if person else None
+    if person and thickness is not None and "layer_depth" not in constants_of(law):
+        raise UsageError(f"subject file {person.path}: thickness: {thickness:g} is not used by contact.law {law}")
     return parameters
 
 
