@@ -372,13 +372,15 @@ def trade(bag: Path, given: Given, in_bag: InBag, worth: float | None, picture: 
     compared with the tightest tolerance, the cost of a tick and the share of flagged ticks, and recommends a setting.
     If BAG is a recording of this package, its own parameters are used unless you give --params.
     """
+    from knee_contact_ros.bags.reader import files_of
     from knee_contact_ros.lab.trade import draw, measure, show
     from knee_contact_ros.offline.notebooks import solve
-    from knee_contact_ros.system.output_files import refuse_impossible
+    from knee_contact_ros.system.output_files import refuse_impossible, refuse_input
     from knee_contact_ros.system.terminal import progress, say, warn
 
     require("trade", "matplotlib")
     refuse_impossible(picture)
+    refuse_input(picture, files_of(bag))
     remap = dict(split(rule, "--remap") for rule in in_bag.remaps)
     with warnings.catch_warnings(record=True) as doubts:
         warnings.simplefilter("always")

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,7 +17,8 @@ from numpy.typing import NDArray
 
 from knee_contact_ros import __version__
 from knee_contact_ros.bags.provenance import ORIGIN
-from knee_contact_ros.bags.recorder import BagWriter
+from knee_contact_ros.bags.reader import contents_of
+from knee_contact_ros.bags.recorder import METADATA, BagWriter
 from knee_contact_ros.lab.tables import Floats, Stamps
 from knee_contact_ros.streams import topics
 from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
@@ -308,9 +310,14 @@ def check_output(folder: Path, overwrite: bool) -> None:
         raise UsageError(f"{folder} exists already; give another --output, or --overwrite")
     if not folder.is_dir():
         raise UsageError(f"{folder} is a file and not a bag's folder; it is not replaced")
-    others = [path.name for path in folder.iterdir() if path.suffix not in {MCAP, ".yaml"}]
+    others = {path.name for path in folder.iterdir()}
+    with suppress(UsageError):  # it is no bag
+        contents = contents_of(folder)
+        others -= set() if contents.faults else {METADATA, *(name for name in contents.names if name.endswith(MCAP))}
     if others:
-        raise UsageError(f"{folder} is not a bag's folder, because it has {others[0]}, and is not replaced")
+        raise UsageError(
+            f"{folder} is not replaced: it has {min(others)}, and no {METADATA} says that it belongs to a bag"
+        )
 
 
 def digest(path: Path) -> str:

@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from itertools import combinations
+from itertools import chain, combinations
 from pathlib import Path
 from statistics import fmean
 from typing import Any, NamedTuple
@@ -30,7 +30,7 @@ from knee_contact_ros.model.knee import LARGEST_ANGLE
 from knee_contact_ros.model.types import NANOSECOND, Floats
 from knee_contact_ros.parameters.files import SHARE_COLUMNS
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.output_files import refuse_existing, write_complete
+from knee_contact_ros.system.output_files import refuse_existing, refuse_input, write_complete
 from knee_contact_ros.system.terminal import say, show_table, shown, warn
 
 TERM = re.compile(r"\s*([+-])?\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)\s*\*?\s*)?([^\W\d]\w*|'[^']+'|\"[^\"]+\")\s*")
@@ -102,6 +102,7 @@ def run_fit_share(
     Raises:
         UsageError: a trial, an option or the output cannot be used.
     """
+    refuse_input(output, chain.from_iterable(files))
     if not overwrite:
         refuse_existing(output)
     if len(body_weight) not in (1, len(files)):

@@ -85,8 +85,20 @@ def test_a_bag_is_replaced_only_when_asked_and_nothing_else_ever(
     assert (bag / "walk_0.mcap").read_bytes() != before
     (bag / "thesis.docx").touch()
     assert main([*arguments, "--overwrite"]) == 2
-    assert "not a bag's folder, because it has thesis.docx, and is not replaced" in capsys.readouterr().err
+    assert "is not replaced: it has thesis.docx, and no metadata.yaml says that it belongs" in capsys.readouterr().err
     assert (bag / "thesis.docx").exists()
+    (bag / "thesis.docx").rename(bag / "monday.mcap")
+    assert main([*arguments, "--overwrite"]) == 2
+    (bag / "metadata.yaml").unlink()
+    (bag / "walk_0.mcap").unlink()
+    assert main([*arguments, "--overwrite"]) == 2
+    assert capsys.readouterr().err.count("it has monday.mcap, and no") == 2
+    bag.rename(tmp_path / "kept")
+    bag.symlink_to("kept")
+    (tmp_path / "kept" / "monday.mcap").unlink()
+    assert main([*arguments, "--overwrite"]) == 0
+    assert [*(tmp_path / "kept").iterdir()] == []
+    assert not bag.is_symlink()
 
 
 MISSING = not_installed("opensim", "opensim")
