@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from knee_contact_ros.joint_reaction.estimator import LEAST_PEAK, LIGHTEST, MOST_PEAK, STIFF, weight_doubt
-from knee_contact_ros.lab.tables import BODY_WEIGHT, FORCE, PERCENT, Floats, Series, Table, factor
+from knee_contact_ros.lab.tables import BODY_WEIGHT, FORCE, MIDDLE_WEIGHT, PERCENT, Floats, Series, Table, factor
 from knee_contact_ros.model.inputs import CLEAR, TIMES_MORE, WIDEST
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_LOAD
 from knee_contact_ros.model.types import EXTENDS, FLEXES
@@ -33,8 +33,8 @@ RATES = (5.0, 1e4)
 """Plausible rates of rows [Hz]"""
 MOVES, FITS = 0.1, (0.5, 2.0)
 """RMS of the rate [rad/s] below which a given rate is not checked; plausible ratios of given to derived rate"""
-HEAVIEST, MIDDLE_WEIGHT = 2500.0, 700.0
-"""If no body weight is given: the largest one [N] that is possible, and the one that the limit of spikes assumes"""
+HEAVIEST = 2500.0
+"""Largest body weight [N] that is possible"""
 USUAL_LOAD = (400.0, 8000.0)
 """Peak loads [N] outside which the user is asked for a body weight"""
 PEAK, RIGHT_PEAK = (LEAST_PEAK, MOST_PEAK), (1.5, 4.0)

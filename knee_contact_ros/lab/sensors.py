@@ -266,12 +266,13 @@ def _series(name: str, channel: Channel, table: Table, to_si: float, leave_out: 
     """Sum the columns of a channel, in SI units and our sign; `leave_out` drops rows without a number."""
     if _kind(name) == tables.ANGLE and table.degrees is not None:
         says, header = ("deg", "yes") if table.degrees else ("rad", "no")
-        if channel.unit in {"deg", "rad"} - {says}:
+        if tables.spelt(channel.unit) in {"deg", "rad"} - {says}:
             raise UsageError(f"{table.path} says inDegrees={header}, and map: {name}.unit {channel.unit}")
-    for column, weight in channel.weights.items():
-        if abs(weight * channel.scale) == 1.0:
-            said = table.units.get(column, "")
-            tables.check_unit(table.path, column, said, channel.unit, _kind(name), f"map: {name}.unit")
+    notes = [*table.notes, *["times count from the first row"] * (table.day is not None)]
+    times = max(map(abs, channel.weights.values())) * channel.scale
+    for column in channel.weights:
+        said, what = table.units.get(column, ""), f"map: {name}.unit"
+        notes += tables.check_unit(table.path, column, said, channel.unit, _kind(name), what, times=times)
     places = [table.names.index(str(column)) for column in channel.weights]
     numbers = np.isfinite(table.values[:, places])
     there = np.asarray(numbers.all(axis=1))
@@ -285,7 +286,6 @@ def _series(name: str, channel: Channel, table: Table, to_si: float, leave_out: 
         )
     if rows - lost < 2:
         raise UsageError(f"{table.path} has {rows - lost} row with numbers for {name}; a signal over time needs two")
-    notes = [*table.notes, *["times count from the first row"] * (table.day is not None)]
     notes += [f"{name}: {lost} of {rows} rows left out, as a number is missing"] * bool(lost)
     weights = np.array(list(channel.weights.values()))
     values = (table.values[there][:, places] @ weights) * (to_si * channel.scale * channel.turned)

@@ -155,6 +155,7 @@ def test_what_programs_and_loggers_write(importing: Importing, name: str) -> Non
 
 MS = SIMPLE.replace("t}", "t, unit: ms}")
 BY_CLOCK = "t,a,x\n" + clock(0, HMS)
+MOMENTS = rows("{0:.2f},{1:.3f},{2:.2f},10")
 MISREAD: dict[str, tuple[str, str, str, str]] = {
     "two of a name": (VICON, "", SIMPLE.replace(" a,", " X,").replace("t}", "Frame}").replace(" f,", " Z,"),
                       "2 columns X; say which: P01:RKneeAngles.X, P01:RKneeForce.X"),
@@ -163,6 +164,14 @@ MISREAD: dict[str, tuple[str, str, str, str]] = {
     "a row of units": ("t,a,f\ns,deg,N\n" + rows(), "", MS, "says s of column t, and time.unit ms"),
     "a unit in a name": ("t_ms,a,f\n" + rows(), "", SIMPLE.replace("t}", "t_ms}"), "says ms of column t_ms, and time"),
     "kN in a name": ("t,a,f[kN]\n" + rows(), "", SIMPLE.replace(" f,", ' "f[kN]",'), "says kN of column f[kN], and"),
+    **{said: (f"t,a,f,m\ns,{said}\n{MOMENTS}", "", f"{SIMPLE}moment: {{column: m, unit: N*m}}\n",
+              f"says {says[0]} of column {says[1]}, and map: ")
+       for said, says in {"Rad,N,Nm": ("Rad", "a"), "deg/s,N,Nm": ("deg/s", "a"), "deg,KN,Nm": ("KN", "f"),
+                          "deg,N/kg,Nm": ("N/kg", "f"), "deg,mm,Nm": ("mm", "f"), "deg,V,Nm": ("V", "f"),
+                          "deg,N,N.mm": ("N.mm", "m"), "deg,N,lbf*ft": ("lbf*ft", "m")}.items()},
+    **{f"a weight of {weight}": ("t,a,f\ns,deg,lbf\n" + rows(), "",
+                                 SIMPLE.replace("column: f,", f"columns: {{f: {weight}}},"), "says lbf of column f")
+       for weight in (0.98, -0.98, 44.5)},
     "clocks of two kinds": (BY_CLOCK, "t,f\n" + rows("{0:.2f},{2:.2f}"), SIMPLE, "must have times of one clock"),
     "two days": ("t,a,x\n" + clock(0, "2026-03-04 " + HMS),
                  "t,x,f\n" + clock(0, "2026-03-05 " + HMS), SIMPLE, "no time in common: 0 to 2.98 s and 86400"),
@@ -182,6 +191,18 @@ def test_tables_that_could_be_misread_are_refused(
     Path("other.csv").write_text(other)
     assert importing(made.encode(), text, files=("cells.csv", "other.csv") if other else ()) == 2
     assert words in capsys.readouterr().err
+
+
+def test_units_may_be_spelt_otherwise_or_converted_and_unknown_ones_are_told(
+    importing: Importing, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kilo = rows("{0:.2f},{1:.3f},{2:.2f},0.010").replace("\n", ",N/A\n")
+    text = SIMPLE + "moment: {columns: {m: 980}, unit: N.M}\n"
+    assert importing(f"T,a,f,m,x\nSec,Degrees,widgets,kN*m,N/A\n{kilo}".encode(), text.replace(" t}", " T}")) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert said.count("'widgets' is not a known unit; map: load.unit N is used") == 1
+    assert said.count("is not a known unit") == 1
+    assert content()[1][0].torque[0] == pytest.approx(9.8)
 
 
 @pytest.mark.parametrize(
