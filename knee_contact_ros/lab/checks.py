@@ -13,7 +13,17 @@ from pathlib import Path
 import numpy as np
 
 from knee_contact_ros.joint_reaction.estimator import LEAST_PEAK, LIGHTEST, MOST_PEAK, STIFF, weight_doubt
-from knee_contact_ros.lab.tables import BODY_WEIGHT, FORCE, MIDDLE_WEIGHT, PERCENT, Floats, Series, Table, factor
+from knee_contact_ros.lab.tables import (
+    BODY_WEIGHT,
+    FORCE,
+    MIDDLE_WEIGHT,
+    PERCENT,
+    Floats,
+    Series,
+    Stamps,
+    Table,
+    factor,
+)
 from knee_contact_ros.model.inputs import CLEAR, TIMES_MORE, WIDEST
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_LOAD
 from knee_contact_ros.model.types import EXTENDS, FLEXES
@@ -31,6 +41,7 @@ JUMP = 30.0
 """Step [deg] between rows that points to a loose contact, or to an encoder that begins a new turn"""
 RATES = (5.0, 1e4)
 """Plausible rates of rows [Hz]"""
+IN_SECONDS = "are its times in s, and not in milliseconds?"
 MOVES, FITS = 0.1, (0.5, 2.0)
 """RMS of the rate [rad/s] below which a given rate is not checked; plausible ratios of given to derived rate"""
 HEAVIEST = 2500.0
@@ -41,6 +52,8 @@ PEAK, RIGHT_PEAK = (LEAST_PEAK, MOST_PEAK), (1.5, 4.0)
 """Plausible peaks of the load [BW], and the narrower range by which the right unit is guessed"""
 OF_GROUND = (0.4, 5.0), (0.9, 1.6)
 """The same for the ground's force on a foot"""
+LARGEST_MOMENT = 0.12
+"""Largest frontal moment [m times the body weight]; larger ones are spikes where feet change plates"""
 MOST_TORQUE = 300.0
 """Largest plausible torque [N m] of an actuator"""
 STANDS, NEAR = 100.0, 0.30
@@ -175,7 +188,7 @@ def doubts(
     OpenSim's results are not `mapped`.
     """
     name, where, low = angle.name, angle.where, math.degrees(angle.values.min())
-    ask, cure = "are its times in s, and not in milliseconds?", "is it the included angle?"
+    ask, cure = IN_SECONDS, "is it the included angle?"
     if mapped:
         ask = "is time.unit right (s, milliseconds), or does it count frames (time.rate)?"
         cure = (f"is {name}.sign right, or has the sensor an offset ({name}.offset, or knee-contact align)? The "
@@ -186,8 +199,7 @@ def doubts(
     jump = f"the step at {angle.stamps[worst + 1] / NANOSECONDS:.7g} s"
     found = [weight_doubt(weight)] if weight is not None and weight_doubt(weight) else []
     for series in filter(None, (angle, load)):
-        rate = NANOSECONDS / float(np.median(np.diff(series.stamps)))
-        found += outside(series.path, "the number of rows a second", rate, "", RATES, ask)
+        found += rate_doubts(series.path, series.stamps, ask)
     found += joint_doubts(angle) if mapped else []
     found += outside(where, "the least flexion", low, "deg", (EXTENDED, BENT), cure)
     found += outside(where, "the largest flexion", math.degrees(angle.values.max()), "deg", (EXTENDED, FOLDED), cure)
@@ -195,6 +207,14 @@ def doubts(
     if load:
         found += _spike(load, weight or MIDDLE_WEIGHT) + peak_doubts(load, unit, weight)
     return list(dict.fromkeys(found))
+
+
+def rate_doubts(where: object, stamps: Stamps, cure: str) -> list[str]:
+    """Doubt about the number of rows a second, from increasing stamps [ns], shape (n,)."""
+    if len(stamps) < 2:
+        return []
+    rate = NANOSECONDS / float(np.median(np.diff(stamps)))
+    return outside(where, "the number of rows a second", rate, "", RATES, cure)
 
 
 def joint_doubts(series: Series, *, is_torque: bool = False) -> list[str]:

@@ -272,7 +272,7 @@ def _series(name: str, channel: Channel, table: Table, to_si: float, leave_out: 
     times = max(map(abs, channel.weights.values())) * channel.scale
     for column in channel.weights:
         said, what = table.units.get(column, ""), f"map: {name}.unit"
-        notes += tables.check_unit(table.path, column, said, channel.unit, _kind(name), what, times=times)
+        notes += tables.check_unit(table.path, column, said, channel.unit, what, times=times)
     places = [table.names.index(str(column)) for column in channel.weights]
     numbers = np.isfinite(table.values[:, places])
     there = np.asarray(numbers.all(axis=1))

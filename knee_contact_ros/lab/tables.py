@@ -465,7 +465,7 @@ def read_columns(header: Header, wanted: Sequence[Column], time: TimeColumn, tab
             raise UsageError(f"{path}: column {time.column} has {odd[0]:g}, and with time.rate it must count frames")
         day = ""
     elif day is None:
-        notes = check_unit(path, timed[0], units[timed[0]], time.unit, TIME, "time.unit")
+        notes = check_unit(path, timed[0], units[timed[0]], time.unit, "time.unit")
     column = timed[0] if timed else time.column
     values = numbers[:, len(timed) :]
     table = _over_time(header, [str(name) for name in wanted], column, first * seconds + time.offset, values)
@@ -478,13 +478,14 @@ def read_columns(header: Header, wanted: Sequence[Column], time: TimeColumn, tab
 
 
 def check_unit(
-    path: Path, column: Column, said: str, unit: str, kind: str, what: str, *, times: float = 1.0, cure: str = PLACED
+    path: Path, column: Column, said: str, unit: str, what: str, *, times: float = 1.0, cure: str = PLACED
 ) -> tuple[str, ...]:  # fmt: skip
-    """Refuse a unit of `kind` that contradicts what the file says of a column; return a note if that is not known.
+    """Refuse a unit that contradicts what the file says of a column; return a note if that is not known.
 
     `what` names the given unit. The column is multiplied by `times`, which may convert it from one unit to the other.
     """
-    theirs, note = spelt(said.lstrip("_")), f"{path.name}: {said!r} is not a known unit; {what} {unit} is used"
+    theirs, note = spelt(said.lstrip("_")), f"{path.name}: {said!r} is not a known unit ({what} {unit})"
+    kind = next(kind for kind, units in UNITS.items() if spelt(unit) in units)
     known, ratio = theirs in UNITS[kind], 1.0
     if not said or NOT_A_NUMBER.fullmatch(said) or theirs == spelt(unit):
         return ()

@@ -200,7 +200,7 @@ def test_units_may_be_spelt_otherwise_or_converted_and_unknown_ones_are_told(
     text = SIMPLE + "moment: {columns: {m: 980}, unit: N.M}\n"
     assert importing(f"T,a,f,m,x\nSec,Degrees,widgets,kN*m,N/A\n{kilo}".encode(), text.replace(" t}", " T}")) == 0
     said = " ".join(capsys.readouterr().out.split())
-    assert said.count("'widgets' is not a known unit; map: load.unit N is used") == 1
+    assert said.count("'widgets' is not a known unit (map: load.unit N)") == 1
     assert said.count("is not a known unit") == 1
     assert content()[1][0].torque[0] == pytest.approx(9.8)
 

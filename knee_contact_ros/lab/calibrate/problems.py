@@ -23,8 +23,9 @@ from knee_contact_ros.joint_reaction.estimator import LEVELS, Estimator
 from knee_contact_ros.joint_reaction.leg import NetMoments, leg_of
 from knee_contact_ros.joint_reaction.muscles import Person
 from knee_contact_ros.lab.calibrate.fit import Data, Problem, Unknown, Values
+from knee_contact_ros.lab.checks import IN_SECONDS, rate_doubts
 from knee_contact_ros.lab.gait_bag import digest
-from knee_contact_ros.lab.tables import TableFormat, header_of, read_numbers
+from knee_contact_ros.lab.tables import TableFormat, check_unit, header_of, read_numbers
 from knee_contact_ros.model.compiler import worth_compiling
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import UNUSABLE, Floats, Status
@@ -42,7 +43,8 @@ from knee_contact_ros.system.errors import UsageError, in_a_line, meant
 TIME, ANGLE, LOAD, AXIAL_LOAD, HEIGHT = "time", "flexion_angle", "load", "axial_load", "femoral_height"
 ANSWERS: dict[str, str] = {"penetration_depth": "m", "contact_force": "N", "gap": "m", HEIGHT: "m"}
 """Columns to which the model is fitted, with their units; the height only where it is not prescribed"""
-COLUMNS = (TIME, ANGLE, LOAD, AXIAL_LOAD, *ANSWERS)
+INPUTS = {TIME: "s", ANGLE: "rad", LOAD: "N", AXIAL_LOAD: "N"}
+COLUMNS = (*INPUTS, *ANSWERS)
 SHARE = "load.share"
 SECTIONS = ("femur.", "tibia.", "contact.")
 FINE = 1e-9
@@ -65,6 +67,8 @@ class Measured(Data):
     """Whether the load is the axial joint reaction, of which the compartment bears `load.share`"""
     height: Floats | None
     """Prescribed femoral height [m], shape (n,); None with drive force"""
+    doubts: tuple[str, ...] = ()
+    """What is implausible in the table, a sentence each"""
 
     def load_of(self, share: float) -> Floats:
         """Return the load of the compartment [N]: the `share` of an axial load, or the measured load itself."""
@@ -81,9 +85,12 @@ def read_measured(path: Path, drive: str) -> Measured:
         UsageError: the file cannot be read or is not such a table, or values make no sense.
     """
     header = header_of(path, COLUMNS, TableFormat())
-    numbers, _, _ = read_numbers(header, [header.place(name) for name in header.names], TableFormat())
-    columns = dict(zip(header.names, numbers.T, strict=True))
-    return replace(measured_from(columns, drive, str(path)), digest=digest(path))
+    numbers, said, _ = read_numbers(header, [header.place(name) for name in header.names], TableFormat())
+    columns, notes = dict(zip(header.names, numbers.T, strict=True)), dict[str, None]()
+    measured = measured_from(columns, drive, str(path))
+    for place, (name, unit) in enumerate((name, (INPUTS | ANSWERS)[name]) for name in columns):
+        notes |= dict.fromkeys(check_unit(path, name, said.get(place, ""), unit, "it must be in", cure=""))
+    return replace(measured, digest=digest(path), doubts=(*notes, *measured.doubts))
 
 
 def measured_from(table: Mapping[str, ArrayLike] | Any, drive: str, source: str = "table") -> Measured:
@@ -129,7 +136,8 @@ def measured_from(table: Mapping[str, ArrayLike] | Any, drive: str, source: str 
         raise UsageError(f"{source}: column {TIME} must increase, by a nanosecond or more; row {row} does not")
     load = columns[loads[0]] if loads else np.zeros(len(time))
     height = columns[HEIGHT] if HEIGHT in inputs else None
-    return Measured(source, "", answers, time, columns[ANGLE], load, loads == [AXIAL_LOAD], height)
+    doubts = tuple(rate_doubts(source, np.rint(time * 1e9).astype(np.int64), IN_SECONDS))
+    return Measured(source, "", answers, time, columns[ANGLE], load, loads == [AXIAL_LOAD], height, doubts)
 
 
 def _column(table: Any, name: Any, source: str) -> Floats:
@@ -204,7 +212,14 @@ class ContactProblem(Problem):
         status = self.predicted(values)["status"]
         faults = {Status.NOT_CONVERGED: "missed their tolerance", Status.IMPLAUSIBLE: "are implausibly deep"}
         counts = {fault: int(np.count_nonzero(status & bit)) for bit, fault in faults.items()}
-        return [], {}, [f"{count} of {len(status)} answers {fault}" for fault, count in counts.items() if count]
+        return (
+            [],
+            {},
+            [
+                *self.measured.doubts,
+                *(f"{count} of {len(status)} answers {fault}" for fault, count in counts.items() if count),
+            ],
+        )
 
 
 def problem_of(

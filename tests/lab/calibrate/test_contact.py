@@ -179,6 +179,9 @@ DAMAGED_TABLES = [
     (GOOD, "its columns must be equally long, with one sample or more"),
     (GOOD + "0,0,100,1e-4\n", "1 values can be fitted, for 1 parameters"),
     (GOOD + "0,0,100,1e-4\n0,0,100,1e-4\n", "column time must increase, by a nanosecond or more; row 2 does not"),
+    (f"{GOOD}s,rad,kN,m\n0,0,1,1e-4\n1,0,1,1e-4\n", "says kN of column load, and it must be in N"),
+    (f"{GOOD}s,rad,N,mm\n0,0,1,1e-4\n1,0,1,1e-4\n", "says mm of column penetration_depth, and it must be in m"),
+    (f"{GOOD}ms,rad,N,m\n0,0,1,1e-4\n1,0,1,1e-4\n", "says ms of column time, and it must be in s"),
     (GOOD + "0,0,,1e-4\n1,0,100,1e-4\n", "column load is nan in row 1; an input must be known at every sample"),
     (GOOD + "0,0,100,inf\n1,0,100,1e-4\n", "column penetration_depth is inf in row 1; allowed are numbers"),
     (GOOD + "0,0,100,\n1,0,100,\n", "column penetration_depth is empty; leave it out"),
@@ -206,6 +209,13 @@ def test_what_is_wrong_is_told_in_one_line(
     assert reason in line
     assert content is None or "trial.csv" in line
     assert list(tmp_path.iterdir()) == [table]
+
+
+def test_times_in_milliseconds_are_told() -> None:
+    table = trial(1)
+    found = fitted(table | {"time": 1e3 * table["time"]}, [STIFFNESS], with_intervals=False, starts=1)
+    assert told(found, "rows a second is 0.2", "milliseconds")
+    assert not told(fitted(table, [STIFFNESS], with_intervals=False, starts=1), "rows a second")
 
 
 def test_python_names_its_arguments() -> None:
