@@ -12,7 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
-from knee_contact_ros.joint_reaction.estimator import LEAST_PEAK, LIGHTEST, MOST_PEAK, STIFF, weight_doubt
+from knee_contact_ros.joint_reaction.estimator import LARGEST_PULL, LEAST_PEAK, LIGHTEST, MOST_PEAK, STIFF, weight_doubt
 from knee_contact_ros.lab.tables import (
     BODY_WEIGHT,
     FORCE,
@@ -163,9 +163,10 @@ def check_heading(forward: Floats, path: Path) -> None:
     refuse(outside(path, "the mean x component of the pelvis's direction", ahead, "", (AHEAD, 1.0), cure))
 
 
-def impossible(angle: Series, load: Series | None = None) -> list[str]:
-    """Return why these cannot be an angle and a load at all; empty if they can."""
+def impossible(angle: Series, load: Series | None = None, *, mapped: bool = True) -> list[str]:
+    """Return why these cannot be an angle and a load at all; empty if they can. OpenSim's are not `mapped`."""
     cure = f"is {angle.name}.unit right, and is it a knee's angle?"
+    direction = "positive as the map's load.direction says" if mapped else "and not on the femur"
     low, high = np.degrees([angle.values.min(), angle.values.max()])
     sentences = outside(angle.where, "the range of motion", high - low, "deg", (0.0, math.degrees(WIDEST)), cure)
     largest = (0.0, math.degrees(LARGEST_ANGLE))
@@ -174,14 +175,15 @@ def impossible(angle: Series, load: Series | None = None) -> list[str]:
         least, most = float(load.values.min()), float(load.values.max())
         if most < -least:
             pulls = f"{load.where} pulls the knee apart by up to {-least:.0f} N, and presses with {most:.4g} N at most"
-            sentences.append(f"{pulls}: is it the force on the tibia, positive as the map's load.direction says?")
+            sentences.append(f"{pulls}: is it the force on the tibia, {direction}?")
         sentences += outside(load.where, "the peak", most, "N", (0.0, LARGEST_LOAD), "is load.unit right?")
     return sentences
 
 
 def doubts(
-    angle: Series, load: Series | None, unit: str | None, weight: float | None, max_gap: float, *, mapped: bool = True
-) -> list[str]:
+    angle: Series, load: Series | None, unit: str | None, weight: float | None, max_gap: float,
+    moment: Series | None = None, *, mapped: bool = True,
+) -> list[str]:  # fmt: skip
     """List what is likely a mistake.
 
     `unit` is the load's in the map, `weight` the body's [N]; a longer time between rows than `max_gap` [s] is a gap.
@@ -205,7 +207,12 @@ def doubts(
     found += outside(where, "the largest flexion", math.degrees(angle.values.max()), "deg", (EXTENDED, FOLDED), cure)
     found += outside(where, jump, float(steps[worst]), "deg", (0.0, JUMP), "a loose contact, or an encoder's turn?")
     if load:
+        least, pull = float(load.values.min()), -LARGEST_PULL * (weight or MIDDLE_WEIGHT)
+        found += outside(load.where, "the least load", least, "N", (pull, math.inf), "does it stand for a missing one?")
         found += _spike(load, weight or MIDDLE_WEIGHT) + peak_doubts(load, unit, weight)
+    if moment:
+        most, limits = float(np.abs(moment.values).max()), (0.0, LARGEST_MOMENT * (weight or HEAVIEST))
+        found += outside(moment.where, "the largest moment", most, "N m", limits, "is moment.unit right, or a spike?")
     return list(dict.fromkeys(found))
 
 

@@ -456,10 +456,8 @@ def read_columns(header: Header, wanted: Sequence[Column], time: TimeColumn, tab
     units = {name: below.get(place, "") or _bracketed(header.names[place] if isinstance(name, str) else "")
              for name, place in zip((*timed, *wanted), places, strict=True)}  # fmt: skip
     first = numbers[:, 0] if timed else np.arange(len(numbers), dtype=np.float64)
-    notes, seconds = (
-        tuple[str, ...](),
-        1.0 if day is not None else 1.0 / rate if rate else factor(time.unit, TIME, "time"),
-    )
+    notes: tuple[str, ...] = ()
+    seconds = 1.0 if own or day is not None else 1.0 / rate if rate else factor(time.unit, TIME, "time")
     if rate and day is None:
         if odd := [each for each in first if each % 1.0]:
             raise UsageError(f"{path}: column {time.column} has {odd[0]:g}, and with time.rate it must count frames")

@@ -348,7 +348,7 @@ def test_c3d_files_are_tables_too(importing: Importing) -> None:
 def test_opensim_files_are_tables_too(importing: Importing) -> None:
     table = cells()
     path = write_storage(Path("q.mot"), table.pop("time_s"), table, "yes")
-    text = MAP.replace("{column: time_s}", "{column: time}")
+    text = MAP.replace("{column: time_s}", "{column: time, unit: ms}")  # theirs are s
     assert importing(None, text, files=(path,)) == 0
     assert len(content()[0]) == round(120 * SECONDS)
 
@@ -356,6 +356,9 @@ def test_opensim_files_are_tables_too(importing: Importing) -> None:
 SPOILT: dict[str, tuple[Callable[[dict], dict], str]] = {
     "nan": (lambda t: t | {"am_n": np.where(t["time_s"] == 1.0, np.nan, t["am_n"])},
             r"column am_n has no number at 1 s, and in 1 of 720 rows .* missing: leave_out"),
+    "a fill value": (lambda t: t | {"am_n": np.where(np.abs(t["time_s"] - 2.0) < 0.2, -1399.0, t["am_n"])},
+                     r"the least load is -1\d+.* N, plausible is -700 or more: does it stand for a missing one\?"),
+    "negative times": (lambda t: t | {"time_s": t["time_s"] - 9.0}, "no time in common from 0 s on: -9 to -3.0"),
     "time goes back": (lambda t: t | {"time_s": np.where(t["time_s"] == 1.0, 0.5, t["time_s"])},
                        r"time goes back from 0.991667 to 0.5 s \(rows 120, 121\)"),
     "time stands still": (lambda t: t | {"time_s": np.floor(t["time_s"] * 20.0) / 20.0},
@@ -366,6 +369,10 @@ SPOILT: dict[str, tuple[Callable[[dict], dict], str]] = {
                                 r"the peak of \d+\.\d N is 0\.49\d+ body weights, .*In lbf it would be 2\.2 body"),
 }  # fmt: skip
 MAPS = {
+    (
+        "body_weight",
+        "moment: {column: am_n, unit: N*m}\nbody_weight",
+    ): r"the largest moment is 3\d+\.\d+ N m, plau.* 0 to 84",
     ("unit: N", "unit: deg"): r"map: load: unit 'deg' is not one of a force; allowed: N, kN",
     ("goniometer_deg, unit: deg", "goniometer_deg, unit: rad"): r"says deg of column goniometer_deg, and map: angle\.",
     ("{column: goniometer_deg, unit: deg", "{column: 6, unit: rad"): r"deg, plausible is 0 to 180: is angle\.unit",
@@ -432,6 +439,28 @@ def test_rows_without_a_number_are_left_out_if_so_asked_and_gaps_stay(
         assert "angle: 59 of 720 rows left out, as a number is missing" in said
         assert "angle: 1 gaps longer than 0.1 s, the longest of 0.5 s at 2 s" in said
         assert tuple(map(len, content())) == (720 - 59, number)
+
+
+def test_in_gaps_of_other_channels_nothing_is_made_up(importing: Importing, capsys: pytest.CaptureFixture[str]) -> None:
+    """Load and angle have no gap, the moment one of a second, and the hip another."""
+    time = np.arange(150) / 50.0
+    hip, moment = ((time <= gap) | (time >= gap + 1.0) for gap in (1.0, 1.5))
+    files = [
+        write_csv(Path("cells.csv"), {"t": time, "a": flexion(time), "f": load(time)}),
+        write_csv(Path("hip.csv"), {"t": time[hip], "h": 0.3 * flexion(time[hip])}),
+        write_csv(Path("moment.csv"), {"t": time[moment], "m": 0.01 * load(time[moment])}),
+    ]
+    text = SIMPLE + "hip: {column: h, unit: deg}\nmoment: {column: m, unit: N*m}\n"
+    assert importing(None, text, files=tuple(files)) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    for name, at in (("hip", "1 s"), ("moment", "1.5 s")):
+        assert f"{name}: 1 gaps longer than 0.1 s, the longest of 1 s at {at};" in said
+    angles, forces = ([message.stamp for message in messages] for messages in content())
+    assert angles == np.rint(1e9 * time[hip]).tolist()
+    assert forces == np.rint(1e9 * time[moment]).tolist()
+    sparse = write_csv(Path("moment.csv"), {"t": time[::30] + 0.001, "m": 0.01 * load(time[::30])})
+    assert importing(None, text, "--overwrite", files=(*files[:2], sparse)) == 2
+    assert "cells.csv: f: all but 0 rows lie in gaps of another channel" in capsys.readouterr().err
 
 
 def test_behind_a_gap_a_knee_may_be_anywhere(importing: Importing, capsys: pytest.CaptureFixture[str]) -> None:

@@ -175,7 +175,7 @@ def read_knee(side: str, files: Files, settings: Settings, work: Path) -> Gait:
     up = " + ".join(each.column("fy") for each in chosen)
     load = Series("load", files.reactions, up, force.stamps, -force.values[:, 1])
     seen = Series("angle", files.kinematics, column, flexion.stamps, flexion.values[:, 0])
-    checks.refuse(checks.impossible(seen, load))
+    checks.refuse(checks.impossible(seen, load, mapped=False))
     likely = checks.doubts(seen, load, None, weight, results.MAX_GAP, mapped=False)
     checks.refuse(likely, settings.anyway)
     rate, gap = settings.rate, results.MAX_GAP
