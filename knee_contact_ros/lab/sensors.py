@@ -148,7 +148,8 @@ def check(channels: dict[str, Series], sensors: SensorMap, anyway: bool) -> list
         if name in channels:
             checks.refuse(checks.impossible(channels[name], load))
     unit = sensors.load.unit if sensors.load else None
-    doubts = checks.doubts(channels["angle"], load, unit, weight, sensors.max_gap, channels.get("moment"))
+    doubts = list(dict.fromkeys(doubt for series in channels.values() for doubt in series.doubts))
+    doubts += checks.doubts(channels["angle"], load, unit, weight, sensors.max_gap, channels.get("moment"))
     for name in (*ANGLES[1:], *TORQUES):
         if name in channels:
             doubts += checks.joint_doubts(channels[name], is_torque=name in TORQUES)
@@ -293,7 +294,7 @@ def _series(name: str, channel: Channel, table: Table, to_si: float, leave_out: 
     if channel.offset:
         values += to_si * channel.offset
         notes.append(f"{name}: {channel.offset:g} {channel.unit} added (offset)")
-    return Series(name, table.path, words, table.stamps[there], values, tuple(notes))
+    return Series(name, table.path, words, table.stamps[there], values, tuple(notes), table.doubts)
 
 
 def gait_of(channels: dict[str, Series], sensors: SensorMap) -> Gait:

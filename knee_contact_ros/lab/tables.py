@@ -118,6 +118,8 @@ class Table(NamedTuple):
     """What the file says of the units of columns"""
     notes: tuple[str, ...] = ()
     """How the file was read, as sentences"""
+    doubts: tuple[str, ...] = ()
+    """What is likely a damage of the file, as sentences"""
 
     def columns(self, names: Sequence[Column]) -> Floats:
         """Return columns by their names, shape (n, columns).
@@ -170,6 +172,8 @@ class Series(NamedTuple):
     """Shape (n,)"""
     notes: tuple[str, ...] = ()
     """What was left out, as sentences"""
+    doubts: tuple[str, ...] = ()
+    """What is likely a damage of the file, as sentences"""
 
     @property
     def where(self) -> str:
@@ -302,7 +306,11 @@ def header_of(path: Path, wanted: Collection[Column], table_format: TableFormat)
     try:
         return Header(path, tuple(read_schema(path).names))
     except (OSError, pa.ArrowException) as error:
-        raise UsageError(f"cannot read {path}: {' '.join(str(error).split())[:200]}") from None
+        raise _unreadable(path, error) from None
+
+
+def _unreadable(path: Path, error: Exception) -> UsageError:
+    return UsageError(f"cannot read {path}: {' '.join(str(error).split())[:200]}")
 
 
 def storage_header(path: Path) -> Header:
@@ -434,9 +442,10 @@ def _text_of(path: Path, encoding: str = "auto") -> tuple[str, tuple[str, ...]]:
         return data.decode("utf-8-sig"), ()
     except OSError as error:
         raise UsageError(f"cannot read {path}: {error.strerror}") from None
-    except LookupError:
-        raise UsageError(f"table.encoding {encoding!r} is not known; as utf-8, cp1252, cp1251, mac-roman") from None
-    except UnicodeDecodeError:
+    except (LookupError, ValueError):
+        if encoding != "auto":
+            what = f"table.encoding {encoding!r} is not known, or not of {path.name}"
+            raise UsageError(f"{what}; as utf-8, cp1252, cp1251, mac-roman") from None
         note = f"{path.name} is not in UTF-8, and was read as Windows-1252 (table.encoding)"
         return data.decode("cp1252", errors="replace"), (note,)
 
@@ -522,7 +531,9 @@ def _over_time(header: Header, names: Sequence[str], column: Column, seconds: Fl
     last = np.append(steps > 0, True)
     twice = int(np.count_nonzero(~last))
     notes = (*header.notes, *(f"{path.name}: {twice} rows gave way to the next with the same time",) * bool(twice))
-    return Table(path, tuple(names), stamps[last], values[last], header.degrees, twice, notes=notes)
+    said, cut = (header.entries or {}).get("nrows", ""), f"{path} has {len(seconds)} rows, and its header says nRows="
+    doubts = (f"{cut}{said}: is it cut off?",) * (said.isdecimal() and float(said) > len(seconds))
+    return Table(path, tuple(names), stamps[last], values[last], header.degrees, twice, notes=notes, doubts=doubts)
 
 
 def read_numbers(
@@ -585,15 +596,21 @@ def _check_marks(header: Header, marks: Mapping[tuple[int, str], list[Any]]) -> 
 
 def _parquet(header: Header, places: Sequence[int], table_format: TableFormat) -> Floats:
     """Read the columns at some places of a Parquet file, shape (rows, places)."""
-    import pandas as pd
+    import pyarrow as pa
+    from pyarrow import compute as pc
+    from pyarrow.parquet import read_table
 
-    filters = [(name, "==", value) for name, value in table_format.rows.items()]
-    for name in table_format.rows:
-        header.place(name)
+    kept = pc.scalar(True)
+    for name, value in table_format.rows.items():
+        texts = pa.array([str(value), str(value).removesuffix(".0")])  # Arrow writes 1.0 as 1
+        kept &= pc.field(header.names[header.place(name)]).cast(pa.string()).isin(texts)
     names = [header.names[place] for place in places]
     try:
-        frame = pd.read_parquet(header.path, columns=list(dict.fromkeys(names)), filters=filters or None)
+        table = read_table(header.path, columns=list(dict.fromkeys(names)), filters=kept)
+        frame = table.to_pandas(ignore_metadata=True)  # which may make the time an index
         return np.column_stack([frame[name].to_numpy(np.float64) for name in names])
+    except (OSError, pa.ArrowException) as error:
+        raise _unreadable(header.path, error) from None
     except (ValueError, TypeError) as error:
         fault = " ".join(str(error).split())[:200]
         raise UsageError(f"{header.path}: {', '.join(names)} must be numbers: {fault}") from None

@@ -178,6 +178,8 @@ MISREAD: dict[str, tuple[str, str, str, str]] = {
     "days of two forms": ("t,a,x\n" + clock(0, "4.3.2026 " + HMS),
                           "t,x,f\n" + clock(0, "5.3.2026 " + HMS), SIMPLE, "begins on 4.3.2026, and other.csv on 5.3"),
     "no time of day": (TAF + clock(0, HMS).replace("00:00:", "00:61:"), "", SIMPLE, "is not a number"),
+    **{code: (TAF + rows(), "", f"{SIMPLE}table: {{encoding: {code}}}\n", "is not known, or not of cells.csv; as utf-8")
+       for code in ("idna", '"utf\\08"')},
     "no encoding": (TAF + rows(), "", SIMPLE + "table: {encoding: utf-9}\n", "table.encoding 'utf-9' is not known"),
 }  # fmt: skip
 """Files, map and what is told"""
@@ -282,6 +284,24 @@ def test_a_locohub_table_is_imported_by_the_shipped_map(
     assert main(["estimate-load", "bag", "-p", "ground.components:=vertical", "--output=loads.mcap"]) == 0
 
 
+def test_how_parquet_files_are_written(importing: Importing, capsys: pytest.CaptureFixture[str]) -> None:
+    """Time as an index, and recordings chosen by the text of whatever their columns hold."""
+    pd = pytest.importorskip("pandas", reason="needs the extra tables")
+    pytest.importorskip("pyarrow", reason="needs the extra tables")
+    time, file = np.arange(150) / 50.0, Path("x.parquet")
+    one = {"t": time, "a": flexion(time), "f": load(time)}
+    frames = [pd.DataFrame(one | {"text": str(n), "whole": n, "real": float(n)}) for n in (1, 2)]
+    pd.concat(frames).set_index("t").to_parquet(file)
+    for choice, code in {"text: 1": 0, "whole: '2'": 0, "real: 2.0": 0, "whole: two": 2}.items():
+        assert importing(None, f"{SIMPLE}table: {{rows: {{{choice}}}}}\n", "--overwrite", files=(file,)) == code
+        assert len(content()[1]) == 150
+    assert "has no rows below its names" in capsys.readouterr().err
+    data = file.read_bytes()
+    file.write_bytes(data[:4] + bytes(300) + data[304:])
+    assert importing(None, f"{SIMPLE}table: {{rows: {{whole: 1}}}}\n", "--overwrite", files=(file,)) == 2
+    assert "cannot read x.parquet: " in capsys.readouterr().err
+
+
 def test_without_a_body_weight_a_strange_load_is_a_warning(
     importing: Importing, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -345,12 +365,15 @@ def test_c3d_files_are_tables_too(importing: Importing) -> None:
     assert [force.stamp for force in forces] == np.rint(1e9 * time).astype(int).tolist()
 
 
-def test_opensim_files_are_tables_too(importing: Importing) -> None:
+def test_opensim_files_are_tables_too(importing: Importing, capsys: pytest.CaptureFixture[str]) -> None:
     table = cells()
     path = write_storage(Path("q.mot"), table.pop("time_s"), table, "yes")
     text = MAP.replace("{column: time_s}", "{column: time, unit: ms}")  # theirs are s
     assert importing(None, text, files=(path,)) == 0
     assert len(content()[0]) == round(120 * SECONDS)
+    path.write_text(path.read_text().rstrip().rpartition("\n")[0])
+    assert importing(None, text, "--overwrite", files=(path,)) == 2
+    assert "q.mot has 719 rows, and its header says nRows=720: is it cut off? (--anyway" in capsys.readouterr().err
 
 
 SPOILT: dict[str, tuple[Callable[[dict], dict], str]] = {
