@@ -23,7 +23,6 @@ from knee_contact_ros.joint_reaction.estimator import LEVELS, Estimator
 from knee_contact_ros.joint_reaction.leg import NetMoments, leg_of
 from knee_contact_ros.joint_reaction.muscles import Person
 from knee_contact_ros.lab.calibrate.fit import Data, Problem, Unknown, Values
-from knee_contact_ros.lab.checks import IN_SECONDS, rate_doubts
 from knee_contact_ros.lab.gait_bag import digest
 from knee_contact_ros.lab.tables import TableFormat, check_unit, header_of, read_numbers
 from knee_contact_ros.model.compiler import worth_compiling
@@ -67,8 +66,6 @@ class Measured(Data):
     """Whether the load is the axial joint reaction, of which the compartment bears `load.share`"""
     height: Floats | None
     """Prescribed femoral height [m], shape (n,); None with drive force"""
-    doubts: tuple[str, ...] = ()
-    """What is implausible in the table, a sentence each"""
 
     def load_of(self, share: float) -> Floats:
         """Return the load of the compartment [N]: the `share` of an axial load, or the measured load itself."""
@@ -86,11 +83,12 @@ def read_measured(path: Path, drive: str) -> Measured:
     """
     header = header_of(path, COLUMNS, TableFormat())
     numbers, said, _ = read_numbers(header, [header.place(name) for name in header.names], TableFormat())
-    columns, notes = dict(zip(header.names, numbers.T, strict=True)), dict[str, None]()
-    measured = measured_from(columns, drive, str(path))
-    for place, (name, unit) in enumerate((name, (INPUTS | ANSWERS)[name]) for name in columns):
-        notes |= dict.fromkeys(check_unit(path, name, said.get(place, ""), unit, "it must be in", cure=""))
-    return replace(measured, digest=digest(path), doubts=(*notes, *measured.doubts))
+    measured = measured_from(dict(zip(header.names, numbers.T, strict=True)), drive, str(path))
+    for place, name in enumerate(header.names):
+        unit = (INPUTS | ANSWERS)[name]
+        for note in check_unit(path, name, said.get(place, ""), unit, "it must be in", cure=""):
+            warnings.warn(note, stacklevel=2)
+    return replace(measured, digest=digest(path))
 
 
 def measured_from(table: Mapping[str, ArrayLike] | Any, drive: str, source: str = "table") -> Measured:
@@ -136,8 +134,7 @@ def measured_from(table: Mapping[str, ArrayLike] | Any, drive: str, source: str 
         raise UsageError(f"{source}: column {TIME} must increase, by a nanosecond or more; row {row} does not")
     load = columns[loads[0]] if loads else np.zeros(len(time))
     height = columns[HEIGHT] if HEIGHT in inputs else None
-    doubts = tuple(rate_doubts(source, np.rint(time * 1e9).astype(np.int64), IN_SECONDS))
-    return Measured(source, "", answers, time, columns[ANGLE], load, loads == [AXIAL_LOAD], height, doubts)
+    return Measured(source, "", answers, time, columns[ANGLE], load, loads == [AXIAL_LOAD], height)
 
 
 def _column(table: Any, name: Any, source: str) -> Floats:
@@ -212,14 +209,7 @@ class ContactProblem(Problem):
         status = self.predicted(values)["status"]
         faults = {Status.NOT_CONVERGED: "missed their tolerance", Status.IMPLAUSIBLE: "are implausibly deep"}
         counts = {fault: int(np.count_nonzero(status & bit)) for bit, fault in faults.items()}
-        return (
-            [],
-            {},
-            [
-                *self.measured.doubts,
-                *(f"{count} of {len(status)} answers {fault}" for fault, count in counts.items() if count),
-            ],
-        )
+        return [], {}, [f"{count} of {len(status)} answers {fault}" for fault, count in counts.items() if count]
 
 
 def problem_of(

@@ -11,6 +11,7 @@ import pytest
 
 from knee_contact_ros import UsageError, calibrate, load_model
 from knee_contact_ros.commands.main import main
+from knee_contact_ros.lab.calibrate.problems import read_measured
 from knee_contact_ros.parameters.files import values_set_in
 from tests.lab.calibrate.trials import FINE, START, TRUE, answers, inputs, trial, written
 
@@ -211,11 +212,11 @@ def test_what_is_wrong_is_told_in_one_line(
     assert list(tmp_path.iterdir()) == [table]
 
 
-def test_times_in_milliseconds_are_told() -> None:
-    table = trial(1)
-    found = fitted(table | {"time": 1e3 * table["time"]}, [STIFFNESS], with_intervals=False, starts=1)
-    assert told(found, "rows a second is 0.2", "milliseconds")
-    assert not told(fitted(table, [STIFFNESS], with_intervals=False, starts=1), "rows a second")
+def test_a_unit_that_is_not_known_is_told(tmp_path: Path) -> None:
+    table = tmp_path / "trial.csv"
+    table.write_text(f"{GOOD}sec,Radians,widgets,M\n0,0,1,1e-4\n1,0,1,1e-4\n")
+    with pytest.warns(UserWarning, match=r"^trial\.csv: 'widgets' is not a known unit \(it must be in N\)$"):
+        assert read_measured(table, "force").load.tolist() == [1.0, 1.0]
 
 
 def test_python_names_its_arguments() -> None:
