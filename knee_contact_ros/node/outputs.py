@@ -231,16 +231,16 @@ MOST_ENDING = 4
 
 
 class Ring:
-    """Last answers, and the notes between them, for a snapshot; bounded by their time and by their number."""
+    """Last answers, and the notes between them, for a snapshot; bounded by their time, number and memory."""
 
-    def __init__(self, duration: float, most: int) -> None:
-        """Keep the answers of the last `duration` [s], up to a largest number; none if the duration is 0.
+    def __init__(self, duration: float, most: int, room: float) -> None:
+        """Keep the answers of the last `duration` [s], up to a largest number and memory [B]; none for a duration of 0.
 
         Their time is that of their stamps, without the steps back of a clock that was set.
         """
-        self._duration, self._most = round(duration * NANOSECONDS), most
+        self._duration, self._most, self._room = round(duration * NANOSECONDS), most, room
         self._items: deque[tuple[int, Answer | Note]] = deque()
-        self._now = self._last = 0
+        self._now = self._last = self._size = 0
 
     def put(self, item: Answer | Note) -> None:
         """Keep an item, and forget what is too old.
@@ -253,10 +253,14 @@ class Ring:
             self._now += max(self._last - before, 0)
         elif item.name == PARAMETERS_CHANGED and any(not name.startswith(("record.", TICK)) for name in item.values):
             items.clear()
+            self._size = 0
         items.append((self._now, item))
+        self._size += size_of(item)
         oldest = self._now - self._duration
-        while items and (len(items) > self._most or isinstance(items[0][1], Note) or items[0][0] <= oldest):
-            items.popleft()
+        while items and (
+            len(items) > self._most or self._size > self._room or isinstance(items[0][1], Note) or items[0][0] <= oldest
+        ):
+            self._size -= size_of(items.popleft()[1])
 
     def taken(self) -> tuple[list[Answer | Note], float]:
         """The kept items, oldest first, and the time [s] from the first answer to the last."""
@@ -274,10 +278,11 @@ class Outputs:
             UsageError: an output that the parameters ask for is not possible.
         """
         self._log = log
-        self.ring = Ring(knee.parameters.record.snapshot, knee.parameters.record.queue)
+        record = knee.parameters.record
+        self.ring = Ring(record.snapshot, record.queue, record.queue_size * MB)
         """Answers that a snapshot would contain"""
         self._ending: list[SinkProcess] = []
-        """Recordings that are being completed"""
+        """Recordings that are being completed, or have failed"""
         self._deadline = math.inf
         """Monotonic time [s] until which `close` waits for the outputs, after `end`"""
         self.sinks: dict[str, SinkProcess] = {}
