@@ -119,11 +119,14 @@ class SinkProcess:
     def wait(self, deadline: float) -> bool:
         """Wait until the deadline [s, monotonic] for the output to be complete, after `end`.
 
-        A process that needs longer completes by itself with what it received; return False if there was more.
+        A process that needs longer completes by itself with what it received; return False if there was more, or if
+        the output has failed although it allows no gaps.
         """
         self._thread.join(max(deadline - time.monotonic(), 0.0))
         if self.is_over():
-            return True
+            if self.dropped:
+                self._log.warning(f"{self.label}: {self.dropped} answers in all were not handed to it")
+            return self._sink.gaps_allowed or (self.state == ENDED and not self.dropped)
         unsent, process = self._unsent(), f"its process ({self.process.pid if self.process else 'none yet'}) goes on"
         left = f"{unsent} answers have not been handed to it"
         self._fail(f"{self.label} is not complete yet, and is not waited for: {process}; {left}")
@@ -311,12 +314,13 @@ class Outputs:
         Raises:
             UsageError: the parameters name no file, it cannot be written, or too many files are being written already.
         """
-        recording = self.sinks.get(RECORDER)
-        if recording and not recording.failure:
+        before = self.sinks.get(RECORDER)
+        if before and not before.failure:
             raise UsageError("a recording is being written already")
         if not knee.parameters.record.path:
             raise UsageError("parameter record.path names no file")
         self.sinks[RECORDER] = recording = self._recording(knee)
+        self._ending += [before] if before else []
         return Path(recording.name)
 
     def save_snapshot(self, items: Sequence[Answer | Note], knee: Knee) -> None:
@@ -334,10 +338,10 @@ class Outputs:
     def _recording(self, knee: Knee, size: int = 0) -> SinkProcess:
         """Begin a recording that will have at least this size [B]."""
         path = Path(knee.parameters.record.path)
-        self._ending = [sink for sink in self._ending if not sink.is_over()]
-        if any(sink.state == STARTING for sink in self._ending):
-            raise UsageError(f"{self._ending[-1].name} is not open yet; try again")
-        if (number := len(self._ending)) >= MOST_ENDING:
+        self._ending = [sink for sink in self._ending if sink.state != ENDED]
+        if starting := [sink.name for sink in self._ending if sink.state == STARTING and not sink.failure]:
+            raise UsageError(f"{starting[0]} is not open yet; try again")
+        if (number := sum(not sink.is_over() for sink in self._ending)) >= MOST_ENDING:
             raise UsageError(f"{number} recordings are still being completed; try again when one is complete")
         refuse(path, knee.parameters.record.min_free * MB, size)
         sink = sink_of("record", knee)
@@ -350,11 +354,12 @@ class Outputs:
         Raises:
             UsageError: nothing is being recorded.
         """
-        recording = self.sinks.pop(RECORDER, None)
-        if recording is None or recording.failure:
-            raise UsageError(recording.failure if recording else "nothing is being recorded")
+        if (recording := self.sinks.pop(RECORDER, None)) is None:
+            raise UsageError("nothing is being recorded")
         recording.end(ending)
         self._ending.append(recording)
+        if recording.failure:
+            raise UsageError(recording.failure)
         return recording.name
 
     def end(self, ending: Ending) -> None:
