@@ -23,7 +23,7 @@ from pathlib import Path
 from typing import IO
 
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import is_there
+from knee_contact_ros.system.files import expanded, is_there
 
 PARTIAL = ".partial"
 STAMP = "{stamp}"
@@ -64,8 +64,8 @@ def all_names(path: Path) -> Iterator[Path]:
 
 
 def stamped(path: str) -> str:
-    """Path with the local time in place of `{stamp}`, in the format of rosbag2."""
-    return path.replace(STAMP, time.strftime("%Y_%m_%d-%H_%M_%S"))
+    """Path with the local time in place of `{stamp}`, in the format of rosbag2, and with `~` expanded; or empty."""
+    return path and str(expanded(path.replace(STAMP, time.strftime("%Y_%m_%d-%H_%M_%S"))))
 
 
 def refuse_impossible(path: Path) -> None:
