@@ -63,6 +63,16 @@ def cut_off(path: Path) -> None:
     path.write_bytes(content[: len(content) // 2])
 
 
+def halves(path: Path) -> None:
+    """Two contours, 1 mm on either side of the slice, of which each holds one half of the condyle."""
+    points, normals = femoral_curve(TWO_RADII)
+    half = len(points) // 2
+    lower, upper = (points + rise * normals for rise in (0.0, 0.0005))
+    sides = (np.pad(part, ((0, 0), (0, 1)), constant_values=z)
+             for part, z in ((lower[: half + 9], -0.019), (upper[half - 9 :], -0.017)))  # fmt: skip
+    np.savetxt(path, np.concatenate([*sides]))
+
+
 def only_points(path: Path) -> None:
     import pyvista
 
@@ -112,6 +122,7 @@ CASES = {
     "garbage NRRD": ("a.nrrd", text("no map"), [], "it does not begin with NRRD"),
     "a hollow of 8 mm": ("a.stl", mesh(swept((femoral_curve()[0] - HOLLOW, femoral_curve()[1]))), [],
                          "is no condyle of a femur: its RMS distance from any profile"),
+    "half a contour": ("a.txt", halves, [], "too few points around the slice to tell the profile ("),
     "bone outside": ("a.stl", mesh(BONE, bone=FEMUR), ["--bone", "bone.stl"], "is not behind the cartilage"),
     "bone elsewhere": ("a.stl", mesh(bone=(FEMUR[0] + [0.0, 0.0, 0.05], FEMUR[1])), ["--bone", "bone.stl"],
                        "misses --bone"),
