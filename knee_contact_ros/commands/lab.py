@@ -11,6 +11,7 @@ import click
 from knee_contact_ros.commands.options import (
     DEFAULT_PARAMETERS,
     FILE,
+    FiniteRange,
     Given,
     InBag,
     Output,
@@ -217,7 +218,7 @@ def fit_profile(mesh: Path, side: str, compartment: str, tolerance: float, slab:
 @choice_option("--angle-unit", ["deg", "rad"], "Unit of --flexion.", "rad")
 @click.option(
     "--body-weight",
-    type=click.FloatRange(10.0, 5000.0),
+    type=FiniteRange(10.0, 5000.0),
     multiple=True,
     required=True,
     metavar="N",
