@@ -22,12 +22,13 @@ from rclpy.signals import SignalHandlerOptions
 from knee_contact_ros.node.diagnostics import at_most_every
 from knee_contact_ros.node.parameters import NodeKind, NodeParameters, given_by_user
 from knee_contact_ros.node.session import Session
-from knee_contact_ros.parameters.files import check_file
+from knee_contact_ros.parameters.files import check_file, check_used
 from knee_contact_ros.streams.topics import INPUTS
 from knee_contact_ros.streams.watch import unanswered_sentence
 from knee_contact_ros.system.errors import UsageError, listed
 from knee_contact_ros.system.files import parameter_file
 from knee_contact_ros.system.ros import executor_of, joining, resolved
+from knee_contact_ros.system.ros_files import read_sections
 
 ROS_ARGUMENTS = "--ros-args"
 SPIN_PERIOD = 0.1
@@ -182,6 +183,7 @@ def run_nodes(arguments: list[str], kinds: Sequence[NodeKind]) -> int:
                 with of_node(kind, kinds):
                     nodes.append(ManagedNode(kind, stop))
         check_names(nodes)
+        check_targets(arguments, [node.get_fully_qualified_name() for node in nodes])
         start([node for node in nodes if node.node_parameters.read().autostart])
         executor = executor_of(*nodes)
         while not stop.requested:
@@ -228,6 +230,21 @@ def check_names(nodes: Sequence[ManagedNode]) -> None:
                     f"in one process {names[1]} takes {given} from {names[0]}, and cannot listen to {taken}: give "
                     "both the same names and namespace, or run each in its own process"
                 )
+
+
+def check_targets(arguments: Sequence[str], nodes: Sequence[str]) -> None:
+    """Check that each parameter file and each `-p NODE:NAME:=VALUE` is for a node of this process, by absolute name.
+
+    Raises:
+        UsageError: ROS would ignore one.
+    """
+    for flag, word in pairwise(arguments):
+        target, colon, _ = word.partition(":=")[0].partition(":")
+        if flag == "--params-file":
+            check_used(read_sections(Path(word)), word, nodes)
+        elif flag in ("-p", "--param") and colon:
+            meant = [f"; in a namespace, use a file with {node}" for node in nodes if node.endswith(f"/{target}")]
+            check_used([target], f"{flag} {word}", nodes, "".join(meant))
 
 
 def spin(executor: Executor, node: ManagedNode) -> None:

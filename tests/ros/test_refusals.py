@@ -38,6 +38,12 @@ REFUSED = [
     (BOTH, "-r knee_load:__ns:=/left", "takes /left/joint_states from /left/knee_load, and cannot listen to"),
     (BOTH, "-p knee_contact:load.source:=/measured",
      "parameter load.source: '/measured' is not allowed with --with-contact: the force comes from the load node"),
+    ("node", "-r __node:=knee2 --params-file osteoarthritis.yaml",
+     "osteoarthritis.yaml: no parameters for node knee2; found /**/knee_contact"),
+    ("node", "-r __ns:=/left --params-file load/gait2354", "for node left/knee_contact; found /**/knee_load"),
+    ("load", "-p knee_lod:person.mass:=60.0", "-p knee_lod:person.mass:=60.0: no parameters for node knee_load; found"),
+    (BOTH, "-r __ns:=/left -p knee_contact:load.share:=0.7", "no parameters for node left/knee_load or "
+     "left/knee_contact; found knee_contact; in a namespace, use a file with /left/knee_contact"),
 ]  # fmt: skip
 """Command, arguments and what is said"""
 if HAS_VIEWER:
