@@ -28,7 +28,7 @@ REFUSED = [
     ("node", "-p 'knee.source:=/a std_msgs/Float65 data'", "definition of std_msgs/msg/Float65 cannot be read"),
     ("node", "-p 'knee.source:=/a std_msgs/Float64 data'", "std_msgs/msg/Float64 has no header with a stamp"),
     ("node", "-p qos_overrides./knee_contact.publisher.reliability:=perhaps",
-     "a topic cannot be offered: Unexpected QoS override for policy `reliability`: `perhaps`"),
+     "parameter qos_overrides./knee_contact.publisher.reliability: 'perhaps' is not allowed; it must be best_"),
     ("load", "-p person.mas:=70.0", "unknown parameter person.mas; did you mean person.mass?"),
     ("load", "-p level:=ankle_moment", "level: 'ankle_moment' is not allowed; it needs ground.components"),
     (BOTH, "-p person.mass:=70.0", "knee_contact: unknown parameter person.mass; did you mean femur.mass?"),
