@@ -26,6 +26,8 @@ from knee_contact_ros.system.files import missing_middleware
 
 ROS_PATHS = ("PYTHONPATH", "LD_LIBRARY_PATH", "AMENT_PREFIX_PATH")
 """Environment variables by which the setup file of a ROS puts itself on the path"""
+LARGEST_DOMAIN = 232
+"""Largest ROS domain; the ports of further ones do not exist"""
 CLOCK, NUMBER = "--clock", re.compile(r"[-+]?[\d.]+(e[-+]?\d+)?")
 
 
@@ -76,13 +78,14 @@ def demo(
 
 
 def check_ros() -> None:
-    """Check that the chosen middleware is installed and that ROS can be loaded.
+    """Check that the chosen middleware is installed and can begin, and that ROS can be loaded.
 
     Raises:
-        UsageError: the middleware is not installed, or another ROS is on the path.
+        UsageError: the middleware is not installed, or another ROS is on the path, or a variable's value cannot be.
     """
     if words := missing_middleware():
         raise UsageError(words)
+    check_environment()
     try:
         import rclpy  # noqa: F401
     except ImportError as error:
@@ -93,6 +96,24 @@ def check_ros() -> None:
             f"ROS cannot be loaded ({error}): is another ROS on the path, by {', '.join(given)}? Use a shell that has "
             f"sourced none: env {' '.join(f'-u {name}' for name in given)} ..."
         ) from None
+
+
+def check_environment() -> None:
+    """Check variables for which ROS ends the process or gives no reason; warn if asked security is off.
+
+    Raises:
+        UsageError: there is no such domain, or no keystore where security is enforced.
+    """
+    domain, keystore = os.environ.get("ROS_DOMAIN_ID", ""), os.environ.get("ROS_SECURITY_KEYSTORE", "")
+    if domain.isdecimal() and int(domain) > LARGEST_DOMAIN:
+        raise UsageError(f"ROS_DOMAIN_ID: {domain} is not allowed; it must be from 0 to {LARGEST_DOMAIN}")
+    if os.environ.get("ROS_SECURITY_STRATEGY") == "Enforce":
+        if os.environ.get("ROS_SECURITY_ENABLE") != "true":
+            from knee_contact_ros.system.terminal import warn
+
+            warn(["nothing is encrypted: ROS_SECURITY_STRATEGY=Enforce needs ROS_SECURITY_ENABLE=true, too"])
+        elif not keystore or not Path(keystore).is_dir():
+            raise UsageError(f"ROS_SECURITY_KEYSTORE: {keystore!r} is no folder, and security is enforced")
 
 
 class RosCommand(click.Command):

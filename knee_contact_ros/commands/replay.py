@@ -141,7 +141,7 @@ def run_replay(
         with joining():
             rclpy.init(args=None, signal_handler_options=SignalHandlerOptions.NO)
             opened.callback(rclpy.shutdown)
-            node = Node("knee_contact_replay", namespace=namespace)
+            node = Node("knee_contact_replay", namespace=namespace.strip("/"))
             opened.callback(node.destroy_node)
         transforms = transform_messages(bag)
         replayer = Replayer(node, inputs=inputs, clock=timing.clock is not None, transforms=transforms)

@@ -15,19 +15,21 @@ from pathlib import Path
 from typing import Any
 
 import rclpy
+from rclpy import qos
 from rclpy.executors import Executor
 from rclpy.lifecycle import LifecycleNode, LifecycleState, TransitionCallbackReturn
 from rclpy.signals import SignalHandlerOptions
 
 from knee_contact_ros.node.diagnostics import at_most_every
-from knee_contact_ros.node.parameters import NodeKind, NodeParameters, given_by_user
+from knee_contact_ros.node.parameters import PREFIX, NodeKind, NodeParameters, given_by_user
 from knee_contact_ros.node.session import Session
-from knee_contact_ros.parameters.files import check_file
+from knee_contact_ros.parameters.files import check_file, check_used
 from knee_contact_ros.streams.topics import INPUTS
 from knee_contact_ros.streams.watch import unanswered_sentence
-from knee_contact_ros.system.errors import UsageError, listed
+from knee_contact_ros.system.errors import UsageError, in_a_line, meant
 from knee_contact_ros.system.files import parameter_file
 from knee_contact_ros.system.ros import executor_of, joining, resolved
+from knee_contact_ros.system.ros_files import read_sections
 
 ROS_ARGUMENTS = "--ros-args"
 SPIN_PERIOD = 0.1
@@ -47,6 +49,7 @@ class ManagedNode(LifecycleNode):
         Raises:
             UsageError: a parameter is unknown or not allowed.
         """
+        self._qos = set[str]()  # names of the QoS overrides that topics have asked for
         super().__init__(
             kind.schema.node, allow_undeclared_parameters=True, automatically_declare_parameters_from_overrides=True
         )
@@ -58,6 +61,22 @@ class ManagedNode(LifecycleNode):
         self._stop = stop
         for service in self.services:
             service.callback = self._answering(service.callback, service.srv_name)
+
+    def declare_parameter(self, name: str, *details: Any, **named: Any) -> Any:
+        """Declare a parameter; a QoS override of the user that a topic asks for is checked, as rclpy names none.
+
+        Raises:
+            UsageError: the value is none for this policy.
+        """
+        if name.startswith(PREFIX):
+            self._qos.add(name)
+            value, kind = self.get_parameter_or(name).value, f"{name.rpartition('.')[2].title()}Policy"
+            words = getattr(qos, kind, qos.QoSPolicyEnum).__members__.keys() - {"UNKNOWN"}  # none for the depth
+            fits = str(value).upper() in words if words else type(value) is int and value >= 0
+            if not fits and value is not None:
+                allowed = ", ".join(sorted(words)).lower() or "a whole number"
+                raise UsageError(f"parameter {name}: {value!r} is not allowed; it must be {allowed}")
+        return super().declare_parameter(name, *details, **named)
 
     def _answering(self, callback: ServiceCallback, name: str) -> ServiceCallback:
         """Callback of a service that reports a failing request in the log instead of raising."""
@@ -107,10 +126,11 @@ class ManagedNode(LifecycleNode):
             try:
                 self.session.start()
             except Exception as error:  # rclpy has many kinds
-                given = listed(sorted(given_by_user(self)))
-                why = f"{' '.join(str(error).split()) or repr(error)}{f'; does {given} fit?' if given else ''}"
-                self.get_logger().error(f"cannot listen: {why}")
+                self.get_logger().error(f"cannot listen: {' '.join(str(error).split()) or repr(error)}")
                 return TransitionCallbackReturn.ERROR
+            known, given = sorted(self._qos), sorted(given_by_user(self))
+            if unused := [f"{name} has no effect: {meant(name, known)}" for name in given if name not in known]:
+                self.get_logger().warning(in_a_line(unused), once=True)
             topics = " and ".join(resolved(self, stream.topic) for stream in self.session.inputs)
             self.get_logger().info(f"active, listening to {topics}")
         return result
@@ -182,6 +202,7 @@ def run_nodes(arguments: list[str], kinds: Sequence[NodeKind]) -> int:
                 with of_node(kind, kinds):
                     nodes.append(ManagedNode(kind, stop))
         check_names(nodes)
+        check_targets(arguments, [node.get_fully_qualified_name() for node in nodes])
         start([node for node in nodes if node.node_parameters.read().autostart])
         executor = executor_of(*nodes)
         while not stop.requested:
@@ -228,6 +249,21 @@ def check_names(nodes: Sequence[ManagedNode]) -> None:
                     f"in one process {names[1]} takes {given} from {names[0]}, and cannot listen to {taken}: give "
                     "both the same names and namespace, or run each in its own process"
                 )
+
+
+def check_targets(arguments: Sequence[str], nodes: Sequence[str]) -> None:
+    """Check that each parameter file and each `-p NODE:NAME:=VALUE` is for a node of this process, by absolute name.
+
+    Raises:
+        UsageError: ROS would ignore one.
+    """
+    for flag, word in pairwise(arguments):
+        target, colon, _ = word.partition(":=")[0].partition(":")
+        if flag == "--params-file":
+            check_used(read_sections(Path(word)), word, nodes)
+        elif flag in ("-p", "--param") and colon:
+            meant = [f"; in a namespace, use a file with {node}" for node in nodes if node.endswith(f"/{target}")]
+            check_used([target], f"{flag} {word}", nodes, "".join(meant))
 
 
 def spin(executor: Executor, node: ManagedNode) -> None:

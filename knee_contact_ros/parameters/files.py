@@ -7,7 +7,7 @@ mapping, or several of these; later ones override earlier ones.
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from functools import cache
 from pathlib import Path
 from types import MappingProxyType
@@ -170,12 +170,21 @@ def _own_values(sections: Sections, name: str, schema: type[NodeSection], namesp
         UsageError: no section is for the node.
     """
     node = _node(schema, namespace)
-    if sections and not any(fits(each, node) for each in sections):
-        spaces = [each.rpartition("/")[0].removeprefix("/") for each in sections if each.endswith(f"/{schema.node}")]
-        hint = f"; say --namespace {spaces[0]}" if spaces and spaces[0] and "*" not in spaces[0] else ""
-        found = short(", ".join(sections))
-        raise UsageError(f"{name}: no parameters for node {node[1:]}; found {found}{hint}")
+    spaces = [each.rpartition("/")[0].removeprefix("/") for each in sections if each.endswith(f"/{schema.node}")]
+    hint = f"; say --namespace {spaces[0]}" if spaces and spaces[0] and "*" not in spaces[0] else ""
+    check_used(sections, name, [node], hint)
     return values_for(sections, node)
+
+
+def check_used(sections: Collection[str], name: str, nodes: Sequence[str], hint: str = "") -> None:
+    """Check that a section of the file or rule `name` is for one of the nodes, which have absolute names.
+
+    Raises:
+        UsageError: none is; the error ends with `hint`.
+    """
+    if sections and not any(fits(each, node) for each in sections for node in nodes):
+        wanted, found = " or ".join(node[1:] for node in nodes), short(", ".join(sections))
+        raise UsageError(f"{name}: no parameters for node {wanted}; found {found}{hint}")
 
 
 def check_file(path: Path, schema: type[NodeSection]) -> None:

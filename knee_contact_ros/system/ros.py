@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 
 from domain_coordinator import domain_id
+from rclpy.exceptions import NameValidationException
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
 
@@ -26,8 +27,8 @@ def joining() -> Iterator[None]:
         warnings.simplefilter("ignore", RuntimeWarning)  # rclpy's, on what it could not clean up after the failure
         try:
             yield
-        except RuntimeError as error:  # rclpy's own errors derive from it
-            raise UsageError(f"cannot join the ROS graph: {error}") from None
+        except (RuntimeError, NameValidationException) as error:  # rclpy's other errors derive from the former
+            raise UsageError(f"cannot join the ROS graph: {str(error).removesuffix('^')}") from None
 
 
 @contextmanager

@@ -93,6 +93,25 @@ def test_a_middleware_that_is_not_there_is_named_with_the_cure(arguments: list[s
     assert ("the demo runs without it" in told) == (arguments[0] == "demo") == ("ROS cannot be loaded" in told)
 
 
+@pytest.mark.parametrize(
+    ("environment", "words"),
+    [
+        ({"ROS_DOMAIN_ID": "233"}, "ROS_DOMAIN_ID: 233 is not allowed; it must be from 0 to 232"),
+        (
+            {"ROS_SECURITY_STRATEGY": "Enforce"},
+            "warning: nothing is encrypted: ROS_SECURITY_STRATEGY=Enforce needs ROS",
+        ),
+        ({"ROS_SECURITY_STRATEGY": "Enforce", "ROS_SECURITY_ENABLE": "true"}, "ROS_SECURITY_KEYSTORE: '' is no folder"),
+    ],
+)
+def test_an_environment_that_ros_does_not_explain_is_told(
+    environment: dict[str, str], words: str, tmp_path: Path
+) -> None:
+    """The warning is followed by a ROS that cannot be loaded."""
+    (tmp_path / "rclpy.py").write_text("raise ImportError('none')\n")
+    assert refused(["node"], f"{tmp_path}:{ROOT}", **environment).startswith(f"knee-contact: {words}")
+
+
 def test_the_bare_command_shows_every_command_in_its_group(capsys: pytest.CaptureFixture[str]) -> None:
     assert main([]) == 0
     shown = capsys.readouterr().out

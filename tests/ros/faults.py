@@ -256,7 +256,7 @@ FAULTS = [
     Fault("time jumps ahead", nothing, status=Status.STALE_INPUT, shift=1000 * SECOND),
     Fault("angle stamps stand still", times(5, lambda p, t: p.send_angle(t - STEP // 2, 0.9)),
           5 * ("angle_not_in_order",), REJECTED),
-    Fault("stamp not set", lambda p, _: p.send_angle(0, 0.9), ("angle_off_time",), REJECTED),
+    Fault("stamp not set", times(2, lambda p, _: p.send_angle(0, 0.9)), ("angle_off_time", "no_stamp"), REJECTED),
     Fault("one wrong stamp in both streams at once", lambda p, t: p.send(t - 100 * SECOND, 0.9, 9.0),
           ("angle_off_time", "load_off_time"), REJECTED),
     Fault("second publisher with its own clock", other_publisher(RELIABLE, 0.9, 60 * SECOND),

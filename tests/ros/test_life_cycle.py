@@ -112,7 +112,7 @@ def test_a_transition_that_fails_leaves_the_node_unconfigured(peer: Peer, start_
     assert state_of(peer) == State.PRIMARY_STATE_UNCONFIGURED
     assert change_state(peer, Transition.TRANSITION_CONFIGURE)
     assert change_state(peer, Transition.TRANSITION_CLEANUP)
-    assert f"; does {override} fit?" in node.stop()
+    assert f"cannot listen: parameter {override}: 'seven' is not allowed; it must be a whole number" in node.stop()
 
 
 def test_forces_that_wait_are_answered_before_the_streams_are_left(

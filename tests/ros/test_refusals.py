@@ -28,7 +28,7 @@ REFUSED = [
     ("node", "-p 'knee.source:=/a std_msgs/Float65 data'", "definition of std_msgs/msg/Float65 cannot be read"),
     ("node", "-p 'knee.source:=/a std_msgs/Float64 data'", "std_msgs/msg/Float64 has no header with a stamp"),
     ("node", "-p qos_overrides./knee_contact.publisher.reliability:=perhaps",
-     "a topic cannot be offered: Unexpected QoS override for policy `reliability`: `perhaps`"),
+     "parameter qos_overrides./knee_contact.publisher.reliability: 'perhaps' is not allowed; it must be best_"),
     ("load", "-p person.mas:=70.0", "unknown parameter person.mas; did you mean person.mass?"),
     ("load", "-p level:=ankle_moment", "level: 'ankle_moment' is not allowed; it needs ground.components"),
     (BOTH, "-p person.mass:=70.0", "knee_contact: unknown parameter person.mass; did you mean femur.mass?"),
@@ -38,6 +38,12 @@ REFUSED = [
     (BOTH, "-r knee_load:__ns:=/left", "takes /left/joint_states from /left/knee_load, and cannot listen to"),
     (BOTH, "-p knee_contact:load.source:=/measured",
      "parameter load.source: '/measured' is not allowed with --with-contact: the force comes from the load node"),
+    ("node", "-r __node:=knee2 --params-file osteoarthritis.yaml",
+     "osteoarthritis.yaml: no parameters for node knee2; found /**/knee_contact"),
+    ("node", "-r __ns:=/left --params-file load/gait2354", "for node left/knee_contact; found /**/knee_load"),
+    ("load", "-p knee_lod:person.mass:=60.0", "-p knee_lod:person.mass:=60.0: no parameters for node knee_load; found"),
+    (BOTH, "-r __ns:=/left -p knee_contact:load.share:=0.7", "no parameters for node left/knee_load or "
+     "left/knee_contact; found knee_contact; in a namespace, use a file with /left/knee_contact"),
 ]  # fmt: skip
 """Command, arguments and what is said"""
 if HAS_VIEWER:

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 from geometry_msgs.msg import WrenchStamped
+from rclpy.node import Node
 from rclpy.qos import QoSProfile
 from rosgraph_msgs.msg import Clock
 from sensor_msgs.msg import JointState
@@ -19,6 +20,8 @@ from sensor_msgs.msg import JointState
 from knee_contact_ros.bags.reader import INPUT_TYPES, RawMessage
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.streams.topics import NANOSECONDS, stamp_to_ns
+from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.ros import joining
 from tests.helpers.bags import write_rosbag2
 from tests.helpers.messages import raw_inputs
 from tests.helpers.terminals import Terminal
@@ -119,7 +122,7 @@ def test_a_part_into_a_namespace_with_a_clock_of_its_own_rate(
 ) -> None:
     ear = Ear(peer, "/left")
     bag = write_rosbag2(tmp_path / "bag", gait, name=lambda topic: f"/left{topic}" if there else topic)
-    replay = start(bag, "--namespace", "left", "--start-offset", "0.5", "--duration", "0.4", "--clock", "50")
+    replay = start(bag, "--namespace", "/left/", "--start-offset", "0.5", "--duration", "0.4", "--clock", "50")
     ear.listen_to(replay)
     begin = gait[0].log_time + NANOSECONDS // 2
     end = begin + 4 * NANOSECONDS // 10
@@ -169,6 +172,12 @@ def test_keys_step_pause_and_go_on(ear: Ear, right_bag: Path, gait: list[RawMess
         terminal.wait_for(LAST_LINE)
         terminal.wait_for(r"\[ended with 0, usual\]")
     assert ear.heard == by_topic(part)
+
+
+@pytest.mark.parametrize("namespace", ["a b", "9x", "n" * 300])
+def test_a_namespace_that_ros_refuses_is_told_in_one_line(namespace: str) -> None:
+    with pytest.raises(UsageError, match=rf"cannot join the ROS graph: Invalid namespace: .*/{namespace}'$"), joining():
+        Node("knee_contact_replay", namespace=namespace)
 
 
 @pytest.mark.parametrize(

@@ -83,6 +83,7 @@ def test_the_user_decides_on_the_qos(peer: Peer, start_node: Start) -> None:
     node = start_node(
         "-p", "qos_overrides./joint_states.subscription.reliability:=reliable",
         "-p", "qos_overrides./joint_states.subscription.depth:=7",
+        "-p", "qos_overrides./joint_states.subscription.reliabilty:=best_effort",
         "-p", "qos_overrides./knee_contact.publisher.reliability:=best_effort",
     )  # fmt: skip
     peer.wait_for_node()
@@ -101,6 +102,9 @@ def test_the_user_decides_on_the_qos(peer: Peer, start_node: Start) -> None:
     fixed = "qos_overrides./joint_states.subscription.depth"
     assert "cannot change while the node is configured" in set_parameters(peer, {fixed: 8})[1]
     output = node.stop()
+    assert (
+        output.count("reliabilty has no effect: did you mean qos_overrides./joint_states.subscription.reliabili") == 1
+    )
     assert output.count("a publisher of /joint_states cannot be heard: its QoS does not fit the override") == 1
     assert output.count("a publisher of /joint_reaction_force is best effort; the node listens in the same way") == 1
 
