@@ -1,6 +1,6 @@
 """Contact node: `ros2 launch knee_contact_ros knee_contact.launch.py params:=FILE record:=FILE ...`.
 
-Arguments that are given override the parameter file. `-s` lists all arguments.
+Arguments that are given override the parameter file. `-s` lists all arguments. The other launch files include this one.
 """
 
 from launch.actions import DeclareLaunchArgument, EmitEvent, OpaqueFunction, RegisterEventHandler
@@ -54,8 +54,9 @@ def end_for_good(node):
     return RegisterEventHandler(OnProcessExit(target_action=node, on_exit=on_exit))
 
 
-def knee_contact_node(context):
+def knee_node(context):
     """Node with the parameters that were given as arguments; if it dies, it is restarted with the same ones."""
+    kind = LaunchConfiguration("node").perform(context)
     rerun = LaunchConfiguration("rerun").perform(context)
     texts = {
         "knee.joint_name": LaunchConfiguration("joint").perform(context),
@@ -75,8 +76,8 @@ def knee_contact_node(context):
     node = Node(
         package=PACKAGE,
         executable="knee_contact",
-        arguments=["node"],
-        name="knee_contact",
+        arguments=["node" if kind == "contact" else kind],
+        name=f"knee_{kind}",
         namespace=LaunchConfiguration("namespace"),
         # Not among `parameters`: launch leaves out a file that is not there, and the node would run with defaults.
         ros_arguments=["--params-file", LaunchConfiguration("params"), "--log-level", LaunchConfiguration("log_level")],
@@ -93,6 +94,9 @@ def generate_launch_description():
     truth = ["", "true", "false"]
     return LaunchDescription(
         [
+            DeclareLaunchArgument(
+                "node", default_value="contact", choices=["contact", "load"], description="which node it is"
+            ),
             DeclareLaunchArgument("params", default_value=healthy, description="ROS 2 parameter file"),
             DeclareLaunchArgument("namespace", default_value="", description="of the node and its topics"),
             DeclareLaunchArgument("joint", default_value="", description="joint in joint_states"),
@@ -113,6 +117,6 @@ def generate_launch_description():
             ),
             DeclareLaunchArgument("respawn_delay", default_value="1.0", description="[s] before that"),
             DeclareLaunchArgument("log_level", default_value="info", description="debug, info, warn, error or fatal"),
-            OpaqueFunction(function=knee_contact_node),
+            OpaqueFunction(function=knee_node),
         ]
     )

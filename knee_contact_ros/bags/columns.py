@@ -133,6 +133,8 @@ class File(ABC):
         """Pieces of the file with messages, in its order"""
         self.goes_back = False
         """Whether the log times of a channel go back in the order of the file"""
+        self.is_recording = False
+        """Whether it is a recording of this package, whose order is that of arrival"""
         self.close: Callable[[], None]
         """Function that closes the file"""
 
@@ -217,7 +219,8 @@ def by_arrival(files: Sequence[File], numbers: Sequence[Mapping[int, int]]) -> I
     topics = np.concatenate([np.empty(0, np.intp), *(topics for topics, _ in arrays)])
     times = np.concatenate([np.empty(0, np.int64), *(times for _, times in arrays)])
     ends, every = np.cumsum([len(times) for _, times in arrays]).tolist(), np.unique(topics).tolist()
-    cuts = [0, *_cuts([np.flatnonzero(topics == number) for number in every], times), len(times)]
+    late = not any(file.is_recording for file in files)
+    cuts = [0, *_cuts([np.flatnonzero(topics == number) for number in every], times, late), len(times)]
     for first, last in pairwise(cuts):
         life = []
         for part, end, (_, own) in zip(parts, ends, arrays, strict=True):
@@ -231,12 +234,13 @@ def by_arrival(files: Sequence[File], numbers: Sequence[Mapping[int, int]]) -> I
             yield from _by_time(life, read)
 
 
-def _cuts(topics: Sequence[NDArray[np.intp]], times: NDArray[np.int64]) -> list[int]:
+def _cuts(topics: Sequence[NDArray[np.intp]], times: NDArray[np.int64], late: bool) -> list[int]:
     """Indices of messages, in the order of arrival, before which the clock was set back.
 
     Args:
         topics: Indices of the messages of each topic.
         times: Log times [ns] of all messages.
+        late: Whether messages that fill a hole may have been written late.
     """
     steps: list[tuple[int, int, float]] = []
     for number, places in enumerate(topics):
@@ -249,7 +253,8 @@ def _cuts(topics: Sequence[NDArray[np.intp]], times: NDArray[np.int64]) -> list[
         places = topics[number]
         index, begin = np.searchsorted(places, [place, cuts[-1]]).tolist()
         before, after = times[places[max(begin, index - WINDOW) : index]], times[places[index : index + WINDOW]]
-        if len(before) and before.max() - after[0] > JITTER * usual and not _fills_a_hole(before, after, usual):
+        is_back = len(before) and before.max() - after[0] > JITTER * usual
+        if is_back and not (late and _fills_a_hole(before, after, usual)):
             cuts.append(place)
     return cuts[1:]
 

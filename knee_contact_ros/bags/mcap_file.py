@@ -34,6 +34,7 @@ from rosbags.interfaces import MessageDefinition, MessageDefinitionFormat
 from knee_contact_ros.bags.columns import MESSAGE_HEADS, Batch, Connection, File, Segment
 from knee_contact_ros.bags.recorder import HEAD, MAGIC, MESSAGE, MESSAGE_HEAD
 from knee_contact_ros.streams.columns import Column
+from knee_contact_ros.streams.output import LOAD_PROVENANCE, PROVENANCE
 from knee_contact_ros.streams.topics import NO_DEFINITION
 from knee_contact_ros.system.files import open_regular
 
@@ -377,6 +378,7 @@ class McapFile(File):
                 self._declare(piece.content)
             case Metadata() | Attachment():
                 self._others.append(piece.offset)
+                self.is_recording |= piece.content.name in (PROVENANCE, LOAD_PROVENANCE)
             case Statistics():
                 self.promised = piece.content.channel_message_counts
             case Header():

@@ -14,13 +14,13 @@ from mcap.records import Metadata
 import knee_contact_ros.model
 from knee_contact_ros import __version__
 from knee_contact_ros.bags.mcap_file import Records
-from knee_contact_ros.bags.reader import files_of, is_there
+from knee_contact_ros.bags.reader import files_of
 from knee_contact_ros.bags.recorder import CONTINUED
 from knee_contact_ros.parameters.files import curve_files, flat_parameters, load_parameters, read_curve
 from knee_contact_ros.parameters.schema import LoadParameters, Parameters
 from knee_contact_ros.streams.output import LOAD_PROVENANCE, PROVENANCE
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.files import open_regular, sha256_of
+from knee_contact_ros.system.files import is_there, open_regular, sha256_of
 
 ORIGIN = "origin"
 """Name of the metadata record of an imported bag, which describes its origin"""

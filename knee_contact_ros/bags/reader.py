@@ -47,7 +47,7 @@ from knee_contact_ros.streams.topics import (
     typestore,
 )  # fmt: skip
 from knee_contact_ros.system.errors import UsageError, in_a_line, listed
-from knee_contact_ros.system.files import LARGEST_METADATA, BadYamlError, open_regular, read_yaml, split
+from knee_contact_ros.system.files import LARGEST_METADATA, BadYamlError, is_there, open_regular, read_yaml, split
 
 Names = Mapping[str, str]
 """Absolute names of topics in a bag, by their absolute names in the node"""
@@ -541,24 +541,6 @@ def others_beside(bag: Path) -> list[str]:
     if not others:
         return []
     return [f"{bag}: only {listed(sorted(read))} is read; to read {listed(others)}, give it as a file"]
-
-
-def refuse_input(bag: Path, output: Path) -> None:
-    """Refuse an output that would replace the bag it is computed from, or one of its files.
-
-    Raises:
-        UsageError: It would.
-    """
-    if is_there(output) and any(is_there(path) and output.samefile(path) for path in files_of(bag)):
-        raise UsageError(f"{output} is the input, which is never changed; choose another name")
-
-
-def is_there(path: Path) -> bool:
-    """Whether a path is a regular file; False for a name that is too long."""
-    try:
-        return path.is_file()
-    except OSError:
-        return False
 
 
 class SqliteFile(File):

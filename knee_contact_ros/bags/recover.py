@@ -16,7 +16,7 @@ from knee_contact_ros.bags.mcap_file import Advance, McapFile
 from knee_contact_ros.bags.reader import MCAP, kind_of
 from knee_contact_ros.bags.recorder import CHUNK_SIZE, LIBRARY, ROSBAG2
 from knee_contact_ros.system.errors import UsageError, in_a_line
-from knee_contact_ros.system.output_files import is_being_written, rename_new
+from knee_contact_ros.system.output_files import is_being_written, refuse_input, rename_new
 
 RECOVERED = "recovered"
 """Name of the metadata record that describes the file from which another one was recovered"""
@@ -103,8 +103,7 @@ def _opened(source: Path, output: Path, overwrite: bool, advance: Advance) -> Mc
         raise UsageError(f"{source} {reason}")
     if is_being_written(source):
         raise UsageError(f"{source} is being written: it is not cut off; stop the recording first")
-    if output.exists() and output.samefile(source):
-        raise UsageError(f"{output} is the input, which is never changed; choose another name")
+    refuse_input(output, [source])
     if output.is_dir() or (os.path.lexists(output) and not overwrite):
         raise UsageError(f"{output} exists already; choose another name, or --overwrite")
     try:

@@ -10,6 +10,7 @@ import click
 from knee_contact_ros.commands.options import (
     DEFAULT_PARAMETERS,
     FILE,
+    FiniteRange,
     Given,
     InBag,
     Output,
@@ -217,7 +218,7 @@ def fit_profile(mesh: Path, side: str, compartment: str, tolerance: float, slab:
 @choice_option("--angle-unit", ["deg", "rad"], "Unit of --flexion.", "rad")
 @click.option(
     "--body-weight",
-    type=click.FloatRange(10.0, 5000.0),
+    type=FiniteRange(10.0, 5000.0),
     multiple=True,
     required=True,
     metavar="N",
@@ -372,15 +373,16 @@ def trade(bag: Path, given: Given, in_bag: InBag, worth: float | None, picture: 
     compared with the tightest tolerance, the cost of a tick and the share of flagged ticks, and recommends a setting.
     If BAG is a recording of this package, its own parameters are used unless you give --params.
     """
-    from knee_contact_ros.bags.reader import others_beside
+    from knee_contact_ros.bags.reader import files_of, others_beside
     from knee_contact_ros.lab.trade import draw, measure, show
     from knee_contact_ros.offline.notebooks import answers_of
     from knee_contact_ros.offline.solve import basis_of, parameters_in, weight_doubt
-    from knee_contact_ros.system.output_files import refuse_impossible
+    from knee_contact_ros.system.output_files import refuse_impossible, refuse_input
     from knee_contact_ros.system.terminal import progress, say, warn
 
     require("trade", "matplotlib")
     refuse_impossible(picture)
+    refuse_input(picture, files_of(bag))
     basis = basis_of(bag, given.parameter_files or None, given.values(), None, in_bag.namespace)
     results, summary = answers_of(bag, basis, in_bag.names())
     if summary.ticks < 2:

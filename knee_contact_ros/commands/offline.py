@@ -143,7 +143,7 @@ def estimate_load(bag: Path, given: Given, output: Path, overwrite: bool, in_bag
     sources = ", ".join(map(str, [*(given.parameter_files or [without]), *given.parameter_values]))
     rows = {"parameters": sources, "body weight": f"{parameters.person.constants.weight:.7g} N"}
     show_load(summary, parameters, rows, str(output))
-    warn([*others_beside(bag), *weight_doubt(bag, parameters), *doubts])
+    warn([*others_beside(bag), *weight_doubt(bag, parameters), *doubts, *summary.implausible])
     if summary.damage:
         raise IncompleteError(f"bag {bag} is damaged, and read as far as it can be: {in_a_line(summary.damage)}")
 
@@ -202,12 +202,13 @@ def table(bag: Path, output: Path, topic: str) -> None:
     vector has its own column. If there are several topics (knees, compartments), they follow each other and a column
     names them. BAG is a recording, or the output of `solve`.
     """
-    from knee_contact_ros.bags.reader import absolute, answer_topics, read_answers
+    from knee_contact_ros.bags.reader import absolute, answer_topics, files_of, read_answers
     from knee_contact_ros.results import answer_table
     from knee_contact_ros.system.files import require
-    from knee_contact_ros.system.output_files import write_complete
+    from knee_contact_ros.system.output_files import refuse_input, write_complete
     from knee_contact_ros.system.terminal import say
 
+    refuse_input(output, files_of(bag))
     topics = [absolute(topic)] if topic else answer_topics(bag)
     if not topics:
         raise UsageError(f"{bag} has no answers: knee-contact solve computes them")

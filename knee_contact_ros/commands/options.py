@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import stat
 from collections.abc import Callable, Sequence
 from functools import reduce, update_wrapper
@@ -97,11 +98,22 @@ def choice_option(name: str, values: Sequence[str], text: str, default: str | No
     return click.option(name, type=click.Choice(values), help=text, **own)
 
 
+class FiniteRange(click.FloatRange):
+    """Type of an option with a number from a range, without NaN and infinity, which Click's has."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Convert the argument to a number."""
+        number = float(super().convert(value, param, ctx))
+        if not math.isfinite(number):
+            self.fail(f"{value} is not a finite number", param, ctx)
+        return number
+
+
 def number_option(
     name: str, low: float, high: Number, default: Number, text: str, metavar: str | None = None, **ends: bool
 ) -> Callable[[Function], Function]:
     """Make an option with a number from `low` to `high`, an integer if these are; `ends` are Click's for open ones."""
-    kind = (click.IntRange if isinstance(low, int) else click.FloatRange)(low, high, **ends)  # type: ignore[arg-type]
+    kind = (click.IntRange if isinstance(low, int) else FiniteRange)(low, high, **ends)  # type: ignore[arg-type]
     return click.option(name, type=kind, default=default, show_default=True, metavar=metavar, help=text)
 
 

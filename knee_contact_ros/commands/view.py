@@ -14,7 +14,7 @@ from urllib.parse import quote
 import click
 
 from knee_contact_ros.bags.provenance import PARAMETERS_CHANGED, RESET, Change, read_provenance
-from knee_contact_ros.bags.reader import answer_blocks, answer_topics, others_beside, refuse_input
+from knee_contact_ros.bags.reader import answer_blocks, answer_topics, files_of, others_beside
 from knee_contact_ros.commands.options import Given
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import Rows
@@ -26,7 +26,7 @@ from knee_contact_ros.streams.contact_stream import answering
 from knee_contact_ros.streams.topics import KNEE, LATERAL, MEDIAL, compartment_name, is_lateral, knee_name
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 from knee_contact_ros.system.files import refuse_twice
-from knee_contact_ros.system.output_files import refuse_existing
+from knee_contact_ros.system.output_files import refuse_existing, refuse_input
 from knee_contact_ros.system.processes import LOCALHOST, interrupted_by_sigterm, refuse_taken
 from knee_contact_ros.system.terminal import progress, say, warn
 from knee_contact_ros.view.anatomy import KneeOutlines, drawings_of
@@ -91,7 +91,7 @@ def run_view(sources: Sequence[str], given: Given, save: Path | None, overwrite:
         path = save or Path(folder, "knee_contact.rrd")
         refuse_twice(list(map(Path, sources)))
         for source in sources:
-            refuse_input(Path(source), path)
+            refuse_input(path, files_of(Path(source)))
         recordings, missing = _with_answers([Path(source) for source in sources], parameters, Path(folder))
         _draw([*recorded_knees(recordings, parameters)], path, overwrite)
         if save:

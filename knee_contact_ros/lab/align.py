@@ -20,14 +20,14 @@ from scipy.interpolate import CubicSpline
 from scipy.optimize import minimize_scalar
 from scipy.stats import t as student
 
-from knee_contact_ros.lab import checks
-from knee_contact_ros.lab.sensors import read_channels, read_map
+from knee_contact_ros.lab import checks, tables
+from knee_contact_ros.lab.sensors import AngleChannel, read_channels, read_map
 from knee_contact_ros.lab.tables import Floats, Series
 from knee_contact_ros.parameters.files import parameter_text
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.topics import NANOSECONDS
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.output_files import refuse_existing, write_complete
+from knee_contact_ros.system.output_files import refuse_existing, refuse_input, write_complete
 from knee_contact_ros.system.terminal import say, show_table, shown, warn
 
 STRETCH = 1.0
@@ -86,15 +86,16 @@ def align(files: Sequence[Path], maps: Sequence[Path], output: Path, longest_lag
         UsageError: a file, the map or the output cannot be used, or the angles are not of the same knee. Nothing is
             written then.
     """
+    refuse_input(output, [*files, *maps])
+    if not overwrite:
+        refuse_existing(output)
     sensors = read_map(maps)
     if sensors.reference is None:
         raise UsageError(f"map {maps[-1]}: reference: is missing: the angle that `angle` is compared with")
-    if not overwrite:
-        refuse_existing(output)
     sensor, reference = read_channels(files, sensors, ("angle", "reference")).values()
     checks.refuse(checks.impossible(sensor) + checks.impossible(reference))
     alignment = aligned(sensor, reference, longest_lag, sensors.max_gap)
-    text = overlay(alignment, sensor.columns, reference.columns, sensors.angle.sign)
+    text = overlay(alignment, sensor.columns, reference.columns, sensors.angle)
     write_complete({output: text.encode()})
     show(alignment, output)
     gain, (least, most) = alignment.gain.value, alignment.gain.bounds
@@ -188,18 +189,30 @@ def aligned(sensor: Series, reference: Series, longest: float, max_gap: float) -
     return Alignment(offset, lag, gain, len(rows), before, after)
 
 
-def overlay(alignment: Alignment, sensor: str, reference: str, sign: float) -> str:
-    """Text of the parameter file; `sensor` and `reference` name their columns, `sign` is that of the map's angle."""
+def overlay(alignment: Alignment, sensor: str, reference: str, angle: AngleChannel) -> str:
+    """Text of the parameter file; `sensor` and `reference` name their columns, `angle` is the map's."""
     offset, lag = alignment.offset, alignment.lag
     degrees = f"{math.degrees(offset.value):.2f} +- {math.degrees(offset.half):.2f}"
     milliseconds = f"{1e3 * lag.value:.1f} +- {1e3 * lag.half:.1f}"
     comments = [
         f"Written by knee-contact align: {sensor} against {reference}",
         f"offset {degrees} deg, lag {milliseconds} ms (95 %); r {alignment.after[0]:.4f}.",
-        *["The sensor falls in flexion: live, give knee.flexion_sign: -1.0 too; import-csv has turned it."][: sign < 0],
+        *_for_node(angle, offset.value),
     ]
     values = ("knee:", f"  flexion_offset: {offset.value:.6f}", "pairing:", f"  angle_delay: {lag.value:.6f}")
     return parameter_text(Parameters, comments, values)
+
+
+def _for_node(angle: AngleChannel, offset: float) -> list[str]:
+    """Sentence on a live node, which has the raw sensor, and of the map neither sign, offset [rad] nor scale."""
+    factors = [angle.turned * angle.scale * weight for weight in angle.weights.values()]
+    offset += angle.offset * tables.factor(angle.unit, tables.ANGLE, "map: angle")
+    if [*map(abs, factors)] != [1.0]:
+        return ["The map scales the angle: do not use this file for a live node, which has the raw sensor."]
+    if factors == [1.0] and not angle.offset:
+        return []
+    live = f"knee.flexion_sign: {factors[0]:.1f}, knee.flexion_offset: {offset:.6f}"
+    return [f"For a live node, which has the raw sensor without the map's sign and offset: {live}."]
 
 
 def show(alignment: Alignment, output: Path) -> None:

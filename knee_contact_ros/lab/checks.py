@@ -12,8 +12,18 @@ from pathlib import Path
 
 import numpy as np
 
-from knee_contact_ros.joint_reaction.estimator import LEAST_PEAK, LIGHTEST, MOST_PEAK, STIFF, weight_doubt
-from knee_contact_ros.lab.tables import BODY_WEIGHT, FORCE, PERCENT, Floats, Series, Table, factor
+from knee_contact_ros.joint_reaction.estimator import LARGEST_PULL, LEAST_PEAK, LIGHTEST, MOST_PEAK, STIFF, weight_doubt
+from knee_contact_ros.lab.tables import (
+    BODY_WEIGHT,
+    FORCE,
+    MIDDLE_WEIGHT,
+    PERCENT,
+    Floats,
+    Series,
+    Stamps,
+    Table,
+    factor,
+)
 from knee_contact_ros.model.inputs import CLEAR, TIMES_MORE, WIDEST
 from knee_contact_ros.model.knee import LARGEST_ANGLE, LARGEST_LOAD
 from knee_contact_ros.model.types import EXTENDS, FLEXES
@@ -31,16 +41,19 @@ JUMP = 30.0
 """Step [deg] between rows that points to a loose contact, or to an encoder that begins a new turn"""
 RATES = (5.0, 1e4)
 """Plausible rates of rows [Hz]"""
+IN_SECONDS = "are its times in s, and not in milliseconds?"
 MOVES, FITS = 0.1, (0.5, 2.0)
 """RMS of the rate [rad/s] below which a given rate is not checked; plausible ratios of given to derived rate"""
-HEAVIEST, MIDDLE_WEIGHT = 2500.0, 700.0
-"""If no body weight is given: the largest one [N] that is possible, and the one that the limit of spikes assumes"""
+HEAVIEST = 2500.0
+"""Largest body weight [N] that is possible"""
 USUAL_LOAD = (400.0, 8000.0)
 """Peak loads [N] outside which the user is asked for a body weight"""
 PEAK, RIGHT_PEAK = (LEAST_PEAK, MOST_PEAK), (1.5, 4.0)
 """Plausible peaks of the load [BW], and the narrower range by which the right unit is guessed"""
 OF_GROUND = (0.4, 5.0), (0.9, 1.6)
 """The same for the ground's force on a foot"""
+LARGEST_MOMENT = 0.12
+"""Largest frontal moment [m times the body weight]; larger ones are spikes where feet change plates"""
 MOST_TORQUE = 300.0
 """Largest plausible torque [N m] of an actuator"""
 STANDS, NEAR = 100.0, 0.30
@@ -150,9 +163,10 @@ def check_heading(forward: Floats, path: Path) -> None:
     refuse(outside(path, "the mean x component of the pelvis's direction", ahead, "", (AHEAD, 1.0), cure))
 
 
-def impossible(angle: Series, load: Series | None = None) -> list[str]:
-    """Return why these cannot be an angle and a load at all; empty if they can."""
+def impossible(angle: Series, load: Series | None = None, *, mapped: bool = True) -> list[str]:
+    """Return why these cannot be an angle and a load at all; empty if they can. OpenSim's are not `mapped`."""
     cure = f"is {angle.name}.unit right, and is it a knee's angle?"
+    direction = "positive as the map's load.direction says" if mapped else "and not on the femur"
     low, high = np.degrees([angle.values.min(), angle.values.max()])
     sentences = outside(angle.where, "the range of motion", high - low, "deg", (0.0, math.degrees(WIDEST)), cure)
     largest = (0.0, math.degrees(LARGEST_ANGLE))
@@ -161,21 +175,22 @@ def impossible(angle: Series, load: Series | None = None) -> list[str]:
         least, most = float(load.values.min()), float(load.values.max())
         if most < -least:
             pulls = f"{load.where} pulls the knee apart by up to {-least:.0f} N, and presses with {most:.4g} N at most"
-            sentences.append(f"{pulls}: is it the force on the tibia, positive as the map's load.direction says?")
+            sentences.append(f"{pulls}: is it the force on the tibia, {direction}?")
         sentences += outside(load.where, "the peak", most, "N", (0.0, LARGEST_LOAD), "is load.unit right?")
     return sentences
 
 
 def doubts(
-    angle: Series, load: Series | None, unit: str | None, weight: float | None, max_gap: float, *, mapped: bool = True
-) -> list[str]:
+    angle: Series, load: Series | None, unit: str | None, weight: float | None, max_gap: float,
+    moment: Series | None = None, *, mapped: bool = True,
+) -> list[str]:  # fmt: skip
     """List what is likely a mistake.
 
     `unit` is the load's in the map, `weight` the body's [N]; a longer time between rows than `max_gap` [s] is a gap.
     OpenSim's results are not `mapped`.
     """
     name, where, low = angle.name, angle.where, math.degrees(angle.values.min())
-    ask, cure = "are its times in s, and not in milliseconds?", "is it the included angle?"
+    ask, cure = IN_SECONDS, "is it the included angle?"
     if mapped:
         ask = "is time.unit right (s, milliseconds), or does it count frames (time.rate)?"
         cure = (f"is {name}.sign right, or has the sensor an offset ({name}.offset, or knee-contact align)? The "
@@ -186,15 +201,27 @@ def doubts(
     jump = f"the step at {angle.stamps[worst + 1] / NANOSECONDS:.7g} s"
     found = [weight_doubt(weight)] if weight is not None and weight_doubt(weight) else []
     for series in filter(None, (angle, load)):
-        rate = NANOSECONDS / float(np.median(np.diff(series.stamps)))
-        found += outside(series.path, "the number of rows a second", rate, "", RATES, ask)
+        found += rate_doubts(series.path, series.stamps, ask)
     found += joint_doubts(angle) if mapped else []
     found += outside(where, "the least flexion", low, "deg", (EXTENDED, BENT), cure)
     found += outside(where, "the largest flexion", math.degrees(angle.values.max()), "deg", (EXTENDED, FOLDED), cure)
     found += outside(where, jump, float(steps[worst]), "deg", (0.0, JUMP), "a loose contact, or an encoder's turn?")
     if load:
+        least, pull = float(load.values.min()), -LARGEST_PULL * (weight or MIDDLE_WEIGHT)
+        found += outside(load.where, "the least load", least, "N", (pull, math.inf), "does it stand for a missing one?")
         found += _spike(load, weight or MIDDLE_WEIGHT) + peak_doubts(load, unit, weight)
+    if moment:
+        most, limits = float(np.abs(moment.values).max()), (0.0, LARGEST_MOMENT * (weight or HEAVIEST))
+        found += outside(moment.where, "the largest moment", most, "N m", limits, "is moment.unit right, or a spike?")
     return list(dict.fromkeys(found))
+
+
+def rate_doubts(where: object, stamps: Stamps, cure: str) -> list[str]:
+    """Doubt about the number of rows a second, from increasing stamps [ns], shape (n,)."""
+    if len(stamps) < 2:
+        return []
+    rate = NANOSECONDS / float(np.median(np.diff(stamps)))
+    return outside(where, "the number of rows a second", rate, "", RATES, cure)
 
 
 def joint_doubts(series: Series, *, is_torque: bool = False) -> list[str]:

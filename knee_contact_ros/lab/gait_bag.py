@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import heapq
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from operator import itemgetter
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,7 +17,8 @@ from numpy.typing import NDArray
 
 from knee_contact_ros import __version__
 from knee_contact_ros.bags.provenance import ORIGIN
-from knee_contact_ros.bags.recorder import BagWriter
+from knee_contact_ros.bags.reader import contents_of
+from knee_contact_ros.bags.recorder import METADATA, BagWriter
 from knee_contact_ros.lab.tables import Floats, Stamps
 from knee_contact_ros.streams import topics
 from knee_contact_ros.streams.messages import JointState, WrenchStamped, encode_joint_state, encode_wrench_stamped
@@ -125,7 +127,7 @@ def common_window(*known: Stamps, start: float | None = None, end: float | None 
     first, last = max(0, *(span[0] for span in spans)), min(span[1] for span in spans)
     if first >= last:
         covered = " and ".join(f"{a / NANOSECONDS:g} to {b / NANOSECONDS:g} s" for a, b in spans)
-        raise UsageError(f"the files have no time in common: {covered}")
+        raise UsageError(f"the files have no time in common{' from 0 s on' * (last <= 0)}: {covered}")
     begin, stop = (edge if s is None else round(s * NANOSECONDS) for s, edge in ((start, first), (end, last)))
     if max(first, begin) >= min(last, stop):
         options = f"--start {begin / NANOSECONDS:g} --end {stop / NANOSECONDS:g}"
@@ -134,20 +136,21 @@ def common_window(*known: Stamps, start: float | None = None, end: float | None 
 
 
 def sampled(
-    side: str, joints: Mapping[str, Sequence[Signal]], wrenches: Mapping[str, Signal], others: Sequence[Stamps] = (),
-    *, rate: float | None, max_gap: float, start: float | None = None, end: float | None = None, beyond: int = 0,
+    side: str, joints: Mapping[str, Sequence[Signal]], wrenches: Mapping[str, Signal],
+    others: Mapping[str, Signal] | None = None, *, rate: float | None, max_gap: float, start: float | None = None,
+    end: float | None = None, beyond: int = 0,
 ) -> Gait:  # fmt: skip
     """Make a gait from the time that all signals cover, between `start` and `end` [s].
 
     With a `rate` [Hz] all signals are interpolated at it, except in gaps longer than `max_gap` [s]. Without a rate
-    every row keeps its stamp: wrenches their own, and angles those of the first joint. Angles begin and end `beyond`
-    [ns] and one row further out, so that every wrench lies between two angles.
+    every row keeps its stamp: wrenches their own, and angles those of the first joint, except in such gaps of another.
+    Angles begin and end `beyond` [ns] and one row further out, so that every wrench lies between two angles.
 
     Args:
         side: `right` or `left`; of a left leg the ground's wrench is mirrored.
         joints: For each joint's name in the bag an angle, with or without its rate, then an actuator's torque if any.
         wrenches: `load` or `ground_force` or both.
-        others: Stamps [ns] of other signals that the time must cover.
+        others: Other signals by name, whose time must be covered, and whose gaps are told.
         rate: Rate of the samples.
         max_gap: Longest time between rows that is interpolated.
         start: First time.
@@ -158,9 +161,9 @@ def sampled(
         UsageError: fewer than two samples are left.
     """
     turning = [signal.stamps for signals in joints.values() for signal in signals]
-    every = [*turning, *others, *(wrench.stamps for wrench in wrenches.values())]
+    named = {"angle": next(iter(joints.values()))[0], **wrenches, **(others or {})}
+    every = [*turning, *(signal.stamps for signal in (*wrenches.values(), *named.values()))]
     window = common_window(*every, start=start, end=end)
-    named = {"angle": next(iter(joints.values()))[0], **wrenches}
     notes = [note for name, signal in named.items() for note in _gaps(name, signal.around(window).stamps, max_gap)]
     if rate:
         period = NANOSECONDS / rate
@@ -173,6 +176,7 @@ def sampled(
         inside = {name: wrench.inside(window) for name, wrench in wrenches.items()}
         first, last = common_window(*turning)
         at = named["angle"].around((window[0] - beyond, window[1] + beyond)).inside((first, last)).stamps
+        at = at[np.all([bridged(at, each, max_gap) for each in turning], axis=0)]
         for name, wrench in inside.items():
             if outside := len(wrenches[name].stamps) - len(wrench.stamps):
                 notes.append(f"{name}: {outside} rows left out, before time 0 or where another signal or time is not")
@@ -308,9 +312,14 @@ def check_output(folder: Path, overwrite: bool) -> None:
         raise UsageError(f"{folder} exists already; give another --output, or --overwrite")
     if not folder.is_dir():
         raise UsageError(f"{folder} is a file and not a bag's folder; it is not replaced")
-    others = [path.name for path in folder.iterdir() if path.suffix not in {MCAP, ".yaml"}]
+    others = {path.name for path in folder.iterdir()}
+    with suppress(UsageError):  # it is no bag
+        contents = contents_of(folder)
+        others -= set() if contents.faults else {METADATA, *(name for name in contents.names if name.endswith(MCAP))}
     if others:
-        raise UsageError(f"{folder} is not a bag's folder, because it has {others[0]}, and is not replaced")
+        raise UsageError(
+            f"{folder} is not replaced: it has {min(others)}, and no {METADATA} says that it belongs to a bag"
+        )
 
 
 def digest(path: Path) -> str:

@@ -148,7 +148,8 @@ def check(channels: dict[str, Series], sensors: SensorMap, anyway: bool) -> list
         if name in channels:
             checks.refuse(checks.impossible(channels[name], load))
     unit = sensors.load.unit if sensors.load else None
-    doubts = checks.doubts(channels["angle"], load, unit, weight, sensors.max_gap)
+    doubts = list(dict.fromkeys(doubt for series in channels.values() for doubt in series.doubts))
+    doubts += checks.doubts(channels["angle"], load, unit, weight, sensors.max_gap, channels.get("moment"))
     for name in (*ANGLES[1:], *TORQUES):
         if name in channels:
             doubts += checks.joint_doubts(channels[name], is_torque=name in TORQUES)
@@ -266,12 +267,13 @@ def _series(name: str, channel: Channel, table: Table, to_si: float, leave_out: 
     """Sum the columns of a channel, in SI units and our sign; `leave_out` drops rows without a number."""
     if _kind(name) == tables.ANGLE and table.degrees is not None:
         says, header = ("deg", "yes") if table.degrees else ("rad", "no")
-        if channel.unit in {"deg", "rad"} - {says}:
+        if tables.spelt(channel.unit) in {"deg", "rad"} - {says}:
             raise UsageError(f"{table.path} says inDegrees={header}, and map: {name}.unit {channel.unit}")
-    for column, weight in channel.weights.items():
-        if abs(weight * channel.scale) == 1.0:
-            said = table.units.get(column, "")
-            tables.check_unit(table.path, column, said, channel.unit, _kind(name), f"map: {name}.unit")
+    notes = [*table.notes, *["times count from the first row"] * (table.day is not None)]
+    times = max(map(abs, channel.weights.values())) * channel.scale
+    for column in channel.weights:
+        said, what = table.units.get(column, ""), f"map: {name}.unit"
+        notes += tables.check_unit(table.path, column, said, channel.unit, what, times=times)
     places = [table.names.index(str(column)) for column in channel.weights]
     numbers = np.isfinite(table.values[:, places])
     there = np.asarray(numbers.all(axis=1))
@@ -285,7 +287,6 @@ def _series(name: str, channel: Channel, table: Table, to_si: float, leave_out: 
         )
     if rows - lost < 2:
         raise UsageError(f"{table.path} has {rows - lost} row with numbers for {name}; a signal over time needs two")
-    notes = [*table.notes, *["times count from the first row"] * (table.day is not None)]
     notes += [f"{name}: {lost} of {rows} rows left out, as a number is missing"] * bool(lost)
     weights = np.array(list(channel.weights.values()))
     values = (table.values[there][:, places] @ weights) * (to_si * channel.scale * channel.turned)
@@ -293,7 +294,7 @@ def _series(name: str, channel: Channel, table: Table, to_si: float, leave_out: 
     if channel.offset:
         values += to_si * channel.offset
         notes.append(f"{name}: {channel.offset:g} {channel.unit} added (offset)")
-    return Series(name, table.path, words, table.stamps[there], values, tuple(notes))
+    return Series(name, table.path, words, table.stamps[there], values, tuple(notes), table.doubts)
 
 
 def gait_of(channels: dict[str, Series], sensors: SensorMap) -> Gait:
@@ -309,11 +310,11 @@ def gait_of(channels: dict[str, Series], sensors: SensorMap) -> Gait:
     }
     wrenches = {}
     if "load" in channels:
-        wrench = _wrench(channels, ("", "load", "", "moment", "", ""), "load", 0.0)
+        wrench = _wrench(channels, ("", "load", "", "moment", "", ""), "load", 0.0, sensors.max_gap)
         wrenches["load"] = wrench._replace(values=wrench.values * [1.0, -1.0, 1.0, 1.0, 1.0, 1.0] + 0.0)  # no minus 0
     if "ground_force" in channels:
-        wrenches["ground_force"] = _wrench(channels, GROUND, "ground_force", np.nan)  # what is not measured
-    every = [series.stamps for series in channels.values()]
+        wrenches["ground_force"] = _wrench(channels, GROUND, "ground_force", np.nan, sensors.max_gap)
+    every = {name: _signal(series) for name, series in channels.items()}
     rate, gap = sensors.rate, sensors.max_gap
     gait = gait_bag.sampled(sensors.side, joints, wrenches, every, rate=rate, max_gap=gap, beyond=BEYOND)
     notes = dict.fromkeys(note for series in channels.values() for note in series.notes)
@@ -321,9 +322,16 @@ def gait_of(channels: dict[str, Series], sensors: SensorMap) -> Gait:
     return gait._replace(notes=[*notes, *gait.notes], columns=columns, weight=sensors.body_weight)
 
 
-def _wrench(channels: dict[str, Series], parts: Sequence[str], main: str, unknown: float) -> Signal:
-    """Make a wrench from the channels `parts` at the stamps of channel `main`; missing channels become `unknown`."""
-    stamps = channels[main].stamps
+def _wrench(channels: dict[str, Series], parts: Sequence[str], main: str, unknown: float, max_gap: float) -> Signal:
+    """Make a wrench from the channels `parts` at the stamps of channel `main`; missing channels become `unknown`.
+
+    Stamps in gaps of a part longer than `max_gap` [s] are left out.
+    """
+    known, stamps = [channels[name].stamps for name in parts if name in channels], channels[main].stamps
+    stamps = stamps[np.all([gait_bag.bridged(stamps, each, max_gap) for each in known], axis=0)]
+    if len(stamps) < 2:
+        raise UsageError(f"{channels[main].where}: all but {len(stamps)} rows lie in gaps of another channel of this "
+                         f"wrench that are longer than {max_gap:g} s (map: max_gap)")  # fmt: skip
     columns = [
         _signal(channels[name]).at(stamps).values if name in channels else np.full((len(stamps), 1), unknown)
         for name in parts

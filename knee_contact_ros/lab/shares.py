@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping, Sequence
-from itertools import combinations
+from itertools import chain, combinations
 from pathlib import Path
 from statistics import fmean
 from typing import Any, NamedTuple
@@ -25,12 +25,14 @@ from scipy.optimize import least_squares, lsq_linear
 from knee_contact_ros import __version__
 from knee_contact_ros.joint_reaction.compartments import MeasuredShare, ShareTable
 from knee_contact_ros.joint_reaction.estimator import LEAST_PEAK, MOST_PEAK, STIFF
-from knee_contact_ros.lab.tables import TableFormat, TimeColumn, header_of, read_columns
+from knee_contact_ros.lab.checks import IN_SECONDS, LARGEST_MOMENT, rate_doubts
+from knee_contact_ros.lab.gait_bag import bridged
+from knee_contact_ros.lab.tables import Stamps, Table, TableFormat, TimeColumn, check_unit, header_of, read_columns
 from knee_contact_ros.model.knee import LARGEST_ANGLE
-from knee_contact_ros.model.types import NANOSECOND, Floats
+from knee_contact_ros.model.types import Floats
 from knee_contact_ros.parameters.files import SHARE_COLUMNS
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.output_files import refuse_existing, write_complete
+from knee_contact_ros.system.output_files import refuse_existing, refuse_input, write_complete
 from knee_contact_ros.system.terminal import say, show_table, shown, warn
 
 TERM = re.compile(r"\s*([+-])?\s*(?:(\d+\.?\d*(?:[eE][+-]?\d+)?|\.\d+)\s*\*?\s*)?([^\W\d]\w*|'[^']+'|\"[^\"]+\")\s*")
@@ -39,6 +41,8 @@ Term = tuple[float, str]
 """Weight and name of a column"""
 FEWEST = 20
 """Smallest number of samples of a trial"""
+LONGEST_GAP = 0.1
+"""Longest time between rows [s] that is interpolated"""
 LEAST_FLEXION = -10.0
 """Smallest mean flexion [deg] of a trial: no knee is more extended on average"""
 LARGEST_EXCESS = 0.15
@@ -57,8 +61,6 @@ SPACINGS = 0.02, 0.15
 """Plausible spacings [m] of the compartments: 64 to 93 mm in two implants; contacts are about 40 mm apart"""
 OUTLIER = 0.1
 """Error of the medial force [body weights] beyond which a sample counts less in the fit of the spacing"""
-LARGEST_MOMENT = 0.12
-"""Largest frontal moment [m times the body weight]; larger ones, spikes where feet change plates, are left out"""
 FLEXION = (-10.0, 0.0, 10.0, 20.0, 40.0, 70.0, 100.0, 130.0)
 """Flexion [deg] of the table's rows, as far as there are data: denser where the knee is in stance"""
 LOAD = (0.0, 0.6, 1.2, 1.8, 2.4, 3.0, 3.6, 4.2, 4.8)
@@ -80,6 +82,8 @@ class Trial(NamedTuple):
     """Frontal moment [m times the body weight], as torque.x of the joint reaction; NaN where it is not known"""
     body_weight: float
     """Body weight [N]"""
+    doubts: tuple[str, ...] = ()
+    """What is likely a mistake, or was left out, a sentence each"""
 
 
 def run_fit_share(
@@ -102,6 +106,7 @@ def run_fit_share(
     Raises:
         UsageError: a trial, an option or the output cannot be used.
     """
+    refuse_input(output, chain.from_iterable(files))
     if not overwrite:
         refuse_existing(output)
     if len(body_weight) not in (1, len(files)):
@@ -118,6 +123,7 @@ def run_fit_share(
     write_complete({output: text.encode()})
     _show(trials, found)
     say(f"Written: {output}")
+    warn(doubt for trial in trials for doubt in trial.doubts)
 
 
 def read_trial(
@@ -126,7 +132,7 @@ def read_trial(
     """Read a trial from one file, or from several that share a clock.
 
     Columns are found by name in all files. The trial has the samples of the first file that all files cover in time;
-    columns of the other files are interpolated.
+    columns of the other files are interpolated, except in gaps longer than `LONGEST_GAP`.
 
     Args:
         paths: The files.
@@ -141,8 +147,8 @@ def read_trial(
     """
     name = paths[0].stem
     needed = list(dict.fromkeys(column for terms in sums.values() for _, column in terms))
-    found: dict[str, tuple[Floats, Floats]] = {}
-    clocks, known = list[Floats](), list[str]()
+    found: dict[str, tuple[Stamps, Floats]] = {}
+    clocks, known, doubts = list[Stamps](), list[str](), list[str]()
     day: int | str | None = None
     for path in paths:
         header = header_of(path, [time, *needed], TableFormat())
@@ -154,7 +160,8 @@ def read_trial(
         day = day if clocks else table.day
         if table.day != day:
             raise UsageError(f"{path}: trial {name} begins on another day than in {paths[0]}, or has another clock")
-        clocks.append(np.asarray(table.stamps * NANOSECOND))
+        clocks.append(table.stamps)
+        doubts += [*table.notes, *rate_doubts(path, table.stamps, IN_SECONDS), *_unit_notes(table, sums, degrees)]
         for column, values in zip(table.names, table.values.T, strict=True):
             if column in found:
                 raise UsageError(f"{path}: column {column} is in another file of trial {name}, too")
@@ -167,19 +174,35 @@ def read_trial(
                 raise UsageError(f"{option}: trial {name} has no column {column}; it has {', '.join(known)}")
     first, last = max(clock[0] for clock in clocks), min(clock[-1] for clock in clocks)
     kept = clocks[0][(clocks[0] >= first) & (clocks[0] <= last)]
+    near = np.all([bridged(kept, clock, LONGEST_GAP) for clock in clocks], axis=0)
+    lost = f"trial {name}: {np.count_nonzero(~near)} of {len(kept)} samples left out"
+    doubts += [f"{lost}, as they lie in gaps longer than {LONGEST_GAP:g} s"] * (not near.all())
+    kept = kept[near]
     if len(kept) < FEWEST:
         fault = f"{len(kept)} samples at which all files have some; at least {FEWEST} are needed"
-        raise UsageError(f"trial {name}: {fault}")
+        raise UsageError(f"trial {name}: {'; '.join([fault, *doubts])}")
     axial, medial, flexion, *moments = (
         sum((weight * np.interp(kept, *found[column]) for weight, column in terms), np.zeros(len(kept)))
         for terms in sums.values()
     )
     flexion = np.radians(flexion) if degrees else flexion
     hint = "" if degrees else "; --angle-unit deg, if it is in degrees"
-    _refuse_impossible(name, flexion, axial, medial, body_weight, hint)
     moment = moments[0] / body_weight if moments else np.full(len(axial), np.nan)
+    _refuse_impossible(name, flexion, axial, medial, moment, body_weight, hint)
     moment = np.where(np.abs(moment) <= LARGEST_MOMENT, moment, np.nan)
-    return Trial(name, flexion, axial / body_weight, medial / body_weight, moment, body_weight)
+    told = tuple(dict.fromkeys(doubts))
+    return Trial(name, flexion, axial / body_weight, medial / body_weight, moment, body_weight, told)
+
+
+def _unit_notes(table: Table, sums: Mapping[str, Sequence[Term]], degrees: bool) -> list[str]:
+    """Refuse columns in another unit than that of their sum; return notes on units that are not known."""
+    units, notes = {"--flexion": "deg" if degrees else "rad", "--moment": "N*m"}, list[str]()
+    for option, terms in sums.items():
+        unit, times = units.get(option, "N"), max(abs(weight) for weight, _ in terms) or 1.0
+        for _, column in terms:
+            said = table.units.get(column, "")
+            notes += check_unit(table.path, column, said, unit, f"{option} must be in", times=times, cure="")
+    return notes
 
 
 def _terms(option: str, text: str) -> list[Term]:
@@ -197,8 +220,10 @@ def _terms(option: str, text: str) -> list[Term]:
     return terms
 
 
-def _refuse_impossible(trial: str, flexion: Floats, axial: Floats, medial: Floats, weight: float, unit: str) -> None:
-    """Refuse flexion [rad] and forces [N] that cannot be those of a walking knee."""
+def _refuse_impossible(
+    trial: str, flexion: Floats, axial: Floats, medial: Floats, moment: Floats, weight: float, unit: str
+) -> None:
+    """Refuse flexion [rad], forces [N] and moments [m times the body weight] that no walking knee has."""
     mean, span, most = math.degrees(flexion.mean()), math.degrees(np.ptp(flexion)), float(axial.max())
     excess = max(float((medial - axial).max()), float((-medial).max()))
     for wrong, reason in (
@@ -213,6 +238,9 @@ def _refuse_impossible(trial: str, flexion: Floats, axial: Floats, medial: Float
          "and not a mass?"),
         (excess > LARGEST_EXCESS * most, f"the medial force is {excess:g} N beyond 0 or the whole; look at --axial and "
          "--medial"),
+        (not moment.any(), "--moment is 0 throughout"),
+        ((above := float(np.mean(np.abs(moment) > LARGEST_MOMENT))) > 0.5, f"--moment exceeds {LARGEST_MOMENT:g} m "
+         f"times the body weight in {above:.0%} of the samples: is it in N m?"),
     ):  # fmt: skip
         if wrong:
             raise UsageError(f"trial {trial}: {reason}")

@@ -45,7 +45,7 @@ SEARCHED = 300
 """Number of lines at the beginning of a text table that are searched for its column names"""
 HALF_DAY, DAY = 43_200.0, 86_400.0
 """[s]"""
-TIME, ANGLE, FORCE, MOMENT = "time", "angle", "force", "moment"
+TIME, ANGLE, FORCE, MOMENT, LENGTH = "time", "angle", "force", "moment", "length"
 BODY_WEIGHT, PERCENT = "BW", "%BW"
 """Units of force that need the map's `body_weight`"""
 NOT_A_NUMBER = re.compile(r"[-+]?(?:nan(?:\(\w*\))?|\d\.#\w+)|n/?a|#n/?a|#div/0!|null|none|-+", re.IGNORECASE)
@@ -72,14 +72,29 @@ UNITS: dict[str, dict[str, float]] = {
             PERCENT: 0.01},
     MOMENT: {"N*m": 1.0, "N*mm": 1e-3, "kN*m": 1e3, "lbf*in": constants.lbf * constants.inch,
              "lbf*ft": constants.lbf * constants.foot},
+    LENGTH: {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
 }  # fmt: skip
-"""Factors of units to s, rad, N (or body weights) and N m, by quantity"""
+"""Factors of units to s, rad, N (or body weights), N m and m, by quantity"""
 ALIASES = {
     "sec": "s", "second": "s", "seconds": "s", "µs": "us", "μs": "us",
     "degree": "deg", "degrees": "deg", "°": "deg", "radian": "rad", "radians": "rad",
-    "newton": "N", "newtons": "N", "lb": "lbf", "kp": "kgf", "Nm": "N*m", "Nmm": "N*mm", "N m": "N*m", "N mm": "N*mm",
-    "xBW": BODY_WEIGHT, "bw": BODY_WEIGHT, "% BW": PERCENT, "%bw": PERCENT, "% bw": PERCENT, "percent BW": PERCENT,
+    "newton": "N", "newtons": "N", "lb": "lbf", "lbs": "lbf", "kp": "kgf", "kg": "kgf",
+    "µm": "um", "μm": "um",
+    "xbw": BODY_WEIGHT, "percentbw": PERCENT,
 }  # fmt: skip
+SPELT = {unit.replace("*", "").lower(): unit for units in UNITS.values() for unit in units if unit != "mN"} | ALIASES
+"""Units by what `spelt` leaves of them; MN is not mN"""
+OTHER_UNITS = {"g", "V", "mV", "W", "Hz"}
+"""Units of other quantities, which only a factor can turn into one of ours"""
+PLACED = (
+    "; where the file is wrong, name the column by its place (column: 2), and the first row below the units "
+    "(table.first_line)"
+)
+"""What helps against a wrong unit in a file"""
+MIDDLE_WEIGHT = 700.0
+"""Weight of a body [N] where none is given and only its order counts"""
+CALIBRATES = math.log(2.0)
+"""Logarithm of a factor that may still be a sensor's calibration; larger ones convert a unit"""
 
 
 class Table(NamedTuple):
@@ -103,6 +118,8 @@ class Table(NamedTuple):
     """What the file says of the units of columns"""
     notes: tuple[str, ...] = ()
     """How the file was read, as sentences"""
+    doubts: tuple[str, ...] = ()
+    """What is likely a damage of the file, as sentences"""
 
     def columns(self, names: Sequence[Column]) -> Floats:
         """Return columns by their names, shape (n, columns).
@@ -155,6 +172,8 @@ class Series(NamedTuple):
     """Shape (n,)"""
     notes: tuple[str, ...] = ()
     """What was left out, as sentences"""
+    doubts: tuple[str, ...] = ()
+    """What is likely a damage of the file, as sentences"""
 
     @property
     def where(self) -> str:
@@ -246,13 +265,18 @@ class Header(NamedTuple):
         return found[0]
 
 
+def spelt(unit: str) -> str:
+    """Unit as `UNITS` has it, however it is written: KN, N.m, Degrees; a text that is no such unit stays as it is."""
+    return SPELT.get(re.sub(r"[\s.*·⋅-]", "", unit).lower(), unit)
+
+
 def factor(unit: str, kind: str, what: str, body_weight: float | None = None) -> float:
     """Factor of a unit to SI; `kind` is the quantity it must measure, `what` names the value in messages.
 
     Raises:
         UsageError: the unit is not one of this quantity, or needs the missing `body_weight` [N].
     """
-    name, factors = ALIASES.get(unit, unit), UNITS[kind]
+    name, factors = spelt(unit), UNITS[kind]
     if name not in factors:
         raise UsageError(f"{what}: unit {unit!r} is not one of a {kind}; allowed: {', '.join(factors)}")
     if name not in {BODY_WEIGHT, PERCENT}:
@@ -282,7 +306,11 @@ def header_of(path: Path, wanted: Collection[Column], table_format: TableFormat)
     try:
         return Header(path, tuple(read_schema(path).names))
     except (OSError, pa.ArrowException) as error:
-        raise UsageError(f"cannot read {path}: {' '.join(str(error).split())[:200]}") from None
+        raise _unreadable(path, error) from None
+
+
+def _unreadable(path: Path, error: Exception) -> UsageError:
+    return UsageError(f"cannot read {path}: {' '.join(str(error).split())[:200]}")
 
 
 def storage_header(path: Path) -> Header:
@@ -414,9 +442,10 @@ def _text_of(path: Path, encoding: str = "auto") -> tuple[str, tuple[str, ...]]:
         return data.decode("utf-8-sig"), ()
     except OSError as error:
         raise UsageError(f"cannot read {path}: {error.strerror}") from None
-    except LookupError:
-        raise UsageError(f"table.encoding {encoding!r} is not known; as utf-8, cp1252, cp1251, mac-roman") from None
-    except UnicodeDecodeError:
+    except (LookupError, ValueError):
+        if encoding != "auto":
+            what = f"table.encoding {encoding!r} is not known, or not of {path.name}"
+            raise UsageError(f"{what}; as utf-8, cp1252, cp1251, mac-roman") from None
         note = f"{path.name} is not in UTF-8, and was read as Windows-1252 (table.encoding)"
         return data.decode("cp1252", errors="replace"), (note,)
 
@@ -436,13 +465,14 @@ def read_columns(header: Header, wanted: Sequence[Column], time: TimeColumn, tab
     units = {name: below.get(place, "") or _bracketed(header.names[place] if isinstance(name, str) else "")
              for name, place in zip((*timed, *wanted), places, strict=True)}  # fmt: skip
     first = numbers[:, 0] if timed else np.arange(len(numbers), dtype=np.float64)
-    seconds = 1.0 if day is not None else 1.0 / rate if rate else factor(time.unit, TIME, "time")
+    notes: tuple[str, ...] = ()
+    seconds = 1.0 if own or day is not None else 1.0 / rate if rate else factor(time.unit, TIME, "time")
     if rate and day is None:
         if odd := [each for each in first if each % 1.0]:
             raise UsageError(f"{path}: column {time.column} has {odd[0]:g}, and with time.rate it must count frames")
         day = ""
     elif day is None:
-        check_unit(path, timed[0], units[timed[0]], time.unit, TIME, "time.unit")
+        notes = check_unit(path, timed[0], units[timed[0]], time.unit, "time.unit")
     column = timed[0] if timed else time.column
     values = numbers[:, len(timed) :]
     table = _over_time(header, [str(name) for name in wanted], column, first * seconds + time.offset, values)
@@ -451,17 +481,30 @@ def read_columns(header: Header, wanted: Sequence[Column], time: TimeColumn, tab
             f"{path}: in {table.duplicates} of {len(numbers)} rows column {time.column} has the value of the next row; "
             f"is it the time, in {time.unit}, with enough digits?"
         )
-    return table._replace(day=day, units=units)
+    return table._replace(day=day, units=units, notes=table.notes + notes)
 
 
-def check_unit(path: Path, column: Column, said: str, unit: str, kind: str, what: str) -> None:
-    """Refuse a unit of `kind` that contradicts the file's own unit of a column; `what` names the given unit."""
-    theirs = ALIASES.get(said, said)
-    if theirs in UNITS[kind] and theirs != ALIASES.get(unit, unit):
-        raise UsageError(
-            f"{path} says {said} of column {column}, and {what} {unit}; where the file is wrong, name the column "
-            "by its place (column: 2), and the first row below the units (table.first_line)"
-        )
+def check_unit(
+    path: Path, column: Column, said: str, unit: str, what: str, *, times: float = 1.0, cure: str = PLACED
+) -> tuple[str, ...]:  # fmt: skip
+    """Refuse a unit that contradicts what the file says of a column; return a note if that is not known.
+
+    `what` names the given unit. The column is multiplied by `times`, which may convert it from one unit to the other.
+    """
+    theirs, note = spelt(said.lstrip("_")), f"{path.name}: {said!r} is not a known unit ({what} {unit})"
+    kind = next(kind for kind, units in UNITS.items() if spelt(unit) in units)
+    known, ratio = theirs in UNITS[kind], 1.0
+    if not said or NOT_A_NUMBER.fullmatch(said) or theirs == spelt(unit):
+        return ()
+    if said == "_n" or (said[0] == "_" and not known):  # the normal load, and load_m the medial one
+        return ()
+    if known:
+        ratio = factor(theirs, kind, what, MIDDLE_WEIGHT) / factor(unit, kind, what, MIDDLE_WEIGHT)
+    own, off = (abs(math.log(abs(times) / each)) for each in (1.0, ratio))
+    other = theirs in {*SPELT.values(), *OTHER_UNITS} or "/" in theirs
+    if off >= min(own, CALIBRATES) if known else own < CALIBRATES and other:
+        raise UsageError(f"{path} says {said.lstrip('_')} of column {column}, and {what} {unit}{cure}")
+    return (note,) if own < CALIBRATES and not known else ()
 
 
 def _over_time(header: Header, names: Sequence[str], column: Column, seconds: Floats, values: Floats) -> Table:
@@ -488,7 +531,9 @@ def _over_time(header: Header, names: Sequence[str], column: Column, seconds: Fl
     last = np.append(steps > 0, True)
     twice = int(np.count_nonzero(~last))
     notes = (*header.notes, *(f"{path.name}: {twice} rows gave way to the next with the same time",) * bool(twice))
-    return Table(path, tuple(names), stamps[last], values[last], header.degrees, twice, notes=notes)
+    said, cut = (header.entries or {}).get("nrows", ""), f"{path} has {len(seconds)} rows, and its header says nRows="
+    doubts = (f"{cut}{said}: is it cut off?",) * (said.isdecimal() and float(said) > len(seconds))
+    return Table(path, tuple(names), stamps[last], values[last], header.degrees, twice, notes=notes, doubts=doubts)
 
 
 def read_numbers(
@@ -551,15 +596,21 @@ def _check_marks(header: Header, marks: Mapping[tuple[int, str], list[Any]]) -> 
 
 def _parquet(header: Header, places: Sequence[int], table_format: TableFormat) -> Floats:
     """Read the columns at some places of a Parquet file, shape (rows, places)."""
-    import pandas as pd
+    import pyarrow as pa
+    from pyarrow import compute as pc
+    from pyarrow.parquet import read_table
 
-    filters = [(name, "==", value) for name, value in table_format.rows.items()]
-    for name in table_format.rows:
-        header.place(name)
+    kept = pc.scalar(True)
+    for name, value in table_format.rows.items():
+        texts = pa.array([str(value), str(value).removesuffix(".0")])  # Arrow writes 1.0 as 1
+        kept &= pc.field(header.names[header.place(name)]).cast(pa.string()).isin(texts)
     names = [header.names[place] for place in places]
     try:
-        frame = pd.read_parquet(header.path, columns=list(dict.fromkeys(names)), filters=filters or None)
+        table = read_table(header.path, columns=list(dict.fromkeys(names)), filters=kept)
+        frame = table.to_pandas(ignore_metadata=True)  # which may make the time an index
         return np.column_stack([frame[name].to_numpy(np.float64) for name in names])
+    except (OSError, pa.ArrowException) as error:
+        raise _unreadable(header.path, error) from None
     except (ValueError, TypeError) as error:
         fault = " ".join(str(error).split())[:200]
         raise UsageError(f"{header.path}: {', '.join(names)} must be numbers: {fault}") from None
@@ -671,9 +722,9 @@ def _cells(line: str, delimiter: str) -> list[str]:
 
 
 def _bracketed(name: str) -> str:
-    """Unit at the end of a name."""
+    """Unit at the end of a name, with `_` before one that may be another word."""
     match = BRACKETED.search(name)
-    return (match[1] or match[2]).strip() if match else ""
+    return (match[1] or f"_{match[2]}").strip() if match else ""
 
 
 def _is_number(text: str) -> bool:

@@ -56,6 +56,8 @@ class Inputs:
     """Body weight [N]; None: not known"""
     driven: bool = True
     """Whether the load drives the femur; otherwise it is only passed on, and not judged"""
+    names: str = "knee.flexion_"
+    """Beginning of the names of the parameters `sign` and `offset`"""
     ticks: int = 0
     """Number of ticks"""
     lowest: float = math.inf
@@ -129,23 +131,23 @@ class Inputs:
         span = f"the flexion angle goes from {low:.1f} to {high:.1f} deg"
         if self._long and -self.least >= CLEAR and -self.least >= TIMES_MORE * self.most and self.most < CLEAR:
             hint = ", and is it in degrees instead of radians" if self.least < -FLEXES else ""
-            return f"{span}, which is extension: is its sign the other one (knee.flexion_sign -1){hint}?"
+            return f"{span}, which is extension: is its sign the other one ({self.names}sign -1){hint}?"
         mirrored = math.pi - self.most >= EXTENDS and math.pi - self.least <= FLEXES
         if self._long and mirrored and self._stood >= OFTEN * self.ticks and self._angles >= BENT * self._stood:
             mean = math.degrees(self._angles / self._stood)
             return (
                 f"{span}, and is {mean:.0f} deg on average under load: is it the included angle, 180 deg - flexion "
-                f"(knee.flexion_sign -1, knee.flexion_offset {math.pi:.5f})?"
+                f"({self.names}sign -1, {self.names}offset {math.pi:.5f})?"
             )
         if self.outside:
             knee = f"and a knee has {math.degrees(EXTENDS):.0f} to {math.degrees(FLEXES):.0f}"
             raw = f"{self.least:.4g} to {self.most:.4g}"
-            often = f"{self.outside} of {self.ticks} ticks are beyond, IMPLAUSIBLE"
+            often = f"{self.outside} of {self.ticks} ticks are beyond"
             if self.most - self.least > WIDEST:
                 return f"{span}, {knee} ({often}): are {raw} degrees instead of radians?"
             turned = self.least < EXTENDS and -self.most >= EXTENDS and -self.least <= FLEXES
-            cause = "is its sign the other one (knee.flexion_sign -1), " * turned
-            cause += "does it have an offset (knee.flexion_offset, in rad), or is it in degrees instead of radians"
+            cause = f"is its sign the other one ({self.names}sign -1), " * turned
+            cause += f"does it have an offset ({self.names}offset, in rad), or is it in degrees instead of radians"
             return f"{span} ({raw} rad), {knee} ({often}): {cause}?"
         return ""
 

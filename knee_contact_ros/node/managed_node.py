@@ -54,7 +54,7 @@ class ManagedNode(LifecycleNode):
         self.kind = kind
         self.session: Session | None = None
         self.complete = True
-        """Whether the outputs of the last session could be completed"""
+        """Whether the outputs of all sessions so far could be completed"""
         self._stop = stop
         for service in self.services:
             service.callback = self._answering(service.callback, service.srv_name)
@@ -143,7 +143,7 @@ class ManagedNode(LifecycleNode):
         self.node_parameters.user = None
         if session:
             session.stop()
-            self.complete = session.close()
+            self.complete &= session.close()
             session.destroy_endpoints()
             self.get_logger().info(f"{session.pipeline.ticks} ticks, {session.pipeline.refused} samples refused")
             if unanswered := unanswered_sentence(session.pipeline, session.inputs[1].meter.received):

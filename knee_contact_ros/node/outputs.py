@@ -119,11 +119,14 @@ class SinkProcess:
     def wait(self, deadline: float) -> bool:
         """Wait until the deadline [s, monotonic] for the output to be complete, after `end`.
 
-        A process that needs longer completes by itself with what it received; return False if there was more.
+        A process that needs longer completes by itself with what it received; return False if there was more, or if
+        the output has failed although it allows no gaps.
         """
         self._thread.join(max(deadline - time.monotonic(), 0.0))
         if self.is_over():
-            return True
+            if self.dropped:
+                self._log.warning(f"{self.label}: {self.dropped} answers in all were not handed to it")
+            return self._sink.gaps_allowed or (self.state == ENDED and not self.dropped)
         unsent, process = self._unsent(), f"its process ({self.process.pid if self.process else 'none yet'}) goes on"
         left = f"{unsent} answers have not been handed to it"
         self._fail(f"{self.label} is not complete yet, and is not waited for: {process}; {left}")
@@ -231,16 +234,16 @@ MOST_ENDING = 4
 
 
 class Ring:
-    """Last answers, and the notes between them, for a snapshot; bounded by their time and by their number."""
+    """Last answers, and the notes between them, for a snapshot; bounded by their time, number and memory."""
 
-    def __init__(self, duration: float, most: int) -> None:
-        """Keep the answers of the last `duration` [s], up to a largest number; none if the duration is 0.
+    def __init__(self, duration: float, most: int, room: float) -> None:
+        """Keep the answers of the last `duration` [s], up to a largest number and memory [B]; none for a duration of 0.
 
         Their time is that of their stamps, without the steps back of a clock that was set.
         """
-        self._duration, self._most = round(duration * NANOSECONDS), most
+        self._duration, self._most, self._room = round(duration * NANOSECONDS), most, room
         self._items: deque[tuple[int, Answer | Note]] = deque()
-        self._now = self._last = 0
+        self._now = self._last = self._size = 0
 
     def put(self, item: Answer | Note) -> None:
         """Keep an item, and forget what is too old.
@@ -253,10 +256,14 @@ class Ring:
             self._now += max(self._last - before, 0)
         elif item.name == PARAMETERS_CHANGED and any(not name.startswith(("record.", TICK)) for name in item.values):
             items.clear()
+            self._size = 0
         items.append((self._now, item))
+        self._size += size_of(item)
         oldest = self._now - self._duration
-        while items and (len(items) > self._most or isinstance(items[0][1], Note) or items[0][0] <= oldest):
-            items.popleft()
+        while items and (
+            len(items) > self._most or self._size > self._room or isinstance(items[0][1], Note) or items[0][0] <= oldest
+        ):
+            self._size -= size_of(items.popleft()[1])
 
     def taken(self) -> tuple[list[Answer | Note], float]:
         """The kept items, oldest first, and the time [s] from the first answer to the last."""
@@ -274,10 +281,11 @@ class Outputs:
             UsageError: an output that the parameters ask for is not possible.
         """
         self._log = log
-        self.ring = Ring(knee.parameters.record.snapshot, knee.parameters.record.queue)
+        record = knee.parameters.record
+        self.ring = Ring(record.snapshot, record.queue, record.queue_size * MB)
         """Answers that a snapshot would contain"""
         self._ending: list[SinkProcess] = []
-        """Recordings that are being completed"""
+        """Recordings that are being completed, or have failed"""
         self._deadline = math.inf
         """Monotonic time [s] until which `close` waits for the outputs, after `end`"""
         self.sinks: dict[str, SinkProcess] = {}
@@ -306,12 +314,13 @@ class Outputs:
         Raises:
             UsageError: the parameters name no file, it cannot be written, or too many files are being written already.
         """
-        recording = self.sinks.get(RECORDER)
-        if recording and not recording.failure:
+        before = self.sinks.get(RECORDER)
+        if before and not before.failure:
             raise UsageError("a recording is being written already")
         if not knee.parameters.record.path:
             raise UsageError("parameter record.path names no file")
         self.sinks[RECORDER] = recording = self._recording(knee)
+        self._ending += [before] if before else []
         return Path(recording.name)
 
     def save_snapshot(self, items: Sequence[Answer | Note], knee: Knee) -> None:
@@ -329,10 +338,10 @@ class Outputs:
     def _recording(self, knee: Knee, size: int = 0) -> SinkProcess:
         """Begin a recording that will have at least this size [B]."""
         path = Path(knee.parameters.record.path)
-        self._ending = [sink for sink in self._ending if not sink.is_over()]
-        if any(sink.state == STARTING for sink in self._ending):
-            raise UsageError(f"{self._ending[-1].name} is not open yet; try again")
-        if (number := len(self._ending)) >= MOST_ENDING:
+        self._ending = [sink for sink in self._ending if sink.state != ENDED]
+        if starting := [sink.name for sink in self._ending if sink.state == STARTING and not sink.failure]:
+            raise UsageError(f"{starting[0]} is not open yet; try again")
+        if (number := sum(not sink.is_over() for sink in self._ending)) >= MOST_ENDING:
             raise UsageError(f"{number} recordings are still being completed; try again when one is complete")
         refuse(path, knee.parameters.record.min_free * MB, size)
         sink = sink_of("record", knee)
@@ -345,11 +354,12 @@ class Outputs:
         Raises:
             UsageError: nothing is being recorded.
         """
-        recording = self.sinks.pop(RECORDER, None)
-        if recording is None or recording.failure:
-            raise UsageError(recording.failure if recording else "nothing is being recorded")
+        if (recording := self.sinks.pop(RECORDER, None)) is None:
+            raise UsageError("nothing is being recorded")
         recording.end(ending)
         self._ending.append(recording)
+        if recording.failure:
+            raise UsageError(recording.failure)
         return recording.name
 
     def end(self, ending: Ending) -> None:

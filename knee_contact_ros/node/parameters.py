@@ -82,12 +82,12 @@ class NodeParameters:
 
     def _on_set(self, changes: Sequence[Parameter]) -> SetParametersResult:
         self._before = self._values()
-        new = [change for change in changes if not same(self._before.get(change.name), change.value)]
+        new = self._new(changes)
         try:
-            for change in new:
-                if self.user and self._is_fixed(change.name):
+            for name in new:
+                if self.user and self._is_fixed(name):
                     raise UsageError(
-                        f"parameter {change.name} cannot change while the node is configured, only after a cleanup"
+                        f"parameter {name} cannot change while the node is configured, only after a cleanup"
                     )
             parameters = load_parameters(self._before | {each.name: each.value for each in changes}, self._kind.schema)
             if self.user and new:
@@ -95,6 +95,11 @@ class NodeParameters:
         except Exception as error:  # whatever a part of the model has against it
             return SetParametersResult(successful=False, reason=" ".join(str(error).split()) or type(error).__name__)
         return SetParametersResult(successful=True, reason="")
+
+    def _new(self, changes: Sequence[Parameter]) -> dict[str, Any]:
+        """Values that differ from those before, by name; of a name that is given twice the last one counts."""
+        last = {change.name: change.value for change in changes}
+        return {name: value for name, value in last.items() if not same(self._before.get(name), value)}
 
     def _is_fixed(self, name: str) -> bool:
         """Whether a parameter cannot change while the node is configured.
@@ -106,11 +111,7 @@ class NodeParameters:
         return name in self._known and name not in self._kind.live
 
     def _after_set(self, changes: Sequence[Parameter]) -> None:
-        ours = {
-            change.name: change.value
-            for change in changes
-            if change.name in self._kind.live and not same(self._before.get(change.name), change.value)
-        }
+        ours = {name: value for name, value in self._new(changes).items() if name in self._kind.live}
         if self.user and ours:
             self.user.retune(self.read(), ours)
 

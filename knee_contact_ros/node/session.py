@@ -37,7 +37,7 @@ from knee_contact_ros.streams.output import Knee, Note
 from knee_contact_ros.streams.pairing import PairedSample, PairedStreams
 from knee_contact_ros.streams.topics import JOINT_STATES, Answer, Ending
 from knee_contact_ros.system.errors import UsageError
-from knee_contact_ros.system.output_files import all_names, stamped
+from knee_contact_ros.system.output_files import all_names, refuse_impossible, stamped
 
 OUTPUT_DEPTH = 100
 """Number of messages that a publisher keeps for slow subscribers"""
@@ -271,8 +271,9 @@ class Session(ABC):
             raise UsageError(
                 "there is nothing to save: no answer since the parameters changed, or record.snapshot is 0"
             )
-        path = Path(self.parameters.record.path or f"{self.node.get_name()}.mcap")
-        path = next(all_names(Path(stamped(str(path.with_name(f"{path.stem}_snapshot{path.suffix}"))))))
+        path = Path(stamped(self.parameters.record.path) or f"{self.node.get_name()}.mcap")
+        refuse_impossible(path)
+        path = next(all_names(path.with_name(f"{path.stem}_snapshot{path.suffix}")))
         record = self.parameters.record.model_copy(update={"path": str(path)})
         knee = self._described(self.parameters.model_copy(update={"record": record}))
         before = {TICKS_BEFORE: str(self.pipeline.ticks - answers)}

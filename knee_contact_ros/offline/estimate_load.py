@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from knee_contact_ros.bags.provenance import ORIGIN, stored_load, weight_of
 from knee_contact_ros.bags.reader import OWN_NAMES, Names
 from knee_contact_ros.joint_reaction.estimator import Estimate
+from knee_contact_ros.model.inputs import Inputs
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_transforms
 from knee_contact_ros.offline.solve import finish, nothing_computed, parameters_for, recorded, recording_of
@@ -40,6 +41,8 @@ class LoadSummary(NamedTuple):
     """Name of the level of the estimator"""
     calibrated: bool
     """Whether the constants are fitted to the person"""
+    implausible: list[str]
+    """Sentences about angles that no knee has, and about times"""
 
     @property
     def stamps(self) -> NDArray[np.int64]:
@@ -112,20 +115,25 @@ def estimate_load(
                 weight = f"{parameters.person.constants.weight:.7g} N"
                 recorder.note(ORIGIN, {"source": "knee-contact estimate-load", "body_weight": weight})
             answers = recorded(recorder, pipeline, _answers(inputs, pipeline, advance))
-            estimates = np.fromiter(_rows(pipeline, answers, keep), ESTIMATE)
+            flexions = list[float]()
+            estimates = np.fromiter(_rows(pipeline, answers, keep, flexions), ESTIMATE)
             finish(recorder, pipeline, bag, damage)
             if not len(estimates):
                 raise nothing_computed(bag, "joint reaction could be estimated", pipeline, damage)
-    return LoadSummary(estimates, pipeline.synchroniser.refused, damage, pipeline.level, parameters.calibrated)
+    seen = Inputs(parameters.person.constants.weight, driven=False, names="knee.")
+    seen.add_all(estimates["stamp"], np.array(flexions), estimates["axial_force"])
+    refused, level = pipeline.synchroniser.refused, pipeline.level
+    return LoadSummary(estimates, refused, damage, level, parameters.calibrated, seen.sentences)
 
 
 def _rows(
-    pipeline: LoadStream, answers: Iterable[Answer], keep: Callable[[LoadStream], object] | None
+    pipeline: LoadStream, answers: Iterable[Answer], keep: Callable[[LoadStream], object] | None, flexions: list[float]
 ) -> Iterator[tuple[Any, ...]]:
-    """Stamp and estimate of each answer, as `ESTIMATE`."""
+    """Stamp and estimate of each answer, as `ESTIMATE`; its flexion angle [rad] is added to `flexions`."""
     for _ in answers:
         if keep:
             keep(pipeline)
+        flexions.append(pipeline.sensed.joints.flexion)
         yield pipeline.sensed.stamp, *pipeline.estimate
 
 

@@ -209,5 +209,5 @@ def estimate_load(
         written = checked_output(Path(output), "output", ".mcap") if output else None
         with progress("Estimating") as advance:
             summary = estimate(path, parameters, written, advance, overwrite, names)
-        _warn(path, "read", changed, summary.damage)
+        _warn(path, "read", [*changed, *summary.implausible], summary.damage)
     return summary.estimates.view(Records)

@@ -27,7 +27,7 @@ from knee_contact_ros.bags.provenance import (
     weight_of,
     with_values,
 )
-from knee_contact_ros.bags.reader import OWN_NAMES, Names, refuse_input
+from knee_contact_ros.bags.reader import OWN_NAMES, Names, files_of
 from knee_contact_ros.bags.recorder import AnswerWriter, BagWriter
 from knee_contact_ros.joint_reaction.leg import GRAVITY
 from knee_contact_ros.model.compiler import worth_compiling
@@ -36,7 +36,7 @@ from knee_contact_ros.offline.bag_inputs import BagInputs, check_joints, learn_t
 from knee_contact_ros.offline.solve_blocks import take
 from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.files import Source, all_values, curve_texts, dotted, first_error, load_parameters
-from knee_contact_ros.parameters.schema import LoadParameters, Parameters, Section, has_both
+from knee_contact_ros.parameters.schema import LoadParameters, Parameters, Section, constants_of, has_both
 from knee_contact_ros.streams.contact_stream import ContactStream
 from knee_contact_ros.streams.frames import FORCE_TURNED
 from knee_contact_ros.streams.output import PROVENANCE
@@ -45,6 +45,7 @@ from knee_contact_ros.streams.topics import Answer, recorded_topics
 from knee_contact_ros.streams.watch import held_sentence, unanswered_sentence
 from knee_contact_ros.system.errors import UsageError, in_a_line
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded, find_file, read_mapping
+from knee_contact_ros.system.output_files import refuse_input
 
 SAME_WEIGHT = 0.01
 """Largest relative difference of body weights that count as equal"""
@@ -147,7 +148,7 @@ def recording_of(
     if output is None:
         yield None
         return
-    refuse_input(bag, output)
+    refuse_input(output, files_of(bag))
     with BagWriter(output, overwrite=overwrite, alone=True) as writer:
         record = provenance_record(parameters, curves, bag)
         yield AnswerWriter(writer, record, {topic: f"/{topic}" for topic in topics}, told_as)
@@ -296,6 +297,9 @@ def basis_of(
     given = params if isinstance(params, Sequence) and not isinstance(params, str) else [params]
     sources = [*(person.sources() if person else ()), *given, values]
     parameters: Parameters = parameters_for(bag, sources, namespace)
+    law, thickness = parameters.contact.law, person.content.thickness if person else None
+    if person and thickness is not None and "layer_depth" not in constants_of(law):
+        raise UsageError(f"subject file {person.path}: thickness: {thickness:g} is not used by contact.law {law}")
     return parameters
 
 

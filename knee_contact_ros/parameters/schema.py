@@ -214,7 +214,8 @@ class Record(Section):
     min_free: float = Field(100.0, ge=0.0, le=1e9)
     """[MB] end the recording if the disk has less free space"""
     snapshot: float = Field(10.0, ge=0.0, le=3600.0)
-    """[s] length of the snapshot that ~/save_snapshot writes, kept in memory; 0: off"""
+    """[s] length of the snapshot that ~/save_snapshot writes, kept in memory, with at most record.queue answers and
+    record.queue_size MB (30 s at 1 kHz by default); 0: off"""
     queue: int = Field(30_000, ge=100, le=10_000_000)
     """largest number of answers that wait for the process of this output"""
     queue_size: float = Field(100.0, ge=1.0, le=1e5)

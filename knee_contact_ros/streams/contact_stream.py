@@ -266,7 +266,7 @@ def load_model(
     `["osteoarthritis", "mri_femur", {"femur.mass": 8.0}]`.
 
     The compiled model computes the same bits about a hundred times faster. It is compiled once for every kind of knee,
-    in about 7 s, and kept; after that it loads in half a second. By default a run uses it if that is faster in total,
+    in about 6 s, and kept; after that it loads in under a second. By default a run uses it if that is faster in total,
     and a stream uses it if it is already kept. `compiled` True means always, False never. If Numba cannot be used, a
     warning says so once, and the plain model computes.
 

@@ -132,6 +132,14 @@ def open_regular(path: Path) -> BufferedReader:
     return os.fdopen(descriptor, "rb")  # which closes the descriptor if it fails or is interrupted
 
 
+def is_there(path: Path) -> bool:
+    """Whether a path is a regular file; False for a name that is too long."""
+    try:
+        return path.is_file()
+    except OSError:
+        return False
+
+
 def read_regular(path: Path, most: int) -> bytes:
     """Read the content of a regular file.
 

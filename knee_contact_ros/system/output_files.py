@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import IO
 
 from knee_contact_ros.system.errors import IncompleteError, UsageError
+from knee_contact_ros.system.files import expanded, is_there
 
 PARTIAL = ".partial"
 STAMP = "{stamp}"
@@ -65,8 +66,8 @@ def all_names(path: Path) -> Iterator[Path]:
 
 
 def stamped(path: str) -> str:
-    """Path with the local time in place of `{stamp}`, in the format of rosbag2."""
-    return path.replace(STAMP, time.strftime("%Y_%m_%d-%H_%M_%S"))
+    """Path with the local time in place of `{stamp}`, in the format of rosbag2, and with `~` expanded; or empty."""
+    return path and str(expanded(path.replace(STAMP, time.strftime("%Y_%m_%d-%H_%M_%S"))))
 
 
 def refuse_impossible(path: Path) -> None:
@@ -113,6 +114,16 @@ def checked_output(path: Path, label: str, *suffixes: str) -> Path:
     if not os.path.isdir(path.absolute().parent):  # noqa: PTH112  (never raises)
         raise UsageError(f"{label} {path}: there is no folder {path.parent}; make it first")
     return path
+
+
+def refuse_input(output: Path, inputs: Iterable[Path]) -> None:
+    """Refuse an output that would replace an input.
+
+    Raises:
+        UsageError: it would.
+    """
+    if is_there(output) and any(is_there(path) and output.samefile(path) for path in inputs):
+        raise UsageError(f"{output} is the input, which is never changed; choose another name")
 
 
 def refuse_existing(path: Path) -> None:
@@ -336,8 +347,8 @@ def work_folder(output: Path) -> Iterator[Path]:
 
 
 def replace(source: Path, target: Path) -> None:
-    """Move a result, if there is one, to its place; an earlier result there is removed."""
-    if target.is_dir():
+    """Move a result, if there is one, to its place; an earlier result there, or a link to one, is removed."""
+    if target.is_dir() and not target.is_symlink():
         shutil.rmtree(target)
     else:
         target.unlink(missing_ok=True)

@@ -137,6 +137,15 @@ REFUSED: list[tuple[list[str], str]] = [
     (["demo", "--bag", "nowhere"], "no bag at nowhere"),
     (["demo", "--params", "nowhere.yaml"], "nowhere.yaml: cannot read the parameter file"),
     (["demo", "--rate", "0"], "0.01<=x<=100"),
+    (
+        ["fit-profile", "{file}", "--slice", "0", "--output", "x.csv", "--slab", "nan"],
+        "Invalid value for '--slab': nan is not a finite number",
+    ),
+    (["trade", "{bag}", "--worth", "inf"], "Invalid value for '--worth': inf is not a finite number"),
+    (
+        [*FIT_SHARE, "--output", "x.csv", "--body-weight", "nan"],
+        "Invalid value for '--body-weight': nan is not a finite number",
+    ),
     (["demo", "--from-sensors", "--bag", "{bag}"], "has no topic /ground_reaction_force"),
     (["demo", "--from-sensors", "--params", "load/gait2354"], "no parameters for node knee_contact"),
     (["demo", "--load-params", "load/insole"], "--load-params is for --from-sensors"),

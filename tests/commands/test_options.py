@@ -126,6 +126,24 @@ def estimated(walking: Path) -> Path:
     return output
 
 
+@pytest.mark.parametrize("arguments", [
+    "align a.csv --map own.yaml --output own.yaml --overwrite",
+    "calibrate a.csv --params own.yaml --free load.share --output own.yaml --overwrite",
+    "fit-share --trial a.csv,own.csv --axial a --medial a --flexion a --body-weight 700 --output own.csv --overwrite",
+    "table own.csv --output own.csv",
+    "trade own.png --picture own.png",
+])  # fmt: skip
+def test_an_input_is_never_replaced(
+    arguments: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Said
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    own = Path(arguments.split()[-1 - arguments.endswith("--overwrite")])
+    own.write_text("precious")
+    assert main(arguments.split()) == 2
+    assert f"{own} is the input, which is never changed" in capsys.readouterr().err
+    assert own.read_text() == "precious"
+
+
 @pytest.mark.parametrize("asks", [["load", "-h"], ["estimate-load", "--help"]])
 def test_help_needs_no_ros_and_says_which_topics(asks: list[str]) -> None:
     code = (

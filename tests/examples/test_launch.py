@@ -54,7 +54,7 @@ def test_what_holds_for_both_knees_is_listed_and_is_as_for_one() -> None:
         dict(re.findall(r"DeclareLaunchArgument\(\s*\"(\w+)\",([^()]*)\)", text_of(f"{name}.launch.py")))
         for name in ("knee_contact", "two_knees")
     )
-    of_each_knee = {"namespace", "params", "joint", "record", "rerun", "rerun_port", "rerun_knees"}
+    of_each_knee = {"node", "namespace", "params", "joint", "record", "rerun", "rerun_port", "rerun_knees"}
     assert {name: both.get(name) for name in one.keys() - of_each_knee} == {
         name: one[name] for name in one.keys() - of_each_knee
     }

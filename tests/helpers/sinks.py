@@ -78,10 +78,10 @@ def put(sink: SinkProcess, numbers: range) -> None:
         sink.put(answer(number))
 
 
-def close(sink: SinkProcess, ending: Ending | str = NOTHING_LEFT, patience: float = PATIENCE) -> None:
-    """Have an output completed, and wait for that."""
+def close(sink: SinkProcess, ending: Ending | str = NOTHING_LEFT, patience: float = PATIENCE) -> bool:
+    """Have an output completed, and wait for that; whether nothing is lost that must not be."""
     sink.end(ending)
-    sink.wait(time.monotonic() + patience)
+    return sink.wait(time.monotonic() + patience)
 
 
 def wait_until(done: Callable[[], Any]) -> None:

@@ -121,7 +121,8 @@ OPENSIM_KNOWS = {"the sign", "radians for degrees", "an encoder", "degrees for r
 """What OpenSim's header or importer finds out by itself, or which its files hold otherwise; see test_results"""
 WAYS = {
     by_csv: ANGLES | TIMES | LOADS | OF_GAIT,
-    by_opensim: {name: each for name, each in (ANGLES | TIMES | LOADS | OF_GAIT).items() if name not in OPENSIM_KNOWS},
+    by_opensim: {name: each for name, each in (ANGLES | TIMES | LOADS | OF_GAIT).items() if name not in OPENSIM_KNOWS}
+    | {"the other sign": (LOADS["the other sign"][0], "pulls .* force on the tibia, and not on the femur")},
     by_bag: {name: each for name, each in (ANGLES | TIMES | LOADS).items() if name != "columns swapped"},
     upright: {"z up": (lambda *columns: columns, "force.z carries .*: is z up")},
     by_insole: ANGLES | TIMES | GROUND,

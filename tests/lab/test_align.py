@@ -16,7 +16,7 @@ from knee_contact_ros.lab.tables import Floats, Series
 from knee_contact_ros.offline.notebooks import solve
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.system.errors import UsageError
-from tests.lab.trials import DELAY, MAP, OFFSET, flexion, write_csv, write_trial
+from tests.lab.trials import DELAY, MAP, OFFSET, cells, flexion, write_csv, write_trial
 
 
 def series(time: Floats, degrees: Floats) -> Series:
@@ -123,6 +123,35 @@ def test_the_command_tells_a_gain_and_what_makes_up_for_it(tmp_path: Path, capsy
     told = re.search(r"angle\.scale ([0-9.]+) in the map", capsys.readouterr().err)
     assert told
     assert float(told[1]) == pytest.approx(1.0, abs=0.01)
+
+
+@pytest.mark.parametrize(
+    ("weight", "entries", "live"),
+    [
+        (1.0, "", None),
+        (1.0, "offset: 10", (1.0, OFFSET)),
+        (-1.0, "sign: -1", (-1.0, OFFSET)),
+        (-1.0, "sign: -1, offset: 180", (-1.0, OFFSET)),
+        (-1.0, "scale: -1", (-1.0, OFFSET)),
+        (1.0 / 1.15, "scale: 1.15", ()),
+    ],
+)
+def test_the_file_says_what_a_node_with_the_raw_sensor_needs(
+    weight: float, entries: str, live: tuple[float, ...] | None, tmp_path: Path
+) -> None:
+    """Whatever the map does to the angle, a raw sensor that is `weight` times the goniometer needs the same offset."""
+    moved, tray, map_file = write_trial(tmp_path)
+    map_file.write_text(MAP.replace("goniometer_deg, unit: deg", f"goniometer_deg, unit: deg, {entries}"))
+    write_csv(tray, {**cells(), "goniometer_deg": weight * cells()["goniometer_deg"]})
+    overlay = tmp_path / "align.yaml"
+    assert main(["align", str(moved), str(tray), "--map", str(map_file), "--output", str(overlay)]) == 0
+    text = overlay.read_text()
+    said = re.search(r"live node.* knee.flexion_sign: (\S+), knee.flexion_offset: (\S+)\.\n", text)
+    assert ("do not use this file for a live node" in text) == (live == ())
+    assert bool(said) == bool(live)
+    if said and live:
+        sign, offset = map(float, said.groups())
+        assert (sign, math.degrees(offset)) == (live[0], pytest.approx(live[1], abs=0.1))
 
 
 def test_a_map_without_a_reference_is_told(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

@@ -33,15 +33,16 @@ def drawn(seed: int, number: int = 4000, table: ShareTable = TRUE, noise: float 
     return Trial(f"drawn{seed}", flexion, load, medial, APART * (0.5 * load - medial), WEIGHT)
 
 
-def written(folder: Path, trial: Trial) -> tuple[Path, Path]:
-    """Its files: cells, and angles at other times."""
-    cells, angles, time = folder / f"{trial.name}.csv", folder / f"{trial.name}_angle.csv", np.arange(len(trial.load))
+def written(folder: Path, trial: Trial, step: float = 1.0, gap: slice = slice(0)) -> tuple[Path, Path]:
+    """Its files: cells every `step` [s], and angles, except the rows of a `gap`."""
+    cells, angles = folder / f"{trial.name}.csv", folder / f"{trial.name}_angle.csv"
+    time = step * np.arange(len(trial.load))
     force = WEIGHT * np.column_stack(
         (0.25 * trial.medial, 0.75 * trial.medial, trial.load - trial.medial, trial.moment)
     )
     np.savetxt(cells, np.column_stack((time, force)), delimiter=",", header="time_s,am,pm,lateral,mx", comments="")
     degrees = np.column_stack((time, -np.degrees(trial.flexion)))
-    np.savetxt(angles, degrees, delimiter=",", header="time_s,angle", comments="# of a model\n")
+    np.savetxt(angles, np.delete(degrees, gap, axis=0), delimiter=",", header="time_s,angle", comments="# of a model\n")
     return cells, angles
 
 
@@ -111,6 +112,15 @@ def test_the_command_writes_a_table_and_its_source(tmp_path: Path, capsys: pytes
     assert run(*arguments, "--overwrite") == 0
 
 
+def test_what_lies_in_a_gap_of_another_file_is_left_out(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    files = written(tmp_path, drawn(1, 1000), 0.01, gap=slice(300, 700))
+    trial = f"--trial={','.join(map(str, files))}"
+    assert run(trial, *SUMS, "--body-weight", WEIGHT, "--output", tmp_path / "a.csv") == 0
+    assert (
+        "trial drawn1: 400 of 1000 samples left out, as they lie in gaps longer than 0.1 s" in capsys.readouterr().err
+    )
+
+
 WRONG_OPTIONS = [
     (["--axial", "am + nothing"], "--axial: trial drawn1 has no column nothing; it has time_s, am, pm, lateral, mx"),
     (["--axial", "am pm"], "'am pm': it must be a sum of columns"),
@@ -124,8 +134,14 @@ WRONG_OPTIONS = [
     (["--time", "t"], "has no column t; it has"),
     (["--body-weight", "600", "--body-weight", "600"], "3 for 1 trials; give one, or one for each"),
     (["--trial", "none.csv"], "cannot read none.csv"),
+    (["--moment", "0*mx"], "--moment is 0 throughout"),
+    (["--moment", "1000 mx"], "of the samples: is it in N m?"),
 ]  # fmt: skip
+ANGLE_ROWS = "".join(f"{n},{-n % 60}\n" for n in range(100))
 DAMAGED_FILES = [
+    (f"time_s,angle\ns,rad\n{ANGLE_ROWS}", "says rad of column angle, and --flexion must be in deg"),
+    (f"time_s,angle\nms,deg\n{ANGLE_ROWS}", "says ms of column time_s, and time.unit s"),
+    ("time_s,angle\n0,1\n1,2\n2,4\n99,1\n", "4 samples at which all files have some; at least 20 are needed; "),
     ("", "is empty"),
     ("time_s,angle\n0,1\n1,b\n", "line 3, column angle: 'b' is not a number"),
     ("time_s,angle\n0,1\n0,1\n", "column time_s has the value of the next row"),

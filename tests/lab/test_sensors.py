@@ -155,6 +155,7 @@ def test_what_programs_and_loggers_write(importing: Importing, name: str) -> Non
 
 MS = SIMPLE.replace("t}", "t, unit: ms}")
 BY_CLOCK = "t,a,x\n" + clock(0, HMS)
+MOMENTS = rows("{0:.2f},{1:.3f},{2:.2f},10")
 MISREAD: dict[str, tuple[str, str, str, str]] = {
     "two of a name": (VICON, "", SIMPLE.replace(" a,", " X,").replace("t}", "Frame}").replace(" f,", " Z,"),
                       "2 columns X; say which: P01:RKneeAngles.X, P01:RKneeForce.X"),
@@ -163,12 +164,22 @@ MISREAD: dict[str, tuple[str, str, str, str]] = {
     "a row of units": ("t,a,f\ns,deg,N\n" + rows(), "", MS, "says s of column t, and time.unit ms"),
     "a unit in a name": ("t_ms,a,f\n" + rows(), "", SIMPLE.replace("t}", "t_ms}"), "says ms of column t_ms, and time"),
     "kN in a name": ("t,a,f[kN]\n" + rows(), "", SIMPLE.replace(" f,", ' "f[kN]",'), "says kN of column f[kN], and"),
+    **{said: (f"t,a,f,m\ns,{said}\n{MOMENTS}", "", f"{SIMPLE}moment: {{column: m, unit: N*m}}\n",
+              f"says {says[0]} of column {says[1]}, and map: ")
+       for said, says in {"Rad,N,Nm": ("Rad", "a"), "deg/s,N,Nm": ("deg/s", "a"), "deg,KN,Nm": ("KN", "f"),
+                          "deg,N/kg,Nm": ("N/kg", "f"), "deg,mm,Nm": ("mm", "f"), "deg,V,Nm": ("V", "f"),
+                          "deg,N,N.mm": ("N.mm", "m"), "deg,N,lbf*ft": ("lbf*ft", "m")}.items()},
+    **{f"a weight of {weight}": ("t,a,f\ns,deg,lbf\n" + rows(), "",
+                                 SIMPLE.replace("column: f,", f"columns: {{f: {weight}}},"), "says lbf of column f")
+       for weight in (0.98, -0.98, 44.5)},
     "clocks of two kinds": (BY_CLOCK, "t,f\n" + rows("{0:.2f},{2:.2f}"), SIMPLE, "must have times of one clock"),
     "two days": ("t,a,x\n" + clock(0, "2026-03-04 " + HMS),
                  "t,x,f\n" + clock(0, "2026-03-05 " + HMS), SIMPLE, "no time in common: 0 to 2.98 s and 86400"),
     "days of two forms": ("t,a,x\n" + clock(0, "4.3.2026 " + HMS),
                           "t,x,f\n" + clock(0, "5.3.2026 " + HMS), SIMPLE, "begins on 4.3.2026, and other.csv on 5.3"),
     "no time of day": (TAF + clock(0, HMS).replace("00:00:", "00:61:"), "", SIMPLE, "is not a number"),
+    **{code: (TAF + rows(), "", f"{SIMPLE}table: {{encoding: {code}}}\n", "is not known, or not of cells.csv; as utf-8")
+       for code in ("idna", '"utf\\08"')},
     "no encoding": (TAF + rows(), "", SIMPLE + "table: {encoding: utf-9}\n", "table.encoding 'utf-9' is not known"),
 }  # fmt: skip
 """Files, map and what is told"""
@@ -182,6 +193,18 @@ def test_tables_that_could_be_misread_are_refused(
     Path("other.csv").write_text(other)
     assert importing(made.encode(), text, files=("cells.csv", "other.csv") if other else ()) == 2
     assert words in capsys.readouterr().err
+
+
+def test_units_may_be_spelt_otherwise_or_converted_and_unknown_ones_are_told(
+    importing: Importing, capsys: pytest.CaptureFixture[str]
+) -> None:
+    kilo = rows("{0:.2f},{1:.3f},{2:.2f},0.010").replace("\n", ",N/A\n")
+    text = SIMPLE + "moment: {columns: {m: 980}, unit: N.M}\n"
+    assert importing(f"T,a,f,m,x\nSec,Degrees,widgets,kN*m,N/A\n{kilo}".encode(), text.replace(" t}", " T}")) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    assert said.count("'widgets' is not a known unit (map: load.unit N)") == 1
+    assert said.count("is not a known unit") == 1
+    assert content()[1][0].torque[0] == pytest.approx(9.8)
 
 
 @pytest.mark.parametrize(
@@ -261,6 +284,24 @@ def test_a_locohub_table_is_imported_by_the_shipped_map(
     assert main(["estimate-load", "bag", "-p", "ground.components:=vertical", "--output=loads.mcap"]) == 0
 
 
+def test_how_parquet_files_are_written(importing: Importing, capsys: pytest.CaptureFixture[str]) -> None:
+    """Time as an index, and recordings chosen by the text of whatever their columns hold."""
+    pd = pytest.importorskip("pandas", reason="needs the extra tables")
+    pytest.importorskip("pyarrow", reason="needs the extra tables")
+    time, file = np.arange(150) / 50.0, Path("x.parquet")
+    one = {"t": time, "a": flexion(time), "f": load(time)}
+    frames = [pd.DataFrame(one | {"text": str(n), "whole": n, "real": float(n)}) for n in (1, 2)]
+    pd.concat(frames).set_index("t").to_parquet(file)
+    for choice, code in {"text: 1": 0, "whole: '2'": 0, "real: 2.0": 0, "whole: two": 2}.items():
+        assert importing(None, f"{SIMPLE}table: {{rows: {{{choice}}}}}\n", "--overwrite", files=(file,)) == code
+        assert len(content()[1]) == 150
+    assert "has no rows below its names" in capsys.readouterr().err
+    data = file.read_bytes()
+    file.write_bytes(data[:4] + bytes(300) + data[304:])
+    assert importing(None, f"{SIMPLE}table: {{rows: {{whole: 1}}}}\n", "--overwrite", files=(file,)) == 2
+    assert "cannot read x.parquet: " in capsys.readouterr().err
+
+
 def test_without_a_body_weight_a_strange_load_is_a_warning(
     importing: Importing, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -324,17 +365,23 @@ def test_c3d_files_are_tables_too(importing: Importing) -> None:
     assert [force.stamp for force in forces] == np.rint(1e9 * time).astype(int).tolist()
 
 
-def test_opensim_files_are_tables_too(importing: Importing) -> None:
+def test_opensim_files_are_tables_too(importing: Importing, capsys: pytest.CaptureFixture[str]) -> None:
     table = cells()
     path = write_storage(Path("q.mot"), table.pop("time_s"), table, "yes")
-    text = MAP.replace("{column: time_s}", "{column: time}")
+    text = MAP.replace("{column: time_s}", "{column: time, unit: ms}")  # theirs are s
     assert importing(None, text, files=(path,)) == 0
     assert len(content()[0]) == round(120 * SECONDS)
+    path.write_text(path.read_text().rstrip().rpartition("\n")[0])
+    assert importing(None, text, "--overwrite", files=(path,)) == 2
+    assert "q.mot has 719 rows, and its header says nRows=720: is it cut off? (--anyway" in capsys.readouterr().err
 
 
 SPOILT: dict[str, tuple[Callable[[dict], dict], str]] = {
     "nan": (lambda t: t | {"am_n": np.where(t["time_s"] == 1.0, np.nan, t["am_n"])},
             r"column am_n has no number at 1 s, and in 1 of 720 rows .* missing: leave_out"),
+    "a fill value": (lambda t: t | {"am_n": np.where(np.abs(t["time_s"] - 2.0) < 0.2, -1399.0, t["am_n"])},
+                     r"the least load is -1\d+.* N, plausible is -700 or more: does it stand for a missing one\?"),
+    "negative times": (lambda t: t | {"time_s": t["time_s"] - 9.0}, "no time in common from 0 s on: -9 to -3.0"),
     "time goes back": (lambda t: t | {"time_s": np.where(t["time_s"] == 1.0, 0.5, t["time_s"])},
                        r"time goes back from 0.991667 to 0.5 s \(rows 120, 121\)"),
     "time stands still": (lambda t: t | {"time_s": np.floor(t["time_s"] * 20.0) / 20.0},
@@ -345,6 +392,10 @@ SPOILT: dict[str, tuple[Callable[[dict], dict], str]] = {
                                 r"the peak of \d+\.\d N is 0\.49\d+ body weights, .*In lbf it would be 2\.2 body"),
 }  # fmt: skip
 MAPS = {
+    (
+        "body_weight",
+        "moment: {column: am_n, unit: N*m}\nbody_weight",
+    ): r"the largest moment is 3\d+\.\d+ N m, plau.* 0 to 84",
     ("unit: N", "unit: deg"): r"map: load: unit 'deg' is not one of a force; allowed: N, kN",
     ("goniometer_deg, unit: deg", "goniometer_deg, unit: rad"): r"says deg of column goniometer_deg, and map: angle\.",
     ("{column: goniometer_deg, unit: deg", "{column: 6, unit: rad"): r"deg, plausible is 0 to 180: is angle\.unit",
@@ -411,6 +462,28 @@ def test_rows_without_a_number_are_left_out_if_so_asked_and_gaps_stay(
         assert "angle: 59 of 720 rows left out, as a number is missing" in said
         assert "angle: 1 gaps longer than 0.1 s, the longest of 0.5 s at 2 s" in said
         assert tuple(map(len, content())) == (720 - 59, number)
+
+
+def test_in_gaps_of_other_channels_nothing_is_made_up(importing: Importing, capsys: pytest.CaptureFixture[str]) -> None:
+    """Load and angle have no gap, the moment one of a second, and the hip another."""
+    time = np.arange(150) / 50.0
+    hip, moment = ((time <= gap) | (time >= gap + 1.0) for gap in (1.0, 1.5))
+    files = [
+        write_csv(Path("cells.csv"), {"t": time, "a": flexion(time), "f": load(time)}),
+        write_csv(Path("hip.csv"), {"t": time[hip], "h": 0.3 * flexion(time[hip])}),
+        write_csv(Path("moment.csv"), {"t": time[moment], "m": 0.01 * load(time[moment])}),
+    ]
+    text = SIMPLE + "hip: {column: h, unit: deg}\nmoment: {column: m, unit: N*m}\n"
+    assert importing(None, text, files=tuple(files)) == 0
+    said = " ".join(capsys.readouterr().out.split())
+    for name, at in (("hip", "1 s"), ("moment", "1.5 s")):
+        assert f"{name}: 1 gaps longer than 0.1 s, the longest of 1 s at {at};" in said
+    angles, forces = ([message.stamp for message in messages] for messages in content())
+    assert angles == np.rint(1e9 * time[hip]).tolist()
+    assert forces == np.rint(1e9 * time[moment]).tolist()
+    sparse = write_csv(Path("moment.csv"), {"t": time[::30] + 0.001, "m": 0.01 * load(time[::30])})
+    assert importing(None, text, "--overwrite", files=(*files[:2], sparse)) == 2
+    assert "cells.csv: f: all but 0 rows lie in gaps of another channel" in capsys.readouterr().err
 
 
 def test_behind_a_gap_a_knee_may_be_anywhere(importing: Importing, capsys: pytest.CaptureFixture[str]) -> None:

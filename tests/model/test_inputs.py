@@ -46,7 +46,7 @@ def told(time: np.ndarray, angle: np.ndarray, load: np.ndarray, weight: float | 
     ("change", "words"),
     [
         (lambda t, q, load: (t, 6.0 * q, load),
-         "36.0 to 320.7 deg, and a knee has -30 to 170 (92 of 481 ticks are beyond, IMPLAUSIBLE): are 0.629 to 5.5"),
+         "36.0 to 320.7 deg, and a knee has -30 to 170 (92 of 481 ticks are beyond): are 0.629 to 5.5"),
         (lambda t, q, load: (t, q + 5.0, load), "does it have an offset (knee.flexion_offset, in rad), or is it in "
         "degrees"),
         (lambda t, q, load: (t[:90], -q[:90], load[:90]), "): is its sign the other one (knee.flexion_sign -1), does"),

@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 
 from knee_contact_ros.bags.recorder import ABSOLUTE_NAMES, Limits, Settings
-from knee_contact_ros.node.outputs import sink_of
+from knee_contact_ros.node.outputs import Outputs, Ring, sink_of, size_of
 from knee_contact_ros.parameters.files import load_parameters
 from knee_contact_ros.streams.contact_stream import ContactStream
-from knee_contact_ros.streams.output import Knee
+from knee_contact_ros.streams.output import OPEN, STARTING, Knee
 from knee_contact_ros.streams.topics import KNEE_CONTACT
+from knee_contact_ros.system.errors import UsageError
+from tests.helpers.sinks import MayWait, Started, answer, close, recorded_ticks
 
 
 def described(**parameters: Any) -> Knee:
@@ -42,3 +45,22 @@ def test_megabytes_and_seconds_become_bytes_and_nanoseconds(
     assert sink
     assert sink.name == path
     assert sink.arguments[1:4] == ({"version": "1"}, ABSOLUTE_NAMES, expected)
+
+
+def test_a_snapshot_is_no_larger_than_what_may_wait(started: Started, tmp_path: Path) -> None:
+    ring = Ring(1e3, 10**6, 1e6)
+    for number in range(3000):
+        ring.put(answer(number))
+    sink, (items, _) = started.recorder(tmp_path / "out.mcap", wait=False, queue=MayWait(10**6, 1.0)), ring.taken()
+    for item in items:
+        sink.put(item)
+    assert close(sink)
+    assert len(items) == 1_000_000 // size_of(answer(0))
+    assert recorded_ticks(tmp_path / "out.mcap") == list(range(3000 - len(items), 3000))
+
+
+def test_a_recording_that_is_not_open_yet_is_named() -> None:
+    outputs, states = Outputs(knee := described(), None), {"a": STARTING, "b": OPEN}
+    outputs._ending = [SimpleNamespace(name=each, state=states[each], failure="") for each in states]  # type: ignore[misc]
+    with pytest.raises(UsageError, match=r"^a is not open yet; try again"):
+        outputs.save_snapshot([], knee)

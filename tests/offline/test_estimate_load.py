@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+import knee_contact_ros
 from knee_contact_ros.bags.provenance import metadata_of, provenance_record, read_provenance
 from knee_contact_ros.bags.reader import BagReader, RawMessage, read_answers, read_bag
 from knee_contact_ros.bags.recorder import REFUSED_SAMPLES, AnswerWriter, BagWriter, Limits
@@ -75,7 +76,16 @@ def test_the_recording_holds_inputs_and_estimates(walking: Path, estimated: Path
     assert summary.stamps.tolist() == [message.log_time for message in WALK if message.topic == FORCE]
     assert summary.peak == max(told, key=lambda each: each.axial_force)
     assert (summary.level, summary.calibrated) == ("ankle_moment", False)
-    assert (summary.flagged, summary.refused, summary.damage) == ({}, {}, [])
+    assert (summary.flagged, summary.refused, summary.damage, summary.implausible) == ({}, {}, [], [])
+
+
+def test_angles_that_no_knee_has_are_told_once(walking: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    output = walking.with_name("bent.mcap")
+    arguments = [str(walking), "--params", "load/inverse_dynamics", "-p", "knee.offset:=5.0", "--output", str(output)]
+    assert main(["estimate-load", *arguments]) == 0
+    assert capsys.readouterr().err.count("does it have an offset (knee.offset, in rad)") == 1
+    with pytest.warns(UserWarning, match=r"offset \(knee\.offset, in rad\)"):
+        knee_contact_ros.estimate_load(walking, WHOLE_LEG, {"knee.offset": 5.0})
 
 
 def test_the_recording_says_how_it_came_about(walking: Path, estimated: Path) -> None:

@@ -124,6 +124,15 @@ def test_time_that_goes_back_makes_runs_of_their_own_as_live(
     assert (len(status), np.count_nonzero(status & Status.TIME_RESET)) == (len(expected), resets)
 
 
+def test_runs_of_a_recording_stay_in_their_order_also_in_the_pause_between_others(
+    gait: list[RawMessage], tmp_path: Path
+) -> None:
+    recording = tmp_path / "recording.mcap"
+    expected = live([moved(message, at * 10**9) for at in (0, 100, 50) for message in gait], recording)
+    assert solved(recording, tmp_path) == expected
+    assert [np.count_nonzero(read_answers(recording)["status"] == flag) for flag in (2, 1)] == [1, 1]
+
+
 def test_a_loop_is_as_many_runs_in_table_and_results(
     gait: list[RawMessage], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

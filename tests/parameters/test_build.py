@@ -200,6 +200,8 @@ def test_solve_takes_it_and_says_what_is_missing(
 ) -> None:
     path = subject(tmp_path, f"mass: 72.6\nthickness: 0.0006\nparameters: [osteoarthritis.yaml]\nbag: {right_bag}\n")
     values = ["-p", "contact.layer_depth:=0.0007", "--output", str(tmp_path / "out.mcap")]
+    assert main(["solve", "--subject", str(path), *values, "-p", "contact.law:=hertz"]) == 2
+    assert "thickness: 0.0006 is not used by contact.law hertz" in capsys.readouterr().err
     assert main(["solve", "--subject", str(path), *values]) == 0
     assert "2.27" in capsys.readouterr().out  # 1613.8 N in body weights of 711.96 N
     found = read_provenance(tmp_path / "out.mcap")

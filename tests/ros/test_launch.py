@@ -86,6 +86,7 @@ BAD = {
         "left_params:={}/unknown.yaml right_params:={}/unknown.yaml",
         "contact.stifness",
     ),
+    "bad parameter of a load node": ("knee_load.launch.py", "params:={}/unknown.yaml", "contact.stifness"),
     "bad parameter of a replay": ("replay.launch.py", "params:={}/unknown.yaml", "contact.stifness"),
 }
 """Launch file, arguments, what is said"""

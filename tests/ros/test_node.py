@@ -136,7 +136,8 @@ def test_no_output_keeps_the_node_from_computing(
         peer.wait_for_node()
         peer.send_series()
         peer.wait_until(lambda: words.format(**ports) in peer.problems.get(f"knee_contact: {output}", ""))
-        said = node.stop()
+        code, said = node.end(signal.SIGINT)
+    assert code == (output == "recorder")  # what it should have kept is lost
     assert ["[ERROR]" in line for line in said.splitlines() if words.format(**ports) in line] == [True]
 
 

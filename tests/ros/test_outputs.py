@@ -88,7 +88,7 @@ def test_an_output_that_dies_or_stalls_costs_no_answer(
     code, said = node.end(signal.SIGTERM)
     unfinished = re.search(r"is not waited for: its process \(\d+\) goes on; (\d+) answers", said)
     assert bool(unfinished) == (number == signal.SIGSTOP)
-    assert code == bool(unfinished and int(unfinished[1]))
+    assert code == (int(unfinished[1]) > 0 if unfinished else output == "recorder")  # a viewer may have gaps
     if unfinished:
         with suppress(psutil.NoSuchProcess):  # the system has let it go on, as its group is left alone
             child.resume()
@@ -110,10 +110,12 @@ def test_recordings_begin_and_end_on_demand_or_are_refused_with_the_reason(
     assert trigger(peer, "start_recording") == (False, "parameter record.path names no file")
     assert trigger(peer, "stop_recording") == (False, "nothing is being recorded")
     for name, reason in {
-        "file/out.mcap": "Not a directory", "": "Is a directory", f"{'n' * 250}.mcap": "File name too long",
+        "file/out.mcap": "Not a directory", "": "Is a directory", "/": "Is a directory",
+        f"{'n' * 250}.mcap": "File name too long",
     }.items():  # fmt: skip
         path = tmp_path / name
         assert begin_recording(peer, path) == (False, f"cannot write {path}: {reason}")
+        assert trigger(peer, "save_snapshot") == (False, f"cannot write {path}: {reason}")
     for number, name in enumerate(("a", "b")):
         path = tmp_path / name / "out.mcap"
         assert begin_recording(peer, path) == (True, f"recording to {path}")
@@ -216,7 +218,8 @@ def test_a_recording_whose_folder_is_removed_ends_and_not_the_node(
     shutil.rmtree(folder)
     peer.wait_until(lambda: "was removed" in peer.problems.get("knee_contact: recorder", ""))
     walk(peer, 20, 20)
-    said = node.stop()
+    code, said = node.end(signal.SIGINT)
+    assert code == 1
     words = f"recording {folder}/knee.mcap stopped: its file or folder was removed while it was written"
     assert said.count(words) == 1
     assert "40 ticks" in said

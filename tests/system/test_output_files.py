@@ -23,6 +23,7 @@ from knee_contact_ros.system.output_files import (
     leftovers,
     refuse_existing,
     refuse_impossible,
+    stamped,
     take_name,
     work_folder,
     write_complete,
@@ -150,3 +151,9 @@ def test_folders_that_may_not_be_used_are_refused(tmp_path: Path) -> None:
         with pytest.raises(UsageError, match="Permission denied"):
             refuse_impossible(tmp_path / "new" / "out.mcap")
     tmp_path.chmod(0o700)
+
+
+def test_a_home_folder_and_the_time_are_put_in_their_places(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", "/home/anna")
+    assert re.fullmatch(r"/home/anna/runs/[\d_-]{19}\.mcap", stamped("~/runs/{stamp}.mcap"))
+    assert stamped("") == ""

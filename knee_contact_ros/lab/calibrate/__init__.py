@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from knee_contact_ros import __version__
-from knee_contact_ros.bags.reader import MAGICS, names_in_bag
+from knee_contact_ros.bags.reader import MAGICS, files_of, names_in_bag
 from knee_contact_ros.lab.calibrate import problems
 from knee_contact_ros.lab.calibrate.fit import (
     LINEAR,
@@ -37,7 +37,13 @@ from knee_contact_ros.results import Results, no_such
 from knee_contact_ros.streams.topics import JOINT_REACTION_FORCE, LOAD_INPUTS
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded, split
-from knee_contact_ros.system.output_files import refuse_existing, refuse_impossible, write_complete
+from knee_contact_ros.system.output_files import (
+    PARTIAL,
+    refuse_existing,
+    refuse_impossible,
+    refuse_input,
+    write_complete,
+)
 from knee_contact_ros.system.terminal import progress, say, show_table, shown, warn
 
 UNITS = problems.ANSWERS | {problems.AXIAL_FORCE: "N"}
@@ -194,7 +200,7 @@ def bags_in(data: Any) -> list[Path]:
     """
     several = list(data) if isinstance(data, list | tuple) else [data]
     names = [Path(expanded(str(each))) for each in several if isinstance(each, str | PathLike)]
-    bags = [name for name in names if name.is_dir() or any(end in MAGICS for end in name.suffixes)]
+    bags = [name for name in names if name.is_dir() or name.name.removesuffix(PARTIAL).endswith(tuple(MAGICS))]
     if len(names) > 1 and len(bags) < len(names):
         other = next(name for name in names if name not in bags)
         raise UsageError(f"{other}: it is not a bag; several bags can be given, but only one table")
@@ -247,6 +253,7 @@ def run_calibrate(
         UsageError: data, parameters, an option or the output cannot be used. Nothing is written then.
     """
     refuse_impossible(output)
+    refuse_input(output, [*params, *(file for each in data for file in files_of(each))])
     if not overwrite:
         refuse_existing(output)
     in_words_of_options: Any = inspect.unwrap(calibrate)

@@ -24,7 +24,7 @@ from knee_contact_ros.joint_reaction.leg import NetMoments, leg_of
 from knee_contact_ros.joint_reaction.muscles import Person
 from knee_contact_ros.lab.calibrate.fit import Data, Problem, Unknown, Values
 from knee_contact_ros.lab.gait_bag import digest
-from knee_contact_ros.lab.tables import TableFormat, header_of, read_numbers
+from knee_contact_ros.lab.tables import TableFormat, check_unit, header_of, read_numbers
 from knee_contact_ros.model.compiler import worth_compiling
 from knee_contact_ros.model.knee import KneeModel
 from knee_contact_ros.model.types import UNUSABLE, Floats, Status
@@ -42,7 +42,8 @@ from knee_contact_ros.system.errors import UsageError, in_a_line, meant
 TIME, ANGLE, LOAD, AXIAL_LOAD, HEIGHT = "time", "flexion_angle", "load", "axial_load", "femoral_height"
 ANSWERS: dict[str, str] = {"penetration_depth": "m", "contact_force": "N", "gap": "m", HEIGHT: "m"}
 """Columns to which the model is fitted, with their units; the height only where it is not prescribed"""
-COLUMNS = (TIME, ANGLE, LOAD, AXIAL_LOAD, *ANSWERS)
+INPUTS = {TIME: "s", ANGLE: "rad", LOAD: "N", AXIAL_LOAD: "N"}
+COLUMNS = (*INPUTS, *ANSWERS)
 SHARE = "load.share"
 SECTIONS = ("femur.", "tibia.", "contact.")
 FINE = 1e-9
@@ -81,9 +82,13 @@ def read_measured(path: Path, drive: str) -> Measured:
         UsageError: the file cannot be read or is not such a table, or values make no sense.
     """
     header = header_of(path, COLUMNS, TableFormat())
-    numbers, _, _ = read_numbers(header, [header.place(name) for name in header.names], TableFormat())
-    columns = dict(zip(header.names, numbers.T, strict=True))
-    return replace(measured_from(columns, drive, str(path)), digest=digest(path))
+    numbers, said, _ = read_numbers(header, [header.place(name) for name in header.names], TableFormat())
+    measured = measured_from(dict(zip(header.names, numbers.T, strict=True)), drive, str(path))
+    for place, name in enumerate(header.names):
+        unit = (INPUTS | ANSWERS)[name]
+        for note in check_unit(path, name, said.get(place, ""), unit, "it must be in", cure=""):
+            warnings.warn(note, stacklevel=2)
+    return replace(measured, digest=digest(path))
 
 
 def measured_from(table: Mapping[str, ArrayLike] | Any, drive: str, source: str = "table") -> Measured:

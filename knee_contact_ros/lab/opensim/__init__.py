@@ -175,8 +175,9 @@ def read_knee(side: str, files: Files, settings: Settings, work: Path) -> Gait:
     up = " + ".join(each.column("fy") for each in chosen)
     load = Series("load", files.reactions, up, force.stamps, -force.values[:, 1])
     seen = Series("angle", files.kinematics, column, flexion.stamps, flexion.values[:, 0])
-    checks.refuse(checks.impossible(seen, load))
-    likely = checks.doubts(seen, load, None, weight, results.MAX_GAP, mapped=False)
+    checks.refuse(checks.impossible(seen, load, mapped=False))
+    likely = [*kinematics.doubts, *reactions.doubts]
+    likely += checks.doubts(seen, load, None, weight, results.MAX_GAP, mapped=False)
     checks.refuse(likely, settings.anyway)
     rate, gap = settings.rate, results.MAX_GAP
     gait = gait_bag.sampled(side, joints, wrenches, rate=rate, max_gap=gap, start=start, end=end)

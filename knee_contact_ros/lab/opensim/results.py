@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import NamedTuple
+from xml.etree import ElementTree as ET
 
 import numpy as np
 
@@ -105,15 +106,26 @@ def read_model(path: Path, coordinate: str | None) -> tuple[float, tuple[float, 
     """Read the weight [N] of a model (.osim, of any version), and the range [rad] of a coordinate, None without one.
 
     Raises:
-        UsageError: the file is not a model, or has no such coordinate.
+        UsageError: the file is not a model, has no such coordinate, or a number in it is none.
     """
+
+    def numbers(element: ET.Element, tag: str) -> list[float]:
+        text = element.findtext(tag, "")
+        try:
+            return [float(number) for number in text.split()]
+        except ValueError:
+            name = f"{tag} of {element.tag} {element.get('name')}"
+            raise UsageError(f"{path} (--model): {name} is {text!r}, and must be numbers such as 9.3") from None
+
     root = read_xml(path, "Model")
-    mass = sum(float(body.findtext("mass", "0")) for body in root.iter("Body"))
     found = next((c for c in root.iter("Coordinate") if c.get("name") == coordinate), None)
     if found is None:
         raise UsageError(f"{path} (--model) has no coordinate {coordinate}; is it the model of these results?")
-    numbers = [float(number) for number in found.findtext("range", "").split()]
-    return mass * GRAVITY, (numbers[0], numbers[1]) if len(numbers) == 2 else None
+    mass = sum(number for body in root.iter("Body") for number in numbers(body, "mass"))
+    if not 0.0 < mass < math.inf:
+        raise UsageError(f"{path} (--model): mass of all Body elements is {mass:g} kg; it must be finite and > 0")
+    ends = numbers(found, "range")
+    return mass * GRAVITY, (ends[0], ends[1]) if len(ends) == 2 else None
 
 
 def angle_column(table: Table, side: str, coordinate: str | None) -> str:

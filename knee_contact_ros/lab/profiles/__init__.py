@@ -20,7 +20,7 @@ from knee_contact_ros.parameters.files import parameter_text
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import require
-from knee_contact_ros.system.output_files import refuse_existing, write_complete
+from knee_contact_ros.system.output_files import refuse_existing, refuse_input, write_complete
 from knee_contact_ros.view.picture import GRAPHS, drawn
 
 LABEL = 11
@@ -65,8 +65,7 @@ def run_fit_profile(
     require("mesh", "pyvista", "trimesh", "nibabel", "matplotlib")
     outputs = [output.with_suffix(suffix) for suffix in (".csv", ".png", ".yaml")]
     for path in outputs:
-        if path.resolve() in [each.resolve() for each in (mesh, bone) if each]:
-            raise UsageError(f"--output {output}: it would replace the input {path}")
+        refuse_input(path, filter(None, (mesh, bone)))
         if not overwrite:
             refuse_existing(path)
     surface = read_surface(mesh, unit, axes, label)

@@ -51,13 +51,16 @@ KNOTS, TILT_KNOTS = 2.5e-3, 10e-3
 """Distance between the knots of v, and of the tilt across the slab [m]"""
 BENDS = 3
 """Polynomial degree of the bend across the slab, as a function of the place"""
+APART = 10.0
+"""Condition number of the powers of the offsets below which tilt and bend are told apart from the profile: it is 4 for
+points all over the slab, 3 for three planes, and infinite for a bend over two planes or a tilt over a single one"""
 GRID = 2001
 """Number of places at which a profile is computed"""
 ROUGHEST, SMOOTHEST, HALVINGS = -5.0, 4.0, 12
 """Decimal logarithms of the smallest and largest penalty, and steps of the search between them; with a smaller penalty
 a profile would follow the mesh's noise"""
-SPACING = 0.75e-3
-"""Distance between the points of a profile [m]"""
+SPACING, LONGEST = 0.75e-3, 1.0
+"""Distance between the points of a profile [m], or a little less; more than that on a curve beyond this length [m]"""
 PER_POINT = 10
 """Number of places per point at which the profile's spline is evaluated"""
 FEMORAL_WINDOWS = ((-15.0, 25.0), (20.0, 70.0), (60.0, 110.0))
@@ -208,6 +211,8 @@ def fit(
     dent = f"{abs(off):.1f} mm {'outside of' if off > 0.0 else 'behind'} the profile at x = {x:.1f}, y = {y:.1f} mm"
     cut_off = f"cut off parts that are not articular surface ({dent}), or see --slice, --side and --axes"
     check("its RMS distance from any profile", 1e3 * smoothed.roughness, "mm", (0.0, WORST), cut_off)
+    untold = f"too few points around the slice to tell the profile ({dent}): see --slice and --slab"
+    check("its RMS distance from the profile", 1e3 * smoothed.rms, "mm", (0.0, WORST + 1e3 * tolerance), untold)
     shape = _shape_of(smoothed.points)
     circles = _circles(shape, femur)
     if femur:
@@ -239,7 +244,7 @@ def smooth(slab: Slices, chart: Chart, tolerance: float) -> Smoothed:
     """Smooth a slice so that its RMS distance is at most the root sum of squares of its roughness and `tolerance` [m].
 
     This is linear least squares with a penalty and lower bounds, scaled so that residuals are in m. Tilt and bend
-    across the slab are also unknown, but not part of the profile.
+    across the slab are also unknown, but not part of the profile; they are left out where the offsets do not tell.
     """
     from scipy.interpolate import make_interp_spline
     from scipy.optimize import lsq_linear
@@ -252,10 +257,12 @@ def smooth(slab: Slices, chart: Chart, tolerance: float) -> Smoothed:
     basis = chart.columns(grid, v)
     values, metres = chart.values(slab.points)
     columns = [make_interp_spline(grid, basis, k=1)(place)]  # linear in between
-    if slab.offsets.any():
-        tilt = _b_splines(place, low, high, TILT_KNOTS / chart.scale)
-        bend = np.polynomial.legendre.legvander(2.0 * (place - low) / (high - low) - 1.0, BENDS)
-        columns += [slab.offsets[:, None] * tilt, slab.offsets[:, None] ** 2 * bend]
+    tilt = _b_splines(place, low, high, TILT_KNOTS / chart.scale)
+    bend = np.polynomial.legendre.legvander(2.0 * (place - low) / (high - low) - 1.0, BENDS)
+    powers = np.vander(slab.offsets / (np.abs(slab.offsets).max() or 1.0), 3, increasing=True)
+    for power, across in enumerate((tilt, bend), 1):
+        if np.linalg.cond(powers[:, : power + 1]) < APART:
+            columns.append(slab.offsets[:, None] ** power * across)
     data = np.concatenate(columns, axis=1) * metres[:, None]
     bends = np.diff(np.eye(v.shape[1]), 2, axis=0)
     penalty, lower = np.zeros((len(bends), data.shape[1])), np.full(data.shape[1], -np.inf)
@@ -285,7 +292,7 @@ def smooth(slab: Slices, chart: Chart, tolerance: float) -> Smoothed:
     curve = chart.curve(grid, basis @ unknowns[: basis.shape[1]])
     raw = slab.raw[np.argsort(chart.place(slab.raw))]
     way = _chord_length(curve)
-    evenly = np.linspace(0.0, way[-1], math.ceil(way[-1] / SPACING) + 1)
+    evenly = np.linspace(0.0, way[-1], math.ceil(min(LONGEST, way[-1]) / SPACING) + 1)
     points = np.column_stack([np.interp(evenly, way, axis) for axis in curve.T])
     nearest = np.clip(cKDTree(curve).query(raw)[1], 1, len(curve) - 2)
     along, offset = curve[nearest + 1] - curve[nearest - 1], raw - curve[nearest]
@@ -531,14 +538,20 @@ def _of_cloud(surface: Surface, z: float, slab: float) -> Slices:
     """Select the points of a cloud within `slab` [m] of `z` [m], or all points if there is no third column."""
     flat = not surface.points[:, 2].any()
     distance = np.zeros(len(surface.points)) if flat else surface.points[:, 2] - z
-    inside = np.abs(distance) <= slab
+    inside = np.abs(distance) <= slab + 1e-9  # a plane at its edge, whatever the rounding
     if np.count_nonzero(inside) < LEAST_POINTS:
         raise UsageError(
             f"--slice {1e3 * z:g}: only {np.count_nonzero(inside)} points of {surface.path} lie within "
             f"{1e3 * slab:g} mm of it (--slab); it reaches from {surface.lateral_range}"
         )
-    remark = "all points of a cloud are used: it must hold the articular side only"
-    return Slices(surface.points[inside, :2], distance[inside] / (slab or 1.0), (remark,))
+    remarks, nearest = (
+        ["all points of a cloud are used: it must hold the articular side only"],
+        np.abs(distance).argmin(),
+    )
+    if abs(distance[nearest]) > DISTANCE:
+        z_there = 1e3 * surface.points[nearest, 2]
+        remarks.append(f"no point lies within {1e3 * DISTANCE:g} mm of the slice; the nearest has z = {z_there:.2f} mm")
+    return Slices(surface.points[inside, :2], np.round(distance[inside] / (slab or 1.0), 6), tuple(remarks))
 
 
 def _articular(pieces: Pieces, chart: Chart) -> tuple[Floats, list[str]]:

@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 from knee_contact_ros.lab.checks import outside, refuse
 from knee_contact_ros.model.types import Floats
 from knee_contact_ros.system.errors import UsageError, listed
+from knee_contact_ros.system.files import open_regular
 
 Integers = NDArray[np.int64]
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
@@ -55,6 +56,8 @@ UNPACKED: dict[str, Callable[[bytes], bytes]] = {
     "zlib": zlib.decompress,
 }  # fmt: skip
 NUMBER = re.compile(r"[-+0-9.eE]+")
+LONGEST = 32
+"""Largest number of bytes of a voxel in a text; in other encodings it has fewer"""
 
 
 class Surface(NamedTuple):
@@ -203,8 +206,10 @@ def _by_trimesh(path: Path) -> tuple[Any, Any, str]:
 def _by_vtk(path: Path) -> tuple[Any, Any, str]:
     """Read VTP and VTK with VTK, the only library that reads them."""
     import pyvista
+    from vtkmodules.vtkCommonCore import vtkObject
 
-    with pyvista.vtk_verbosity("off"):  # likewise
+    vtkObject.GlobalWarningDisplayOff()  # likewise, and those that go through Python's logging
+    with pyvista.vtk_verbosity("off"):
         read: Any = pyvista.read(path)
     read = read if isinstance(read, pyvista.PolyData) else read.extract_surface()
     mesh = read.triangulate().clean()
@@ -225,10 +230,14 @@ def _read_cloud(path: Path) -> Floats:
     """
     try:
         lines = path.read_text("utf-8-sig").replace(",", " ").lstrip().splitlines()
-        points = np.loadtxt(lines, ndmin=2, skiprows=int(bool(lines) and lines[0][0].isalpha()))
-        return np.pad(points, ((0, 0), (0, {2: 1, 3: 0}[points.shape[1]])))
-    except (ValueError, KeyError) as error:  # of Unicode, too
-        fault = f"{path} must hold numbers in two columns x, y or three x, y, z"
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")  # of a file without numbers
+            points = np.loadtxt(lines, ndmin=2, skiprows=int(bool(lines) and lines[0][0].isalpha()))
+        if points.shape[1] not in {2, 3}:
+            raise ValueError(f"it has {len(points)} rows of {points.shape[1]} columns")
+        return np.pad(points, ((0, 0), (0, 3 - points.shape[1])))
+    except ValueError as error:  # of Unicode, too
+        fault = f"{path} must hold numbers with decimal points, in columns x, y or x, y, z apart by blanks or commas"
         raise UsageError(f"{fault}: {' '.join(str(error).split())[:200]}") from None
 
 
@@ -310,7 +319,7 @@ def _nrrd(path: Path) -> LabelMap:
     if fields.get("dimension") != "3" or fields.get("byte skip", "0") != "0" or fields.get("line skip", "0") != "0":
         raise ValueError("a map has dimension 3, without byte skip and line skip")
     if name := fields.get("data file") or fields.get("datafile"):
-        data = (path.parent / name).read_bytes()
+        data = _data_file(path.parent / name, fields["sizes"])
     values = _voxels(data, fields["type"], fields["sizes"], fields["encoding"], fields.get("endian") == "big")
     space, directions = fields.get("space", ""), fields.get("space directions", "none")
     letters = (space if len(space) == 3 else "".join(word[:1] for word in space.split("-"))).upper()
@@ -329,7 +338,7 @@ def _meta_image(path: Path) -> LabelMap:
     line, _, data = rest.partition(b"\n")
     fields, name = _fields(head[:MAP_HEADER], "="), line.decode().strip(" =\r")
     if name.upper() != "LOCAL":
-        data = (path.parent / name).read_bytes()
+        data = _data_file(path.parent / name, fields["dimsize"])
 
     def first(names: str, default: str) -> str:
         return next((fields[name] for name in names.split() if name in fields), default)
@@ -344,6 +353,12 @@ def _meta_image(path: Path) -> LabelMap:
         return LabelMap(values, np.diag([*spacing, 1.0]), "it has no TransformMatrix")
     directions = np.reshape(matrix, (3, 3)) * spacing[:, None]
     return LabelMap(values, _affine(directions, first("offset position origin", "0 0 0"), np.array([-1.0, -1.0, 1.0])))
+
+
+def _data_file(path: Path, sizes: str) -> bytes:
+    """Read the file that a header names, as far as the voxels of the given sizes may reach."""
+    with open_regular(path) as file:
+        return file.read(LONGEST * math.prod(int(size) for size in _numbers(sizes)))
 
 
 def _fields(head: bytes, mark: str) -> dict[str, str]:
@@ -370,7 +385,10 @@ def _voxels(data: bytes, kind: str, sizes: str, encoding: str, big: bool) -> NDA
     dtype = np.dtype(TYPES.get(kind, kind.replace(" ", ""))).newbyteorder(">" if big else "<")
     shape = tuple(int(size) for size in _numbers(sizes))
     if encoding in {"text", "txt", "ascii"}:
-        return np.array(data.split(), dtype).reshape(shape, order="F")
+        try:
+            return np.array(data.split(), dtype).reshape(shape, order="F")
+        except ValueError:  # its words may come from any file that a header names
+            raise ValueError(f"its data are not the {math.prod(shape)} numbers of a text") from None
     data = UNPACKED[encoding](data)
     if len(data) < math.prod(shape) * dtype.itemsize:
         raise ValueError(f"it has {len(data)} of {math.prod(shape) * dtype.itemsize} B")

@@ -11,6 +11,7 @@ import pytest
 
 from knee_contact_ros import UsageError, calibrate, load_model
 from knee_contact_ros.commands.main import main
+from knee_contact_ros.lab.calibrate.problems import read_measured
 from knee_contact_ros.parameters.files import values_set_in
 from tests.lab.calibrate.trials import FINE, START, TRUE, answers, inputs, trial, written
 
@@ -179,6 +180,9 @@ DAMAGED_TABLES = [
     (GOOD, "its columns must be equally long, with one sample or more"),
     (GOOD + "0,0,100,1e-4\n", "1 values can be fitted, for 1 parameters"),
     (GOOD + "0,0,100,1e-4\n0,0,100,1e-4\n", "column time must increase, by a nanosecond or more; row 2 does not"),
+    (f"{GOOD}s,rad,kN,m\n0,0,1,1e-4\n1,0,1,1e-4\n", "says kN of column load, and it must be in N"),
+    (f"{GOOD}s,rad,N,mm\n0,0,1,1e-4\n1,0,1,1e-4\n", "says mm of column penetration_depth, and it must be in m"),
+    (f"{GOOD}ms,rad,N,m\n0,0,1,1e-4\n1,0,1,1e-4\n", "says ms of column time, and it must be in s"),
     (GOOD + "0,0,,1e-4\n1,0,100,1e-4\n", "column load is nan in row 1; an input must be known at every sample"),
     (GOOD + "0,0,100,inf\n1,0,100,1e-4\n", "column penetration_depth is inf in row 1; allowed are numbers"),
     (GOOD + "0,0,100,\n1,0,100,\n", "column penetration_depth is empty; leave it out"),
@@ -206,6 +210,13 @@ def test_what_is_wrong_is_told_in_one_line(
     assert reason in line
     assert content is None or "trial.csv" in line
     assert list(tmp_path.iterdir()) == [table]
+
+
+def test_a_unit_that_is_not_known_is_told(tmp_path: Path) -> None:
+    table = tmp_path / "trial.csv"
+    table.write_text(f"{GOOD}sec,Radians,widgets,M\n0,0,1,1e-4\n1,0,1,1e-4\n")
+    with pytest.warns(UserWarning, match=r"^trial\.csv: 'widgets' is not a known unit \(it must be in N\)$"):
+        assert read_measured(table, "force").load.tolist() == [1.0, 1.0]
 
 
 def test_python_names_its_arguments() -> None:

@@ -11,6 +11,7 @@ import pytest
 
 from knee_contact_ros import UsageError, calibrate, estimate_load
 from knee_contact_ros.commands.main import main
+from knee_contact_ros.lab.calibrate import bags_in
 from knee_contact_ros.parameters.files import load_parameters, values_set_in
 from knee_contact_ros.parameters.schema import LoadParameters
 from tests.lab.calibrate.legs import BODY, EPOCH, FREE, STEP, TRUE, WEIGHT, trial, write_sensors
@@ -91,6 +92,7 @@ def test_of_several_bags_each_is_left_out_and_the_gain_is_told(
     assert "are the same: each bag is left out in turn" in capsys.readouterr().err
     assert run(bags[0], table, *words) == 2
     assert "table.csv: it is not a bag; several bags can be given, but only one table" in capsys.readouterr().err
+    assert [*map(bags_in, ("a.mcap", "a.db3.partial", "a.mcap.csv"))] == [[Path("a.mcap")], [Path("a.db3.partial")], []]
 
 
 def test_mass_and_height_are_fitted_if_asked(tmp_path: Path) -> None:

@@ -85,8 +85,20 @@ def test_a_bag_is_replaced_only_when_asked_and_nothing_else_ever(
     assert (bag / "walk_0.mcap").read_bytes() != before
     (bag / "thesis.docx").touch()
     assert main([*arguments, "--overwrite"]) == 2
-    assert "not a bag's folder, because it has thesis.docx, and is not replaced" in capsys.readouterr().err
+    assert "is not replaced: it has thesis.docx, and no metadata.yaml says that it belongs" in capsys.readouterr().err
     assert (bag / "thesis.docx").exists()
+    (bag / "thesis.docx").rename(bag / "monday.mcap")
+    assert main([*arguments, "--overwrite"]) == 2
+    (bag / "metadata.yaml").unlink()
+    (bag / "walk_0.mcap").unlink()
+    assert main([*arguments, "--overwrite"]) == 2
+    assert capsys.readouterr().err.count("it has monday.mcap, and no") == 2
+    bag.rename(tmp_path / "kept")
+    bag.symlink_to("kept")
+    (tmp_path / "kept" / "monday.mcap").unlink()
+    assert main([*arguments, "--overwrite"]) == 0
+    assert [*(tmp_path / "kept").iterdir()] == []
+    assert not bag.is_symlink()
 
 
 MISSING = not_installed("opensim", "opensim")
@@ -98,6 +110,7 @@ ONE_SIDE = ["--kinematics", "q.sto", "--reactions", "jr.sto", "--side", "right",
     ("arguments", "says"),
     [
         ([*ONE_SIDE, "--joint", "hip_r"], "no joint hip_r (--joint); it has knee_r, knee_l"),
+        ([*ONE_SIDE, "--kinematics", "cut.sto"], "120 rows, and its header says nRows=121: is it cut off? (--anyway"),
         ([*ONE_SIDE, "--rate", "-1"], "-1.0 is not in the range 0.0<=x<=10000.0"),
         ([*ONE_SIDE, "--rate", "nan"], "--rate nan: it must be a finite number"),
         ([*ONE_SIDE, "--speeds", "none.sto"], "cannot read none.sto: No such file"),
@@ -123,6 +136,7 @@ def test_bad_input_is_one_line_and_leaves_nothing(
     """As if OpenSim were installed, or, without, with a line that says what to install."""
     monkeypatch.chdir(tmp_path)
     write_model(tmp_path / "m.osim")
+    (tmp_path / "cut.sto").write_text((tmp_path / "q.sto").read_text().rstrip().rpartition("\n")[0])
     write_storage(tmp_path / "late.mot", np.linspace(10.0, 11.0, 241), plate("ground_force_r_"), "yes")
     write_loads(tmp_path / "late.xml", "late.mot", [external("calcn_r", "ground_force_r_", torque="")])
     files = sorted(path.name for path in tmp_path.iterdir())

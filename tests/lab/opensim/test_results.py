@@ -316,7 +316,12 @@ def test_a_model_tells_sign_and_weight(tmp_path: Path) -> None:
     gait = read_knee("right", Files(standing, jr, model=model), Settings(), tmp_path)
     assert gait.joints["knee"].values[:, 0].min() > 0.0
     assert gait.weight == pytest.approx(72.6 * 9.80665)
+    good = model.read_text()
     for text, says in (
+        (good.replace("42.6", "9,3"), r"m\.osim \(--model\): mass of Body b is '9,3', and must be numbers"),
+        (good.replace("42.6", "nan"), "mass of all Body elements is nan kg; it must be finite and > 0"),
+        (good.replace("42.6", "-30"), "mass of all Body elements is 0 kg; it must be finite and > 0"),
+        (good.replace("-2.0943951", "x"), "range of Coordinate knee_angle_r is 'x 0.17453293', and must be numbers"),
         ("<a>", r"m\.osim is not an OpenSim document"),
         ("<a><Model/></a>", r"\(--model\) has no coordinate"),
     ):

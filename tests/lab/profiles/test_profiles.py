@@ -23,6 +23,7 @@ from tests.lab.profiles.meshes import (
     EDGE,
     MIDDLE,
     ONE_RADIUS,
+    RIDGE,
     TWO_RADII,
     VOXEL,
     femoral_curve,
@@ -175,6 +176,24 @@ def test_a_cloud_of_points_gives_nearly_the_profile_of_its_mesh(separator: str, 
     np.savetxt(tmp_path / "slice.csv", femoral_curve()[0], delimiter=separator, header="x,y")
     of_slice = fit(read_surface(tmp_path / "slice.csv"), MIDDLE)
     assert radii(of_slice)[0] == pytest.approx(0.030, abs=1e-5)  # exact but for 1e-8 m
+
+
+@pytest.mark.parametrize("spacing", [1.5 * MM, 2.0 * MM, 2.5 * MM, 3.0 * MM, 4.0 * MM])
+@pytest.mark.parametrize("shift", [0.0, 0.3, 0.5])
+def test_a_cloud_in_planes_gives_the_profile_between_them(spacing: float, shift: float) -> None:
+    """As contours in the slices of an image; `shift` is where the slice lies between two planes, in spacings."""
+    planes = spacing * (np.arange(-3, 4) + shift)
+    for of_femur, (points, normals) in ((True, femoral_curve()), (False, tibial_curve())):
+        fall = np.sqrt(RIDGE**2 - planes**2) - RIDGE
+        contours = points + normals * fall[:, None, None]
+        z = np.broadcast_to(MIDDLE + planes[:, None, None], (*contours.shape[:2], 1))
+        cloud = np.concatenate([contours, z], axis=2).reshape(-1, 3)
+        found = fit(Surface(Path("a.txt"), cloud, np.empty((0, 3), np.int64)), MIDDLE, femur=of_femur)
+        middle, radius = ([0.0, 0.0], 0.030) if of_femur else ([0.0, 0.095], 0.095)
+        sag = spacing**2 / (8.0 * RIDGE)  # of the surface between two planes
+        assert np.hypot(*(found.smoothed.points - middle).T) == pytest.approx(radius, abs=sag + 0.02 * MM)
+        assert radii(found) == pytest.approx([radius] * len(found.circles), rel=0.01)
+        assert any("no point lies within 0.5 mm" in each for each in found.remarks) == (shift * spacing > 0.5 * MM)
 
 
 def test_a_label_map(tmp_path: Path) -> None:

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import os
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -63,6 +66,27 @@ def cut_off(path: Path) -> None:
     path.write_bytes(content[: len(content) // 2])
 
 
+def beside(name: str, encoding: str = "raw") -> Callable[[Path], Any]:
+    """Write a label map whose header names another file."""
+
+    def write(path: Path) -> None:
+        os.mkfifo("pipe")
+        Path("words").write_text("secret " * 655360)
+        replaced(other_map(path, encoding), b"voxels", name.encode())
+
+    return write
+
+
+def halves(path: Path) -> None:
+    """Two contours, 1 mm on either side of the slice, of which each holds one half of the condyle."""
+    points, normals = femoral_curve(TWO_RADII)
+    half = len(points) // 2
+    lower, upper = (points + rise * normals for rise in (0.0, 0.0005))
+    sides = (np.pad(part, ((0, 0), (0, 1)), constant_values=z)
+             for part, z in ((lower[: half + 9], -0.019), (upper[half - 9 :], -0.017)))  # fmt: skip
+    np.savetxt(path, np.concatenate([*sides]))
+
+
 def only_points(path: Path) -> None:
     import pyvista
 
@@ -77,8 +101,10 @@ CASES = {
     "garbage VTP": ("a.vtp", text("<no mesh"), [], "cannot be read as a .vtp file"),
     **{f"cut-off {kind}": (f"a{kind}", cut_off, [], f"read as a {kind}") for kind in (".stl", ".ply", ".vtp")},
     "no faces": ("a.vtp", only_points, [], "points but no faces"),
-    "garbage cloud": ("a.txt", text("1 2 3\n1 two 3\n"), [], "x, y, z: could not convert string 'two'"),
-    "one column": ("a.xyz", text("1\n2\n"), [], "must hold numbers in two columns"),
+    "garbage cloud": ("a.txt", text("1 2 3\n1 two 3\n"), [], "commas: could not convert string 'two'"),
+    "one column": ("a.xyz", text("1\n2\n"), [], "in columns x, y or x, y, z apart by blanks or commas: it has 2 rows"),
+    "empty": ("a.txt", text("# x y z\n"), [], "commas: it has 0 rows"),
+    "decimal commas": ("a.txt", text("0,01 -0,02 0,018\n" * 20), [], "with decimal points, "),
     "nan": ("a.xyz", text("0 0 nan\n" * 20), [], "has a point that is not finite"),
     "garbage map": ("a.nii", text("no image"), [], "cannot be read"),
     "no label": ("a.nii", label_map, [], "needs --label N: it has the labels 1, 4"),
@@ -105,6 +131,9 @@ CASES = {
                       ["--label", "4"], "has no orientation (it has no space directions)"),
     "no matrix": ("a.mha", lambda path: replaced(other_map(path, "raw"), b"TransformMatrix", b"Comment"),
                   ["--label", "4"], "has no orientation (it has no TransformMatrix)"),
+    "a pipe's voxels": ("a.nhdr", beside("pipe"), [], "cannot be read: [Errno 22] it is no regular file: 'pipe'"),
+    "a device's voxels": ("a.mhd", beside("/dev/zero"), [], "it is no regular file: '/dev/zero'"),
+    "words for voxels": ("a.nhdr", beside("words", "ascii"), [], "its data are not the 655360 numbers of a text\n"),
     "half a map": ("a.nrrd", lambda path: path.write_bytes(other_map(path, "raw").read_bytes()[:9999]), [],
                    "cannot be read: it has"),
     "another type": ("a.mha", lambda path: replaced(other_map(path, "raw"), b"MET_SHORT", b"MET_STRING"), [],
@@ -112,6 +141,7 @@ CASES = {
     "garbage NRRD": ("a.nrrd", text("no map"), [], "it does not begin with NRRD"),
     "a hollow of 8 mm": ("a.stl", mesh(swept((femoral_curve()[0] - HOLLOW, femoral_curve()[1]))), [],
                          "is no condyle of a femur: its RMS distance from any profile"),
+    "half a contour": ("a.txt", halves, [], "too few points around the slice to tell the profile ("),
     "bone outside": ("a.stl", mesh(BONE, bone=FEMUR), ["--bone", "bone.stl"], "is not behind the cartilage"),
     "bone elsewhere": ("a.stl", mesh(bone=(FEMUR[0] + [0.0, 0.0, 0.05], FEMUR[1])), ["--bone", "bone.stl"],
                        "misses --bone"),
@@ -125,6 +155,17 @@ CASES = {
     "origin": ("a.stl", mesh(), ["--origin", "here"], "--origin here: it must be mesh or X,Y in mm"),
     "no suffix": ("a.stl", mesh(), ["--output", "b.stl"], "must end with .csv"),
 }  # fmt: skip
+
+
+@pytest.mark.parametrize("kind", [".vtk", ".vtp"])
+def test_vtk_says_nothing_of_its_own_of_a_damaged_file(kind: str, tmp_path: Path) -> None:
+    """In a process of its own, as pytest takes what goes through Python's logging."""
+    for name, content in (("empty", b""), ("half", saved(tmp_path / f"a{kind}", FEMUR).read_bytes()[:50_000])):
+        path = tmp_path / f"{name}{kind}"
+        path.write_bytes(content)
+        command = [sys.executable, "-m", "knee_contact_ros.commands.main", "fit-profile", str(path), "--slice=0"]
+        done = subprocess.run([*command, f"--output={path}.csv"], capture_output=True, text=True, check=False)
+        assert (done.returncode, len(done.stderr.splitlines())) == (2, 1), done.stderr
 
 
 @pytest.mark.parametrize("case", CASES)
