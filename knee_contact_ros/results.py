@@ -36,6 +36,8 @@ SIZE = (8.0, 8.0)
 """Width and height of the figure [inch]"""
 LEAST = 1.0
 """Smallest half range [mm] of the axis of the contact point, which may hardly move"""
+DRAWN = ("stamp", "flexion_angle", "load", "contact_force", "penetration_depth", "contact_point")
+"""Fields that the figure shows"""
 LOAD, CONTACT, DEPTH, POINT = "#b8bec6", "#c1272d", "#1b5e9e", "#4b7f52"
 
 
@@ -124,6 +126,7 @@ class Results(Records):
 
         Raises:
             UsageError: the name of `path` does not end in .parquet.
+            OSError: the file cannot be written.
         """
         if not fspath(path).endswith(PARQUET):
             raise UsageError(f"{fspath(path)}: to_parquet writes Parquet files, whose names end in {PARQUET}")
@@ -133,6 +136,9 @@ class Results(Records):
         """Draw flexion, load and contact force, depth, and the contact point over time.
 
         Returns the `matplotlib.figure.Figure`: a notebook shows it, `savefig` writes it.
+
+        Raises:
+            UsageError: a field that it shows is not among those of these answers.
         """
         return _figure_of(self)
 
@@ -301,7 +307,14 @@ def _cells(rows: Rows) -> list[tuple[str, ...]]:
 
 
 def _figure_of(rows: Rows) -> Any:
-    """Draw flexion, load and contact force, depth, and the contact point on the plateau, as a matplotlib `Figure`."""
+    """Draw flexion, load and contact force, depth, and the contact point on the plateau, as a matplotlib `Figure`.
+
+    Raises:
+        UsageError: a field in `DRAWN` is not there.
+    """
+    names = rows.dtype.names or ()
+    if lacking := [name for name in DRAWN if name not in names]:
+        raise UsageError(f"fields {', '.join(names)}: plot also needs {', '.join(lacking)}")
     matplotlib, pyplot = _library("matplotlib"), _library("matplotlib.pyplot")
     begin = _begin_in(rows)
     time, along = NANOSECOND * (np.asarray(rows["stamp"]) - begin), 1e3 * np.asarray(rows["contact_point"]["x"])

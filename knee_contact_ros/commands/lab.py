@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from pathlib import Path
 from typing import Any
 
@@ -25,7 +24,8 @@ from knee_contact_ros.commands.options import (
     path_option,
     together,
 )
-from knee_contact_ros.system.files import require, split
+from knee_contact_ros.system.errors import IncompleteError, UsageError
+from knee_contact_ros.system.files import require
 
 anyway_option = click.option(
     "--anyway", is_flag=True, help="Write the bag although a value is probably a mistake. You get a warning instead."
@@ -373,26 +373,28 @@ def trade(bag: Path, given: Given, in_bag: InBag, worth: float | None, picture: 
     compared with the tightest tolerance, the cost of a tick and the share of flagged ticks, and recommends a setting.
     If BAG is a recording of this package, its own parameters are used unless you give --params.
     """
-    from knee_contact_ros.bags.reader import files_of
+    from knee_contact_ros.bags.reader import files_of, others_beside
     from knee_contact_ros.lab.trade import draw, measure, show
-    from knee_contact_ros.offline.notebooks import solve
+    from knee_contact_ros.offline.notebooks import answers_of
+    from knee_contact_ros.offline.solve import basis_of, parameters_in, weight_doubt
     from knee_contact_ros.system.output_files import refuse_impossible, refuse_input
     from knee_contact_ros.system.terminal import progress, say, warn
 
     require("trade", "matplotlib")
     refuse_impossible(picture)
     refuse_input(picture, files_of(bag))
-    remap = dict(split(rule, "--remap") for rule in in_bag.remaps)
-    with warnings.catch_warnings(record=True) as doubts:
-        warnings.simplefilter("always")
-        files = given.parameter_files or None
-        results = solve(bag, files, given.values(), remap=remap, namespace=in_bag.namespace)
+    basis = basis_of(bag, given.parameter_files or None, given.values(), None, in_bag.namespace)
+    results, summary = answers_of(bag, basis, in_bag.names())
+    if summary.ticks < 2:
+        raise UsageError(f"bag {bag}: only one tick could be computed, but errors need at least two")
+    warn([*others_beside(bag), *weight_doubt(bag, parameters_in(basis)), *summary.warnings])
     with progress("Measuring") as advance:
         found = measure(results, worth, advance)
     show(found)
     draw(found, picture)
     say(f"Picture: {picture}")
-    warn(str(doubt.message) for doubt in doubts)
+    if missing := summary.missing(bag):
+        raise IncompleteError(missing)
 
 
 @click.command()

@@ -90,7 +90,6 @@ def solve(
     from knee_contact_ros.commands.tables import show_summary
     from knee_contact_ros.offline.solve import Subject, basis_of, parameters_in, weight_doubt
     from knee_contact_ros.offline.solve import solve as solve_bag
-    from knee_contact_ros.system.errors import in_a_line
     from knee_contact_ros.system.terminal import progress, warn
 
     person = Subject(subject) if subject else None
@@ -113,11 +112,8 @@ def solve(
         warn(sentence for one in bags for sentence in others_beside(one))
         warn(weight_doubt(bag, parameters))
         warn(summary.warnings)
-        damage = (
-            f" is damaged, and solved as far as it can be read: {in_a_line(summary.damage)}" if summary.damage else ""
-        )
-        if damage or summary.unanswered:
-            raise IncompleteError(f"bag {bag}{damage}" + (f": {summary.unanswered}" if summary.unanswered else ""))
+        if missing := summary.missing(bag):
+            raise IncompleteError(missing)
 
 
 @click.command()

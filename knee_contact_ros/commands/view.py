@@ -24,7 +24,7 @@ from knee_contact_ros.parameters.files import curve_texts, load_parameters
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.streams.contact_stream import answering
 from knee_contact_ros.streams.topics import KNEE, LATERAL, MEDIAL, compartment_name, is_lateral, knee_name
-from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.errors import IncompleteError, UsageError
 from knee_contact_ros.system.files import refuse_twice
 from knee_contact_ros.system.output_files import refuse_existing, refuse_input
 from knee_contact_ros.system.processes import LOCALHOST, interrupted_by_sigterm, refuse_taken
@@ -68,7 +68,7 @@ def run_view(sources: Sequence[str], given: Given, save: Path | None, overwrite:
 
     Raises:
         UsageError: a source or an option cannot be used.
-        IncompleteError: the viewer failed.
+        IncompleteError: the viewer failed; or a bag was damaged, and what can be read was shown.
     """
     warn(sentence for source in sources for sentence in others_beside(Path(source)))
     parameters = load_parameters([*given.files(), given.values()])
@@ -92,12 +92,14 @@ def run_view(sources: Sequence[str], given: Given, save: Path | None, overwrite:
         refuse_twice(list(map(Path, sources)))
         for source in sources:
             refuse_input(path, files_of(Path(source)))
-        recordings = _with_answers([Path(source) for source in sources], parameters, Path(folder))
+        recordings, missing = _with_answers([Path(source) for source in sources], parameters, Path(folder))
         _draw([*recorded_knees(recordings, parameters)], path, overwrite)
         if save:
             say(f"Rerun file   {save}")
         else:
             _present(path, port if serve else None)
+    if any(missing):
+        raise IncompleteError("; ".join(filter(None, missing)))
 
 
 def _refuse_in_vain(save: Path | None, overwrite: bool, ports: Sequence[int]) -> None:
@@ -158,18 +160,25 @@ def _knees(path: Path, topics: Sequence[str], names: Sequence[str], parameters: 
         yield RecordedKnee(path, topic, model, drawing, provenance.changes if provenance else ())
 
 
-def _with_answers(paths: Sequence[Path], parameters: Parameters, work: Path) -> dict[Path, str]:
-    """Return recordings with answers, and a name for each; a bag without answers is computed into the folder `work`."""
+def _with_answers(
+    paths: Sequence[Path], parameters: Parameters, work: Path
+) -> tuple[dict[Path, str], list[str]]:  # fmt: skip
+    """Return recordings with answers, and a name for each; a bag without answers is computed into the folder `work`.
+
+    Also return sentences on what is missing in these bags, and warn of what is implausible.
+    """
     names = _distinct([path.name.split(".")[0] for path in map(Path.resolve, paths)])
-    recordings = {}
+    recordings, missing = {}, list[str]()
     for path, name in zip(paths, names, strict=True):
         answered = path
         if not answer_topics(path):
             answered = work / f"{name}.mcap"
             with progress(f"Solving {name}") as advance:
-                solve(path, parameters, answered, advance)
+                summary = solve(path, parameters, answered, advance)
+            warn(summary.warnings)
+            missing.append(summary.missing(path))
         recordings[answered] = name
-    return recordings
+    return recordings, missing
 
 
 def _draw(knees: Sequence[RecordedKnee], path: Path, overwrite: bool) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -22,7 +22,7 @@ from knee_contact_ros.model.statics import plain_static_depth
 from knee_contact_ros.model.surfaces import Circle, Closest, ContactPair, Plane
 from knee_contact_ros.model.types import NANOSECOND, ROW, Contact, Floats, Rows, blank
 
-INPUTS = "flexion_angle, load and femoral_height"
+INPUTS = ("flexion_angle", "load", "femoral_height")
 LARGEST_TIME = 9e9
 """Time [s] beyond which integer nanoseconds do not reach: 285 years."""
 LARGEST_LOAD = 1e6
@@ -172,7 +172,9 @@ class KneeModel:
         columns = [np.asarray(column, dtype=float) for column in given]
         if any(column.ndim != 1 or column.shape != columns[0].shape for column in columns):
             shapes = ", ".join(str(column.shape) for column in columns)
-            raise ValueError(f"time, {INPUTS} must be one-dimensional and of equal length, got {shapes}")
+            raise ValueError(
+                f"time, {_listed(INPUTS[: len(given) - 1])} must be one-dimensional and of equal length, got {shapes}"
+            )
         time_, angles, loads, *heights = columns
         _check_limits(columns[1:])
         stamps = np.rint(time_ / NANOSECOND)
@@ -221,7 +223,8 @@ class KneeModel:
         Args:
             answers: Shape (n,): what `run` returns, or ticks of a stream in an array.
             load_deviation: Standard deviation of the compartment's `load` [N], a number or shape (n,). For an estimated
-                load it is `standard_deviation` of `LoadEstimate` times the compartment's share.
+                load it is `standard_deviation` of `LoadEstimate` times the compartment's share. NaN where it is not
+                known; the result is NaN there.
 
         Returns:
             Record array of shape (n,) with the standard deviations `contact_force` [N] and `penetration_depth` [m].
@@ -385,10 +388,16 @@ def _refuse(angle: float, load: float, height: float | None) -> None:
         ValueError: always.
     """
     given = [value for value in (angle, load, height) if value is not None]
+    names, got = _listed(INPUTS[: len(given)]), ", ".join(map(str, given))
     if not all(map(math.isfinite, given)):
-        raise ValueError(f"time, {INPUTS} must be finite, got {angle}, {load}, {height}")
-    limits = f"{LARGEST_ANGLE:g} rad, {LARGEST_LOAD:g} N and {LARGEST_HEIGHT:g} m"
-    raise ValueError(f"{INPUTS} must not exceed {limits}, got {angle}, {load}, {height}{degrees_hint(angle)}")
+        raise ValueError(f"{names} must be finite, got {got}")
+    limits = _listed((f"{LARGEST_ANGLE:g} rad", f"{LARGEST_LOAD:g} N", f"{LARGEST_HEIGHT:g} m")[: len(given)])
+    raise ValueError(f"{names} must not exceed {limits}, got {got}{degrees_hint(angle)}")
+
+
+def _listed(words: Sequence[str]) -> str:
+    """List at least two words, the last one after an "and"."""
+    return f"{', '.join(words[:-1])} and {words[-1]}"
 
 
 def degrees_hint(angle: float) -> str:

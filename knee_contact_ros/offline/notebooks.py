@@ -21,6 +21,7 @@ from knee_contact_ros.offline.estimate_load import estimate_load as estimate
 from knee_contact_ros.offline.estimate_load import load_parameters_for
 from knee_contact_ros.offline.solve import Subject, basis_of, parameters_in, texts_of, weight_doubt
 from knee_contact_ros.offline.solve import solve as solve_bag
+from knee_contact_ros.offline.summary import Summary
 from knee_contact_ros.parameters.files import Source, dotted
 from knee_contact_ros.parameters.schema import Parameters
 from knee_contact_ros.results import Records, Results
@@ -79,17 +80,26 @@ def solve(
     with in_python_words():
         path, basis, names = solve_inputs(bag, params, values, subject, remap, namespace)
         written = checked_output(Path(output), "output", ".mcap") if output else None
-        blocks: list[Sequence[Rows]] = []
-        with progress("Solving") as advance:
-            summary = solve_bag(path, basis, written, advance, overwrite, names, compiled=compiled, keep=blocks.append)
+        results, summary = answers_of(path, basis, names, written, overwrite, compiled)
         doubts = [*weight_doubt(path, parameters_in(basis)), *summary.warnings, summary.unanswered]
         _warn(path, "solved", doubts, summary.damage)
+    return results
+
+
+def answers_of(
+    bag: Path, basis: Parameters | Provenance, names: Names, output: Path | None = None, overwrite: bool = False,
+    compiled: bool | None = None,
+) -> tuple[Results, Summary]:  # fmt: skip
+    """Compute a bag as `knee-contact solve` does; return the answers with their models, and the summary."""
+    blocks: list[Sequence[Rows]] = []
+    with progress("Solving") as advance:
+        summary = solve_bag(bag, basis, output, advance, overwrite, names, compiled=compiled, keep=blocks.append)
     medial, *lateral = (_joined(rows) for rows in zip(*blocks, strict=True))
     if lateral:
         medial.lateral = lateral[0]
     for results, model in zip((medial, *lateral), _models(basis), strict=False):
         results.model = model
-    return medial
+    return medial, summary
 
 
 def _warn(bag: Path, done: str, doubts: Sequence[str], damage: Sequence[str]) -> None:

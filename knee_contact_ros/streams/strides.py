@@ -124,7 +124,9 @@ def integral(time: Floats, values: Floats) -> float:
 
 def loading_rate(time: Floats, force: Floats) -> float:
     """Largest rise [N/s] of a force over `RISE_TIME` in the first half of a stance; times begin with it."""
-    begins = np.arange(0.0, 0.5 * time[-1] - RISE_TIME, 0.25 * RISE_TIME)
+    last = 0.5 * time[-1] - RISE_TIME
+    begins = np.concatenate((time, time - RISE_TIME, [last]))  # the force is straight between samples
+    begins = begins[(begins >= 0.0) & (begins <= last)]
     rises = np.interp(begins + RISE_TIME, time, force) - np.interp(begins, time, force)
     return float(rises.max(initial=0.0)) / RISE_TIME
 

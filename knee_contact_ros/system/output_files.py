@@ -22,7 +22,7 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO
 
-from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.errors import IncompleteError, UsageError
 from knee_contact_ros.system.files import expanded, is_there
 
 PARTIAL = ".partial"
@@ -36,6 +36,8 @@ LOCK_TRIES, LOCK_PAUSE = 5, 0.01
 """Number of attempts to lock a file, and pause between them [s], as others may briefly hold the lock to check it"""
 NEW = os.O_RDWR | os.O_CREAT | os.O_EXCL | os.O_NOFOLLOW | os.O_CLOEXEC
 """Flags to create and open a new file"""
+FULL = {errno.ENOSPC, errno.EDQUOT, errno.EFBIG}
+"""Errors of a full disk, or of a file that became too large for it or for its user"""
 
 
 def partial_name(path: Path) -> Path:
@@ -94,6 +96,11 @@ def _refuse_folder(path: Path) -> None:
 def _impossible(path: Path, error: OSError | ValueError) -> UsageError:
     """Error for an output that cannot be written; a ValueError means characters that no file name can have."""
     return UsageError(f"cannot write {path}: {getattr(error, 'strerror', None) or error}")
+
+
+def _unwritten(path: Path, error: OSError) -> UsageError | IncompleteError:
+    """Error for an output that could not be written, or not completely, as the disk is full."""
+    return (IncompleteError if error.errno in FULL else UsageError)(f"cannot write {path}: {error.strerror}")
 
 
 def checked_output(path: Path, label: str, *suffixes: str) -> Path:
@@ -267,6 +274,7 @@ def write_complete(contents: Mapping[Path, bytes]) -> None:
 
     Raises:
         UsageError: one cannot be written.
+        IncompleteError: the disk is full.
     """
     try:
         for path, content in contents.items():
@@ -274,7 +282,7 @@ def write_complete(contents: Mapping[Path, bytes]) -> None:
         for path in contents:
             partial_name(path).replace(path)
     except OSError as error:
-        raise UsageError(f"cannot write {path}: {error.strerror}") from None
+        raise _unwritten(path, error) from None
     finally:
         for path in contents:
             with suppress(OSError):  # its folder may be what cannot be used
@@ -315,6 +323,7 @@ def work_folder(output: Path) -> Iterator[Path]:
 
     Raises:
         UsageError: it cannot be made.
+        IncompleteError: the disk is full; also if it becomes full while the results are written.
     """
     from knee_contact_ros.system.processes import interrupted_by_sigterm  # a third of the time of --help
 
@@ -323,10 +332,14 @@ def work_folder(output: Path) -> Iterator[Path]:
     try:
         work.mkdir(parents=True)
     except OSError as error:
-        raise UsageError(f"cannot write to {output}: {error.strerror}") from None
+        raise _unwritten(output, error) from None
     try:
         with interrupted_by_sigterm():
             yield work.resolve()
+    except OSError as error:
+        if error.errno not in FULL:
+            raise
+        raise _unwritten(output, error) from None
     finally:
         shutil.rmtree(work, ignore_errors=True)
         if made and not any(output.iterdir()):

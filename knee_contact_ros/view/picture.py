@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -40,7 +41,9 @@ def drawn(file: Any, size: tuple[float, float], dpi: int, **style: Any) -> Itera
     with mpl.rc_context(style):  # type: ignore[arg-type]
         figure = Figure(figsize=size, layout="constrained")
         yield figure
-        figure.savefig(file, format="png", dpi=dpi, metadata={"Software": None})
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Glyph .* missing")  # of a name; a box is drawn instead
+            figure.savefig(file, format="png", dpi=dpi, metadata={"Software": None})
 
 
 def draw_knee(axis: Any, model: KneeModel, angle: float, height: float, force: float, body_weight: float) -> None:

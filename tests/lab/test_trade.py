@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab.trade import LEVELS, NAMES, REFERENCE, TOLERANCES, Setting, Trade, advice, measure
 from knee_contact_ros.model.types import Status
 from knee_contact_ros.results import Results
+from tests.offline.test_solve import make_bag
 
 pytest.importorskip("matplotlib", reason="needs the extra trade")
 
@@ -123,3 +125,25 @@ def test_the_command_prints_a_table_and_a_sentence_and_draws(
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert main(["trade", str(right_bag), "--remap", "joint_states"]) == 2
     assert capsys.readouterr().err.startswith("knee-contact: --remap 'joint_states': it must be")
+
+
+def test_doubts_come_before_the_advice_and_damage_ends_with_1(
+    right_bag: Path, sensors_bag: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:  # fmt: skip
+    bag, picture = tmp_path / "cut.mcap", ["--picture", str(tmp_path / "trade.png")]
+    with monkeypatch.context() as patched:
+        patched.setattr("sys.stderr", sys.stdout)
+        bag.write_bytes((right_bag / "gait2354_right_0.mcap").read_bytes()[:40_000])
+        assert main(["trade", str(bag), "-p", "contact.stiffness:=2500.0", *picture]) == 1
+        said = capsys.readouterr().out
+    assert said.index("knee-contact: warning: contact.stiffness") < said.index("Take fidelity.level")
+    assert said.splitlines()[-1].startswith(f"knee-contact: bag {bag} is damaged, and solved as far as it can be read")
+    assert main(["trade", str(sensors_bag), *picture]) == 2
+    assert "; --remap joint_reaction_force:=TOPIC or --namespace NAME reads" in capsys.readouterr().err
+    one = make_bag(tmp_path / "one.mcap", [(0, 0.1, 800.0)])
+    assert main(["trade", str(one), *picture]) == 2
+    assert (
+        capsys.readouterr().err
+        == f"knee-contact: bag {one}: only one tick could be computed, but errors need at least two\n"
+    )

@@ -126,13 +126,13 @@ def test_sliding_is_that_of_the_femurs_material_point(kind: str, apart: float) -
 
 
 @pytest.mark.parametrize(("time", "angle", "load", "words"), [
-    ([0.0, 1.0], [0.0], [1.0, 1.0], "equal length"),
+    ([0.0, 1.0], [0.0], [1.0, 1.0], "^time, flexion_angle and load must be one-dimensional and of equal length"),
     ([[0.0]], [[0.0]], [[1.0]], "one-dimensional"),
     ([0.0, math.nan], [0.0, 0.0], [1.0, 1.0], "finite"),
     ([1e10], [0.1], [800.0], "time must be finite"),
-    ([0.0, 1.0], [0.0, math.inf], [1.0, 1.0], "finite"),
+    ([0.0, 1.0], [0.0, math.inf], [1.0, 1.0], "^flexion_angle and load must be finite, got inf, 1.0$"),
     ([0.0, 1.0], [0.0, 1e300], [1.0, 1.0], "must not exceed 10 rad"),
-    ([0.0, 1.0], [0.0, 0.0], [1.0, -1e9], "must not exceed 10 rad, 1e\\+06 N and 10 m"),
+    ([0.0, 1.0], [0.0, 0.0], [1.0, -1e9], "must not exceed 10 rad and 1e\\+06 N, got 0.0, -1000000000.0$"),
     ([0.0, 0.0], [0.0, 0.0], [1.0, 1.0], "increase"),
     ([1.0, 0.5], [0.0, 0.0], [1.0, 1.0], "increase"),
     ([1.0, 1.0 + 4e-10], [0.0, 0.0], [1.0, 1.0], "increase"),

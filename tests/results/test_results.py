@@ -64,6 +64,8 @@ def test_some_fields_are_some_columns_of_their_own(results: Results) -> None:
     assert (some["contact_point_x"] == results.contact_point.x).all()
     with pytest.raises(UsageError, match=r"^fields load: stamp must be one of them"):
         columns(results[["load"]])
+    with pytest.raises(UsageError, match=r"^fields stamp, load: plot also needs flexion_angle, contact_force, penetr"):
+        results[["stamp", "load"]].plot()
     numbers = columns(results)
     numbers["load"][:] = 0.0
     assert results.load.min() > 0.0

@@ -12,6 +12,7 @@ from knee_contact_ros.model.types import ContactState
 from knee_contact_ros.streams.strides import (
     Stride,
     Strides,
+    loading_rate,
     sliding_distance,
     spans,
     strides_of,
@@ -47,6 +48,22 @@ def test_the_distance_is_the_integral_of_the_speed() -> None:
     assert sliding_distance(time, velocity, apart) == pytest.approx(2.0 * 0.1 / math.pi - 1e-4, abs=1e-6)
     assert math.isnan(sliding_distance(time, np.where(time > 1.0, np.nan, velocity), touching))
     assert sliding_distance(time[:1], velocity[:1], touching[:1]) == 0.0
+
+
+@pytest.mark.parametrize("stance", [0.03, 0.041, 0.6])
+def test_the_loading_rate_is_the_steepest_rise_over_20_ms(stance: float) -> None:
+    rng = np.random.default_rng(1)
+    for _ in range(20):
+        time = np.linspace(0.0, stance, 100)
+        time[1:-1] += rng.uniform(-0.3, 0.3, 98) * time[1]
+        force = rng.normal(0.0, 1000.0, len(time))
+        begins = np.linspace(0.0, max(stance / 2.0 - 0.02, 0.0), 20_001)
+        rises = np.interp(begins + 0.02, time, force) - np.interp(begins, time, force)
+        steepest = max(rises.max(), 0.0) / 0.02 if stance > 0.04 else 0.0
+        found = loading_rate(time, force)
+        # A grid of at most 14 us misses the maximum by at most a step times the slopes at both ends of the 20 ms
+        slope = 2.0 * np.abs(np.diff(force) / np.diff(time)).max()
+        assert steepest - 1e-6 <= found <= steepest + slope * (begins[1] - begins[0]) / 0.02
 
 
 def test_the_sliding_of_a_walking_knee() -> None:

@@ -14,7 +14,7 @@ from typing import Any
 
 import pytest
 
-from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.errors import IncompleteError, UsageError
 from knee_contact_ros.system.output_files import (
     all_names,
     claim,
@@ -25,6 +25,8 @@ from knee_contact_ros.system.output_files import (
     refuse_impossible,
     stamped,
     take_name,
+    work_folder,
+    write_complete,
 )
 
 WRITER = """
@@ -122,6 +124,24 @@ def test_paths_that_cannot_be_are_refused_with_the_reason(tmp_path: Path, name: 
         claim(tmp_path / name, overwrite=True)
     refuse_impossible(tmp_path / "new" / "deep" / "out.mcap")
     assert sorted(tmp_path.rglob("*")) == before
+
+
+@pytest.mark.parametrize("number", [errno.ENOSPC, errno.EDQUOT, errno.EFBIG])
+def test_a_full_disk_is_no_bad_input_and_the_output_is_named(tmp_path: Path, monkeypatch: Any, number: int) -> None:
+    def full(*_: Any, **__: Any) -> None:
+        raise OSError(number, os.strerror(number))
+
+    out = tmp_path / "out"
+    told = f"^cannot write {re.escape(str(out))}: {os.strerror(number)}$"
+    monkeypatch.setattr("os.fsync", full)
+    with pytest.raises(IncompleteError, match=told):
+        write_complete({out: b"result"})
+    with pytest.raises(IncompleteError, match=told), work_folder(out):
+        full()
+    monkeypatch.setattr(Path, "mkdir", full)
+    with pytest.raises(IncompleteError, match=told), work_folder(out):
+        pass
+    assert not any(tmp_path.iterdir())
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root may do all")

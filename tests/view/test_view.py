@@ -70,6 +70,21 @@ def test_bags_are_computed_and_knees_stand_side_by_side(osteoarthritic: Path, ri
     assert [file.name for file in tmp_path.iterdir()] == ["out.rrd"]
 
 
+def test_doubts_about_a_bag_are_told_and_damage_ends_with_1(
+    right_bag: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    cut, path = tmp_path / "cut.mcap", tmp_path / "out.rrd"
+    cut.write_bytes((right_bag / "gait2354_right_0.mcap").read_bytes()[:40_000])
+    assert main(["view", str(cut), "-p", "contact.stiffness:=2500.0", "--save", str(path)]) == 1
+    printed, told = capsys.readouterr()
+    assert printed == f"Rerun file   {path}\n"
+    soft, implausible, damaged = told.splitlines()
+    assert "contact.stiffness" in soft
+    assert " ticks " in implausible
+    assert damaged.startswith(f"knee-contact: bag {cut} is damaged, and solved as far as it can be read: the end is ")
+    assert 100 < len(column(path, "/knee/curves/flexion", "Scalars:scalars")) < 387
+
+
 def test_a_recording_from_before_sliding_and_force_error(old_recording: Path, tmp_path: Path) -> None:
     path = tmp_path / "out.rrd"
     assert main(["view", str(old_recording), "--save", str(path)]) == 0

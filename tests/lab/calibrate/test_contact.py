@@ -186,7 +186,7 @@ DAMAGED_TABLES = [
     (GOOD + "0,0,,1e-4\n1,0,100,1e-4\n", "column load is nan in row 1; an input must be known at every sample"),
     (GOOD + "0,0,100,inf\n1,0,100,1e-4\n", "column penetration_depth is inf in row 1; allowed are numbers"),
     (GOOD + "0,0,100,\n1,0,100,\n", "column penetration_depth is empty; leave it out"),
-    (GOOD + "0,0,1e7,1e-4\n1,0,100,1e-4\n", "must not exceed 10 rad, 1e+06 N"),
+    (GOOD + "0,0,1e7,1e-4\n1,0,100,1e-4\n", "must not exceed 10 rad and 1e+06 N"),
     ("time,flexion_angle,load\n0,0,100\n", "nothing is measured in it; one or more of the columns penetration_d"),
     ("time,flexion_angle,penetration_depth\n0,0,1e-4\n", "it has no column load, which drive force needs"),
     ("time,flexion_angle,load,penetration_dept\n0,0,1,1\n", "penetration_dept is not known; did you mean penetra"),
