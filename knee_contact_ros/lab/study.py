@@ -74,7 +74,7 @@ MOST = 10_000_000
 """Largest number of cases of a study"""
 ADDRESS = re.compile("://|::")
 """Marks an address for fsspec (`s3://...`, `zip://gait.mcap::https://...`) rather than a path"""
-MEANING = 2
+MEANING = 3
 """Version of the outcomes' definitions and of the keys: increase it when a column is computed differently"""
 SERIES, UNFINISHED = "_series", "_unfinished"
 """Names in a study's folder: the folder of all answers, and a file that is being written"""

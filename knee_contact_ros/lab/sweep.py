@@ -40,6 +40,7 @@ from knee_contact_ros.parameters.files import (
 from knee_contact_ros.parameters.schema import Parameters, has_both, lateral_knee
 from knee_contact_ros.results import Records, no_such
 from knee_contact_ros.streams.contact_stream import ContactStream, half_spacing, move_along_z
+from knee_contact_ros.streams.gait_events import GAP
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded
 
@@ -57,7 +58,7 @@ OUTCOMES = {
     "evaluations": "",
 }  # fmt: skip
 """SI units of all outcomes, in the order of the table's columns; docs/how-to/many-knees.md explains them. Pressure is
-the static force over the patch (readouts); integrals are by the trapezoidal rule"""
+the static force over the patch (readouts); integrals are by the trapezoidal rule, without pauses longer than `GAP`"""
 OF_A_RUN = np.dtype([(name, np.float64) for name in OUTCOMES])
 """Record of the outcomes of a run, with a field for each"""
 LARGEST = {
@@ -80,6 +81,7 @@ def outcomes(answers: Rows, steps: Floats, laws: list[ContactLaw], patches: list
         Records of `OF_A_RUN`, shape (k,).
     """
     rows = np.zeros(len(answers), OF_A_RUN)
+    steps = np.where(steps > GAP * NANOSECOND, 0.0, steps)  # nothing is known of a hole in a bag
     weights = 0.5 * (steps + np.append(steps[1:], 0.0))
     force, state, status = (
         np.ascontiguousarray(answers[name]) for name in ("contact_force", "contact_state", "status")
