@@ -261,6 +261,8 @@ class Knees:
         parameters = self.parameters.model_copy(update={"load": load, "body_weight": body_weight})
         recording = self.recording
         rule = load_rule(parameters, file_texts(parameters, self.files))
+        if rule.by_moment and np.isnan(recording.moment).any():
+            raise UsageError("gait: load rule moment_balance needs frontal_moment")
         loads = np.ascontiguousarray(rule(recording.axial, recording.moment, recording.angles), dtype=float)
         if recording.share:
             loads = loads + recording.share * recording.axial
@@ -455,7 +457,8 @@ def sweep(
         cases = _cases(values)
         files = dict[str, str]()
         if isinstance(gait, Mapping):
-            parameters, recording = load_parameters(params), _recording(gait)
+            parameters = load_parameters(params)
+            recording = _recording(gait, parameters)
         else:
             sources = params if isinstance(params, (list, tuple)) else [params]
             parameters = parameters_for(expanded(str(gait)), sources)
@@ -488,20 +491,23 @@ def _cases(values: Mapping[str, ArrayLike]) -> list[dict[str, Any]]:
     return rows
 
 
-def _recording(gait: Mapping[str, ArrayLike]) -> Recording:
-    """Make a recording from arrays; refuse those that are missing or do not fit."""
+def _recording(gait: Mapping[str, ArrayLike], parameters: Parameters) -> Recording:
+    """Make a recording from arrays; refuse those that are missing for the parameters or do not fit."""
     known = ("time", "flexion_angle", "axial_load", "frontal_moment", "femoral_height")
-    if not {*known[:2]} <= set(gait) <= {*known}:
-        raise UsageError(f"gait: {', '.join(gait) or 'nothing'} is not allowed; {', '.join(known)}")
+    moved, by_moment = parameters.drive == "displacement", parameters.load.rule == "moment_balance"
+    needed, allowed = ((*known[:2], known[4]), known) if moved else (known[: 3 + by_moment], known[:4])
+    if not {*needed} <= set(gait) <= {*allowed}:
+        told = f"these parameters need {', '.join(needed)} and allow {', '.join(allowed)}"
+        raise UsageError(f"gait: {', '.join(gait) or 'nothing'} is not allowed; {told}")
     columns = {name: np.array(column, dtype=float) for name, column in gait.items()}
     time = columns["time"]
     if any(column.shape != time.shape or column.ndim != 1 for column in columns.values()) or not len(time):
         raise UsageError("gait: the arrays must be one-dimensional and of equal length")
-    if not all(np.isfinite(column).all() for column in columns.values()):
-        raise UsageError("gait: the arrays must be finite")
+    if any(map(np.ma.is_masked, gait.values())) or not all(np.isfinite(column).all() for column in columns.values()):
+        raise UsageError("gait: the arrays must be finite, and not masked")
     stamps = np.rint(time / NANOSECOND).astype(np.int64)
     if (np.diff(stamps) <= 0).any():
         raise UsageError("gait: time must increase")
-    default = dict.fromkeys(known[2:4], np.zeros(len(time))) | {known[4]: np.full(len(time), np.nan)}
+    default = dict.fromkeys(known[2:], np.full(len(time), 0.0 if moved else np.nan))
     inputs = [(default | columns)[name] for name in known[1:]]
     return Recording(stamps, np.diff(stamps, prepend=stamps[:1]) * NANOSECOND, *inputs)

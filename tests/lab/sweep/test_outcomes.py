@@ -91,6 +91,30 @@ def test_cases_have_the_bits_of_single_runs_with_time_resets(threads: int, compi
         assert (computed.outcomes[0][i]["bone_time"] > 0.0) == (case == TWO_LAYERS)
 
 
+STILL = {"time": [0.0, 0.01], "flexion_angle": [0.3, 0.3]}
+LOADED = STILL | {"axial_load": [700.0, 700.0]}
+
+
+@pytest.mark.parametrize(
+    ("gait", "params", "said"),
+    [
+        (STILL, {}, "need time, flexion_angle, axial_load and allow time, flexion_angle, axial_load, frontal_moment$"),
+        (LOADED | {"femoral_height": [0.0, 0.0]}, {}, "femoral_height is not allowed"),
+        (LOADED, {"drive": "displacement"}, "need time, flexion_angle, femoral_height and allow"),
+        (LOADED, {"load.compartment": "moment_balance"}, "need time, flexion_angle, axial_load, frontal_moment"),
+        (STILL | {"axial_load": np.ma.masked_less([1.0, 7.0], 5.0)}, {}, "must be finite, and not masked"),
+    ],
+)
+def test_arrays_that_the_parameters_need_are_not_assumed(gait: Any, params: dict[str, Any], said: str) -> None:
+    with pytest.raises(knee_contact_ros.UsageError, match=f"^gait: .*{said}"):
+        knee_contact_ros.sweep(gait, {"contact.damping": [1e3]}, params)
+
+
+def test_a_case_whose_rule_needs_a_moment_fails_without_one() -> None:
+    found = knee_contact_ros.sweep(LOADED, {"load.compartment": ["total", "moment_balance"]})
+    assert found.failed.tolist() == ["", "gait: load rule moment_balance needs frontal_moment"]
+
+
 @pytest.mark.parametrize(
     ("params", "values"),
     [("osteoarthritis", {"femur.mass": 8.0}),
