@@ -42,6 +42,8 @@ SECTIONS = ("load.", "femur.", "tibia.", "contact.", "body_weight", LATERAL)
 """Beginnings of the names of the parameters that may be uncertain"""
 LARGEST = 1.0
 """Largest relative deviation: beyond it linear propagation does not hold"""
+MOST = {"rad": 0.35, "m": 0.01, "": 1.0}
+"""Largest deviation of an input by its unit, and of any angle"""
 DEPTH_AND_FORCE = ("penetration_depth", "contact_force")
 LEVEL = 0.95
 """Default probability of an interval"""
@@ -92,6 +94,7 @@ def deviations_of(given: Mapping[str, Any] | Name, parameters: Parameters) -> tu
     sections = SECTIONS if has_both(parameters) else SECTIONS[:-1]
     known = [name for name, value in all_values(parameters).items()
              if name.startswith(sections) and isinstance(value, float)]  # fmt: skip
+    values = all_values(parameters) | {"axial_load": parameters.body_weight}
     streams, found = [name for name in STREAMS if name not in left_out], []
     for name, size in dotted(given).items():
         if name not in (*streams, *known):
@@ -104,9 +107,15 @@ def deviations_of(given: Mapping[str, Any] | Name, parameters: Parameters) -> tu
         percent = re.fullmatch(r"\s*(\d+\.?\d*(?:[eE][+-]?\d+)?)\s*%\s*", size) if relative and part else None
         number: Any = size if isinstance(size, Real) and not isinstance(size, bool | np.bool_) else math.nan
         number = 0.01 * float(percent[1]) if percent else number
-        if not 0.0 < number < (LARGEST + 1e-9 if relative else 1e30):
-            more = ", or up to '100 %'" if part else ""
-            raise UsageError(f"uncertainty: {name}: {size!r} is not allowed; a number > 0 in SI units{more}")
+        unit = STREAMS[name][1] if name in STREAMS else known_parameters()[name].unit
+        by_unit = unit == "rad" or name not in values
+        most = LARGEST if relative else MOST[unit] if by_unit else abs(values[name]) or 1e30
+        if not 0.0 < number <= most + 1e-9 * most:
+            allowed = f"a number > 0{f' and up to {most:g}' if not relative and most < 1e30 else ''} in SI units"
+            raise UsageError(
+                f"uncertainty: {name}: {size!r} is not allowed; {allowed}{part * ', or up to 100 %'}"
+                f"{(unit == 'rad') * '; is it in degrees?'}"
+            )
         found.append(Deviation(name, float(number), relative))
     return tuple(found)
 
