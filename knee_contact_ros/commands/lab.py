@@ -323,10 +323,13 @@ def sweep(study: Path, output: str, workers: int | None, scheduler: str) -> None
     """
     require("sweep", "pyarrow", "distributed", "fsspec")
     from knee_contact_ros.lab.study import Study, read_study, run_study
+    from knee_contact_ros.system.errors import IncompleteError
     from knee_contact_ros.system.terminal import say
 
-    run_study(read_study(study, Study), output, workers or 0, scheduler)
+    *_, missing = run_study(read_study(study, Study), output, workers or 0, scheduler)
     say(f"table: {output} (pandas.read_parquet)")
+    if missing:
+        raise IncompleteError(missing)
 
 
 @click.command()

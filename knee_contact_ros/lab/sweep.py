@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from knee_contact_ros.bags.provenance import Provenance
+from knee_contact_ros.bags.provenance import Provenance, metadata_of
 from knee_contact_ros.bags.reader import OWN_NAMES, Names, names_in_bag
 from knee_contact_ros.joint_reaction.compartments import LoadRule
 from knee_contact_ros.model.compiler import worth_compiling
@@ -23,7 +23,7 @@ from knee_contact_ros.model.laws import ContactLaw
 from knee_contact_ros.model.readouts import ContactPatch
 from knee_contact_ros.model.surfaces import ContactPair
 from knee_contact_ros.model.types import NANOSECOND, ROW, ContactState, Rows, Status
-from knee_contact_ros.offline.notebooks import Name, in_python_words
+from knee_contact_ros.offline.notebooks import Name, _warn, in_python_words
 from knee_contact_ros.offline.solve import parameters_for, parameters_in, solve
 from knee_contact_ros.parameters.build import build_model, contact_pair, load_rule
 from knee_contact_ros.parameters.files import (
@@ -41,6 +41,7 @@ from knee_contact_ros.parameters.schema import Parameters, has_both, lateral_kne
 from knee_contact_ros.results import Records, no_such
 from knee_contact_ros.streams.contact_stream import ContactStream, half_spacing, move_along_z
 from knee_contact_ros.streams.gait_events import GAP
+from knee_contact_ros.streams.output import PROVENANCE
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded
 
@@ -160,6 +161,8 @@ class Recording(NamedTuple):
     """Prescribed femoral height [m]; NaN where it is not prescribed"""
     damage: tuple[str, ...] = ()
     """Parts of the recording that cannot be read, a sentence each"""
+    doubts: tuple[str, ...] = ()
+    """What is implausible in it, a sentence each"""
     share: float = 0.0
     """Fraction of the axial load that is added to the medial compartment's share"""
 
@@ -211,7 +214,14 @@ def read_recording(
     steps[(rows[0]["status"] & Status.TIME_RESET) != 0] = 0.0
     if parameters_in(basis).drive != "displacement":
         height[:] = np.nan
-    return Recording(stamps, steps, angles, axial, moment, height, tuple(summary.damage)), rows
+    doubts = tuple(filter(None, (*summary.warnings, summary.unanswered)))
+    return Recording(stamps, steps, angles, axial, moment, height, tuple(summary.damage), doubts), rows
+
+
+def recorded_doubt(bag: Path) -> list[str]:
+    """Sentence that a recording is computed with other parameters than its own; empty list if the bag is none."""
+    own = PROVENANCE in dict(metadata_of(bag))
+    return [f"it is a recording; without params its own parameters are not used, but {DEFAULT_PARAMETERS}"] * own
 
 
 class Side(NamedTuple):
@@ -449,6 +459,8 @@ def sweep(
         series: Whether to keep all answers, 330 B a tick.
         threads: Number of threads; 0: one for each processor. Compiled code runs without Python's lock.
 
+    An implausible or damaged bag causes warnings.
+
     Raises:
         UsageError: a parameter is unknown or may not be varied, arrays do not fit, or the bag cannot be used. Values
             that are allowed alone but not together are no error: the case fails.
@@ -464,6 +476,8 @@ def sweep(
             parameters = parameters_for(expanded(str(gait)), sources)
             names = names_in_bag([f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()], namespace)
             recording, _ = read_recording(expanded(str(gait)), parameters, file_texts(parameters, files), names)
+            own = recorded_doubt(expanded(str(gait))) if params == DEFAULT_PARAMETERS else []
+            _warn(expanded(str(gait)), "solved", [*own, *recording.doubts], recording.damage)
         knees = Knees(recording, parameters, files)
     compiled = worth_compiling(len(cases) * len(recording.steps))
     computed = compute(knees, cases, series=series, threads=threads, compiled=compiled)

@@ -21,10 +21,10 @@ import numpy as np
 
 from knee_contact_ros.bags.provenance import Provenance
 from knee_contact_ros.bags.reader import OWN_NAMES, Names
-from knee_contact_ros.lab.sweep import Floats, Knees, compute, read_recording
+from knee_contact_ros.lab.sweep import Floats, Knees, Recording, compute, read_recording
 from knee_contact_ros.model.compiler import worth_compiling
 from knee_contact_ros.model.types import Rows
-from knee_contact_ros.offline.notebooks import Name, in_python_words, solve_inputs
+from knee_contact_ros.offline.notebooks import Name, _warn, in_python_words, solve_inputs
 from knee_contact_ros.offline.solve import parameters_in, texts_of
 from knee_contact_ros.parameters.files import Source, all_values, curve_files, dotted, known_parameters
 from knee_contact_ros.parameters.schema import LATERAL, Parameters, has_both
@@ -180,8 +180,11 @@ def factor(level: float) -> float:
 def propagated(
     bag: Path, basis: Parameters | Provenance, sizes: Mapping[str, Any] | Name, names: Names = OWN_NAMES,
     advance: Callable[[int, int], None] = lambda _done, _total: None, *, compiled: bool | None = None,
+    tell: Callable[[Recording], object] = id,
 ) -> Uncertainty:  # fmt: skip
     """Propagate standard deviations linearly; see `deviations_of` for `sizes`, and `solve` for the other arguments.
+
+    `tell` is called with the recording, which says what is damaged or implausible.
 
     All answers are held in memory: 300 B for each tick and compartment.
 
@@ -197,6 +200,7 @@ def propagated(
         )
     files = {name: texts[parameter] for parameter, name in curve_files(parameters).items()}
     recording, rows = read_recording(bag, basis, texts, names, compiled=compiled)
+    tell(recording)
     replays = 2 * len(deviations) * sum(map(len, rows))
     compiled = worth_compiling(replays) if compiled is None else compiled
 
@@ -269,10 +273,15 @@ def uncertainty(
         namespace: Namespace of the inputs in the bag.
         compiled: As for `load_model`.
 
+    An implausible or damaged bag causes warnings.
+
     Raises:
         UsageError: an argument cannot be used, or parameters changed while the recording was made.
     """
     with in_python_words():
         path, basis, names = solve_inputs(bag, params, values, subject, remap, namespace)
         with progress("Propagating") as advance:
-            return propagated(path, basis, deviations or {}, names, advance, compiled=compiled)
+            return propagated(
+                path, basis, deviations or {}, names, advance, compiled=compiled,
+                tell=lambda read: _warn(path, "solved", read.doubts, read.damage),
+            )  # fmt: skip
