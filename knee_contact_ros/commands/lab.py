@@ -69,8 +69,8 @@ sensor_map_option = path_option(
     "--angle-unit", ["auto", "deg", "rad"], "Unit of the angle. auto: from the header and the values.", "auto"
 )
 @choice_option("--angle-sign", ["auto", "1", "-1"], "Sign of the angle. -1: flexion is negative in the file.", "auto")
-@click.option("--start", type=float, metavar="S", help="Leave out earlier samples [s].")
-@click.option("--end", type=float, metavar="S", help="Leave out later samples [s].")
+@click.option("--start", type=FiniteRange(), metavar="S", help="Leave out earlier samples [s].")
+@click.option("--end", type=FiniteRange(), metavar="S", help="Leave out later samples [s].")
 @number_option(
     "--rate", 0.0, 10_000.0, 200.0, "Interpolate angles and reactions to this rate. 0: each row keeps its stamp.", "HZ"
 )
@@ -324,10 +324,13 @@ def sweep(study: Path, output: str, workers: int | None, scheduler: str) -> None
     """
     require("sweep", "pyarrow", "distributed", "fsspec")
     from knee_contact_ros.lab.study import Study, read_study, run_study
+    from knee_contact_ros.system.errors import IncompleteError
     from knee_contact_ros.system.terminal import say
 
-    run_study(read_study(study, Study), output, workers or 0, scheduler)
+    *_, missing = run_study(read_study(study, Study), output, workers or 0, scheduler)
     say(f"table: {output} (pandas.read_parquet)")
+    if missing:
+        raise IncompleteError(missing)
 
 
 @click.command()

@@ -37,7 +37,7 @@ from knee_contact_ros.lab.sweep import LATERAL, OUTCOMES, Cohort, sweep
 from knee_contact_ros.offline.notebooks import Name
 from knee_contact_ros.parameters.files import Source, first_error
 from knee_contact_ros.results import no_such
-from knee_contact_ros.system.errors import UsageError
+from knee_contact_ros.system.errors import IncompleteError, UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS
 from knee_contact_ros.system.terminal import progress, say
 
@@ -356,6 +356,8 @@ def sensitivity(
         namespace: Namespace of the input topics in a bag.
         threads: Number of threads; 0: one for each processor.
 
+    An implausible or damaged bag causes warnings.
+
     Raises:
         UsageError: a range, outcome, parameter or gait is not allowed. Failed cases raise nothing: see `spoilt` and
             `reason` of the outcomes.
@@ -470,12 +472,13 @@ def run_sensitivity(study_file: Path, output: str, workers: int, scheduler: str)
 
     Raises:
         UsageError: study, bags, parameters, folder or scheduler cannot be used.
-        IncompleteError: a disk is full, or workers died again and again.
+        IncompleteError: a disk is full, or workers died again and again; or, when all is written, a bag is damaged or a
+            case failed.
     """
     import pandas as pd
 
     study, folder = read_study(study_file, SensitivityStudy), output.rstrip("/") or output
-    run_study(study, f"{folder}/{CASES}", workers, scheduler)
+    *_, missing = run_study(study, f"{folder}/{CASES}", workers, scheduler)
     with progress("Analysing"):
         combinations, shards = gather(study, Shards(f"{folder}/{CASES}")), Shards(folder)
         tables = [tidy(each.analysed).assign(**each.columns)[[*each.columns, *AFTER]] for each in combinations]
@@ -498,3 +501,5 @@ def run_sensitivity(study_file: Path, output: str, workers: int, scheduler: str)
         if each.remark:
             say(f"knee-contact: warning: {each.label}: {each.remark}.", err=True, hang=2)
     say(f"table: {folder}/{TABLE}")
+    if missing:
+        raise IncompleteError(missing)

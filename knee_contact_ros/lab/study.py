@@ -26,7 +26,8 @@ import logging
 import math
 import re
 import signal
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections import Counter
+from collections.abc import Callable, Container, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from functools import lru_cache
 from multiprocessing import resource_tracker
@@ -39,6 +40,7 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError, model_validator
 
 from knee_contact_ros.bags.provenance import NOT_OF_THE_RESULT, bag_digest, model_digest, weight_of
+from knee_contact_ros.bags.reader import BagReader
 from knee_contact_ros.lab.sweep import (
     LATERAL,
     OF_A_RUN,
@@ -49,6 +51,7 @@ from knee_contact_ros.lab.sweep import (
     compute,
     file_texts,
     read_recording,
+    recorded_doubt,
 )
 from knee_contact_ros.model.compiler import worth_compiling
 from knee_contact_ros.model.types import FLAT, TOLD
@@ -63,7 +66,7 @@ from knee_contact_ros.parameters.files import (
 )
 from knee_contact_ros.parameters.schema import LATERAL as LATERAL_KNEE
 from knee_contact_ros.parameters.schema import Parameters, has_both
-from knee_contact_ros.system.errors import IncompleteError, ToldError, UsageError
+from knee_contact_ros.system.errors import IncompleteError, ToldError, UsageError, in_a_line
 from knee_contact_ros.system.files import expanded, read_mapping
 from knee_contact_ros.system.terminal import progress, say, warn
 
@@ -74,7 +77,7 @@ MOST = 10_000_000
 """Largest number of cases of a study"""
 ADDRESS = re.compile("://|::")
 """Marks an address for fsspec (`s3://...`, `zip://gait.mcap::https://...`) rather than a path"""
-MEANING = 2
+MEANING = 3
 """Version of the outcomes' definitions and of the keys: increase it when a column is computed differently"""
 SERIES, UNFINISHED = "_series", "_unfinished"
 """Names in a study's folder: the folder of all answers, and a file that is being written"""
@@ -237,13 +240,13 @@ class Study(Part):
 
     @model_validator(mode="after")
     def _check(self) -> Study:
+        if self.number > MOST:
+            raise UsageError(f"{self.number} cases are not allowed; {MOST} at most")
         ranges, known = self.design.ranges if self.design else {}, known_parameters()
         given = [*self.names, *self.values, *(f"{bag} with {list(params)}" for bag, params in self.knees)]
         given += [f"{name} {value!r}" for name, values in self.grid.items() for value in values]
-        if twice := [one for one in given if given.count(one) > 1]:
+        if twice := [one for one, count in Counter(given).items() if count > 1]:
             raise UsageError(f"{twice[0]} is given twice")
-        if self.number > MOST:
-            raise UsageError(f"{self.number} cases are not allowed; {MOST} at most")
         checked_names(self.names)
         if whole := [name for name in ranges if name in known and not isinstance(known[name].default, float)]:
             raise UsageError(f"{whole[0]}: a range is not allowed; only a real number can have one")
@@ -322,10 +325,14 @@ def groups_of(study: Study) -> list[Group]:
         with here(place) as (path, digest):
             files = [file for file in path.rglob("*") if file.is_file()] if path.is_dir() else [path]
             ticks, weight = max(1, sum(file.stat().st_size for file in files) // BYTES_A_TICK), weight_of(path)
+            with BagReader(path, {}) as reader:
+                damage = in_a_line(reader.damage)
+            doubts = () if "params" in study.model_fields_set else tuple(recorded_doubt(path))
         for bag, params in several:
             parameters, texts = with_weight([*params, study.values], weight), dict[str, str]()
             file_texts(parameters, texts)
-            found.append(Group(bag, place, digest, ticks, params, parameters, texts, variations_of(parameters)))
+            own = params, parameters, texts, variations_of(parameters)
+            found.append(Group(bag, place, digest, damage, doubts, ticks, *own))
     return found
 
 
@@ -338,6 +345,10 @@ class Group(NamedTuple):
     """Its absolute path or address"""
     digest: str
     """SHA-256 of its content"""
+    damage: str
+    """What cannot be read of it; empty if all can"""
+    doubts: tuple[str, ...]
+    """Doubts about the choice of parameters, a sentence each"""
     ticks: int
     """Approximate number of its ticks"""
     params: tuple[str, ...]
@@ -380,14 +391,15 @@ class Block(NamedTuple):
     cases: tuple[Values, ...]
 
 
-def blocks_of(study: Study, groups: Sequence[Group], known: set[str]) -> Iterator[Block]:
-    """Yield the cases that are not `known` in blocks, made on demand, and add them to `known`."""
+def blocks_of(study: Study, groups: Sequence[Group], known: Container[str], used: set[str]) -> Iterator[Block]:
+    """Yield the cases that are not `known` in blocks, made on demand, and add the keys of all cases to `used`."""
 
     def missing(group: Group) -> Iterator[tuple[str, Values]]:
         for values in study.variants():
-            if (key := group.key(values)) not in known:
-                known.add(key)
-                yield key, values
+            if (key := group.key(values)) not in used:
+                used.add(key)
+                if key not in known:
+                    yield key, values
 
     variants = study.number // len(groups)
     for group in groups:
@@ -400,9 +412,9 @@ def blocks_of(study: Study, groups: Sequence[Group], known: set[str]) -> Iterato
             )  # fmt: skip
 
 
-Answered = tuple[bytes, bytes, int, tuple[str, ...]]
-"""What a worker sends back: a row for each case as Parquet; all answers as Parquet, if requested; the number of cases
-without an outcome; and unreadable parts of the bag, a sentence each"""
+Answered = tuple[bytes, bytes, list[str], tuple[str, ...]]
+"""What a worker sends back: a row for each case as Parquet; all answers as Parquet, if requested; why cases have no
+outcome; and doubts about the bag, a sentence each"""
 
 
 def compute_block(block: Block) -> Answered:
@@ -419,7 +431,7 @@ def compute_block(block: Block) -> Answered:
     if not gc.get_freeze_count():  # thousands of cases start many collections, a quarter of a second each
         gc.freeze()
     series = _series(block.keys, computed) if block.series else b""
-    return _table(block, knees, computed), series, sum(map(bool, computed.failed)), knees.recording.damage
+    return _table(block, knees, computed), series, [*filter(None, computed.failed)], knees.recording.doubts
 
 
 @lru_cache(4)
@@ -454,7 +466,7 @@ def _table(block: Block, knees: Knees, computed: Computed) -> bytes:
     kinds = {name: type(value) for name, value in common.items()}
     table = pd.concat([pd.DataFrame(before | columns).astype(kinds), *outcomes, after], axis=1)
     table.attrs["varied"] = sorted(block.cases[0])
-    content: bytes = table.to_parquet(None, compression="zstd", index=False)
+    content: bytes = table.to_parquet(None, compression="zstd", index=False, write_page_checksum=True)
     return content
 
 
@@ -469,7 +481,7 @@ def _series(keys: Sequence[str], computed: Computed) -> bytes:
         columns = {name: np.ascontiguousarray(rows[name]) for name in ("stamp", *TOLD)}
         cases = np.repeat(np.array(keys)[known], answers.shape[1])
         parts.append(pd.DataFrame({"case": cases, "compartment": side, **columns}))
-    content: bytes = pd.concat(parts).to_parquet(None, compression="zstd", index=False)
+    content: bytes = pd.concat(parts).to_parquet(None, compression="zstd", index=False, write_page_checksum=True)
     return content
 
 
@@ -488,6 +500,8 @@ class Shards:
         with self.errors():
             place = url if ADDRESS.search(url) else str(expanded(url).absolute())
             self.files, self.folder = fsspec.core.url_to_fs(place, use_listings_cache=False)
+            if self.files.isfile(self.folder):
+                raise UsageError(f"output {url}: is a file; a folder is needed")
 
     @contextmanager
     def errors(self) -> Iterator[None]:
@@ -532,7 +546,8 @@ class Shards:
         for name in self.names():
             try:  # from bytes: Arrow's threads would release a Python file after Python's end, and abort
                 content = pa.BufferReader(self.files.cat_file(f"{self.folder}/{name}"))
-                parts.append(pq.read_table(content, columns=["case", *columns]).to_pandas())
+                whole = pq.read_table(content, page_checksum_verification=True)  # damage anywhere is found
+                parts.append(whole.select(["case", *columns]).to_pandas())
             except Exception as error:  # a boundary: damaged files raise what they like
                 why = reason(error).splitlines()[0]
                 raise UsageError(
@@ -650,7 +665,7 @@ def computed_by(client: Any, blocks: Iterator[Block]) -> Iterator[tuple[Block, A
         raise IncompleteError(f"bag {block.bag}: a worker failed: {failure}; {REST}") from None
 
 
-def run_study(study: Study, output: str, workers: int = 0, scheduler: str = "") -> tuple[int, int, int]:
+def run_study(study: Study, output: str, workers: int = 0, scheduler: str = "") -> tuple[int, int, int, str]:
     """Compute the missing cases of a study, with a bar, and say how many there were.
 
     Args:
@@ -660,30 +675,39 @@ def run_study(study: Study, output: str, workers: int = 0, scheduler: str = "") 
         scheduler: Address of a scheduler whose workers compute instead, as `tcp://host:8786`.
 
     Returns:
-        Numbers of cases: those that were there before or are the same as another one, those computed now, and of these
-        the ones without an outcome.
+        Numbers of cases: those that were there before or are the same as another one, those computed now, and all that
+        have no outcome; and what is missing of the work, empty if it is whole.
 
     Raises:
         UsageError: bag, parameters, folder or scheduler cannot be used.
         IncompleteError: a disk is full, or workers died repeatedly.
     """
-    count, failed, damage, shards = 0, 0, dict[str, None](), Shards(output)
+    count, failed, doubts, used, shards = 0, list[str](), dict[str, None](), set[str](), Shards(output)
     with progress("Computing") as advance:
-        groups, known = groups_of(study), set(shards.read().index)
+        groups, known = groups_of(study), dict(shards.read("failed").get("failed", {}))
         if study.series and set(shards.names()) - set(shards.names(SERIES)):
             raise UsageError(f"output {output}: holds cases without their series; use a new folder")
-        blocks = blocks_of(study, groups, known)
+        for name in set(shards.names(SERIES)) - set(shards.names()) if study.series else ():
+            with shards.errors():  # its cases are computed again
+                shards.files.rm_file(f"{shards.folder}/{SERIES}/{name}")
+        doubts |= dict.fromkeys(f"bag {group.bag}: {sentence}" for group in groups for sentence in group.doubts)
+        blocks = blocks_of(study, groups, known, used)
         if first := next(blocks, None):
             with workers_of(workers, scheduler) as client:
-                for block, (table, series, without, damaged) in computed_by(client, itertools.chain([first], blocks)):
+                for block, (table, series, why, doubted) in computed_by(client, itertools.chain([first], blocks)):
                     name = f"cases-{_digest(' '.join(block.keys))}.parquet"
                     if study.series:
                         shards.put(f"{SERIES}/{name}", series)
                     shards.put(name, table)
-                    count, failed = count + len(block.keys), failed + without
-                    damage |= dict.fromkeys(damaged)
+                    count, failed = count + len(block.keys), failed + why
+                    doubts |= dict.fromkeys(f"bag {block.bag}: {sentence}" for sentence in doubted)
                     advance(count, study.number)
-    warn(f"damaged, and computed as far as it can be read: {sentence}" for sentence in damage)
-    there = study.number - count
-    say(f"{study.number} cases: {count} computed, {there} were there already, {failed} failed")
-    return there, count, failed
+    warn(doubts)
+    failed += [known[key] for key in used if known.get(key)]
+    there, same = len(used) - count, study.number - len(used)
+    others = f"{same} the same as others, " if same else ""
+    say(f"{study.number} cases: {count} computed, {there} were there already, {others}{len(failed)} failed")
+    missing = [f"{len(failed)} of {len(used)} cases failed: {min(failed)}"] if failed else []
+    missing += [f"bag {group.bag} is damaged, and computed as far as it can be read: {group.damage}"
+                for group in groups if group.damage]  # fmt: skip
+    return there + same, count, len(failed), "; ".join(dict.fromkeys(missing))

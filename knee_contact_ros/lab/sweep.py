@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from knee_contact_ros.bags.provenance import Provenance
+from knee_contact_ros.bags.provenance import Provenance, metadata_of
 from knee_contact_ros.bags.reader import OWN_NAMES, Names, names_in_bag
 from knee_contact_ros.joint_reaction.compartments import LoadRule
 from knee_contact_ros.model.compiler import worth_compiling
@@ -23,7 +23,7 @@ from knee_contact_ros.model.laws import ContactLaw
 from knee_contact_ros.model.readouts import ContactPatch
 from knee_contact_ros.model.surfaces import ContactPair
 from knee_contact_ros.model.types import NANOSECOND, ROW, ContactState, Rows, Status
-from knee_contact_ros.offline.notebooks import Name, in_python_words
+from knee_contact_ros.offline.notebooks import Name, _warn, in_python_words
 from knee_contact_ros.offline.solve import parameters_for, parameters_in, solve
 from knee_contact_ros.parameters.build import build_model, contact_pair, load_rule
 from knee_contact_ros.parameters.files import (
@@ -40,6 +40,8 @@ from knee_contact_ros.parameters.files import (
 from knee_contact_ros.parameters.schema import Parameters, has_both, lateral_knee
 from knee_contact_ros.results import Records, no_such
 from knee_contact_ros.streams.contact_stream import ContactStream, half_spacing, move_along_z
+from knee_contact_ros.streams.gait_events import GAP
+from knee_contact_ros.streams.output import PROVENANCE
 from knee_contact_ros.system.errors import UsageError
 from knee_contact_ros.system.files import DEFAULT_PARAMETERS, expanded
 
@@ -57,7 +59,7 @@ OUTCOMES = {
     "evaluations": "",
 }  # fmt: skip
 """SI units of all outcomes, in the order of the table's columns; docs/how-to/many-knees.md explains them. Pressure is
-the static force over the patch (readouts); integrals are by the trapezoidal rule"""
+the static force over the patch (readouts); integrals are by the trapezoidal rule, without pauses longer than `GAP`"""
 OF_A_RUN = np.dtype([(name, np.float64) for name in OUTCOMES])
 """Record of the outcomes of a run, with a field for each"""
 LARGEST = {
@@ -80,6 +82,7 @@ def outcomes(answers: Rows, steps: Floats, laws: list[ContactLaw], patches: list
         Records of `OF_A_RUN`, shape (k,).
     """
     rows = np.zeros(len(answers), OF_A_RUN)
+    steps = np.where(steps > GAP * NANOSECOND, 0.0, steps)  # nothing is known of a hole in a bag
     weights = 0.5 * (steps + np.append(steps[1:], 0.0))
     force, state, status = (
         np.ascontiguousarray(answers[name]) for name in ("contact_force", "contact_state", "status")
@@ -158,6 +161,8 @@ class Recording(NamedTuple):
     """Prescribed femoral height [m]; NaN where it is not prescribed"""
     damage: tuple[str, ...] = ()
     """Parts of the recording that cannot be read, a sentence each"""
+    doubts: tuple[str, ...] = ()
+    """What is implausible in it, a sentence each"""
     share: float = 0.0
     """Fraction of the axial load that is added to the medial compartment's share"""
 
@@ -209,7 +214,14 @@ def read_recording(
     steps[(rows[0]["status"] & Status.TIME_RESET) != 0] = 0.0
     if parameters_in(basis).drive != "displacement":
         height[:] = np.nan
-    return Recording(stamps, steps, angles, axial, moment, height, tuple(summary.damage)), rows
+    doubts = tuple(filter(None, (*summary.warnings, summary.unanswered)))
+    return Recording(stamps, steps, angles, axial, moment, height, tuple(summary.damage), doubts), rows
+
+
+def recorded_doubt(bag: Path) -> list[str]:
+    """Sentence that a recording is computed with other parameters than its own; empty list if the bag is none."""
+    own = PROVENANCE in dict(metadata_of(bag))
+    return [f"it is a recording; without params its own parameters are not used, but {DEFAULT_PARAMETERS}"] * own
 
 
 class Side(NamedTuple):
@@ -259,6 +271,8 @@ class Knees:
         parameters = self.parameters.model_copy(update={"load": load, "body_weight": body_weight})
         recording = self.recording
         rule = load_rule(parameters, file_texts(parameters, self.files))
+        if rule.by_moment and np.isnan(recording.moment).any():
+            raise UsageError("gait: load rule moment_balance needs frontal_moment")
         loads = np.ascontiguousarray(rule(recording.axial, recording.moment, recording.angles), dtype=float)
         if recording.share:
             loads = loads + recording.share * recording.axial
@@ -445,6 +459,8 @@ def sweep(
         series: Whether to keep all answers, 330 B a tick.
         threads: Number of threads; 0: one for each processor. Compiled code runs without Python's lock.
 
+    An implausible or damaged bag causes warnings.
+
     Raises:
         UsageError: a parameter is unknown or may not be varied, arrays do not fit, or the bag cannot be used. Values
             that are allowed alone but not together are no error: the case fails.
@@ -453,12 +469,15 @@ def sweep(
         cases = _cases(values)
         files = dict[str, str]()
         if isinstance(gait, Mapping):
-            parameters, recording = load_parameters(params), _recording(gait)
+            parameters = load_parameters(params)
+            recording = _recording(gait, parameters)
         else:
             sources = params if isinstance(params, (list, tuple)) else [params]
             parameters = parameters_for(expanded(str(gait)), sources)
             names = names_in_bag([f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()], namespace)
             recording, _ = read_recording(expanded(str(gait)), parameters, file_texts(parameters, files), names)
+            own = recorded_doubt(expanded(str(gait))) if params == DEFAULT_PARAMETERS else []
+            _warn(expanded(str(gait)), "solved", [*own, *recording.doubts], recording.damage)
         knees = Knees(recording, parameters, files)
     compiled = worth_compiling(len(cases) * len(recording.steps))
     computed = compute(knees, cases, series=series, threads=threads, compiled=compiled)
@@ -486,20 +505,23 @@ def _cases(values: Mapping[str, ArrayLike]) -> list[dict[str, Any]]:
     return rows
 
 
-def _recording(gait: Mapping[str, ArrayLike]) -> Recording:
-    """Make a recording from arrays; refuse those that are missing or do not fit."""
+def _recording(gait: Mapping[str, ArrayLike], parameters: Parameters) -> Recording:
+    """Make a recording from arrays; refuse those that are missing for the parameters or do not fit."""
     known = ("time", "flexion_angle", "axial_load", "frontal_moment", "femoral_height")
-    if not {*known[:2]} <= set(gait) <= {*known}:
-        raise UsageError(f"gait: {', '.join(gait) or 'nothing'} is not allowed; {', '.join(known)}")
+    moved, by_moment = parameters.drive == "displacement", parameters.load.rule == "moment_balance"
+    needed, allowed = ((*known[:2], known[4]), known) if moved else (known[: 3 + by_moment], known[:4])
+    if not {*needed} <= set(gait) <= {*allowed}:
+        told = f"these parameters need {', '.join(needed)} and allow {', '.join(allowed)}"
+        raise UsageError(f"gait: {', '.join(gait) or 'nothing'} is not allowed; {told}")
     columns = {name: np.array(column, dtype=float) for name, column in gait.items()}
     time = columns["time"]
     if any(column.shape != time.shape or column.ndim != 1 for column in columns.values()) or not len(time):
         raise UsageError("gait: the arrays must be one-dimensional and of equal length")
-    if not all(np.isfinite(column).all() for column in columns.values()):
-        raise UsageError("gait: the arrays must be finite")
+    if any(map(np.ma.is_masked, gait.values())) or not all(np.isfinite(column).all() for column in columns.values()):
+        raise UsageError("gait: the arrays must be finite, and not masked")
     stamps = np.rint(time / NANOSECOND).astype(np.int64)
     if (np.diff(stamps) <= 0).any():
         raise UsageError("gait: time must increase")
-    default = dict.fromkeys(known[2:4], np.zeros(len(time))) | {known[4]: np.full(len(time), np.nan)}
+    default = dict.fromkeys(known[2:], np.full(len(time), 0.0 if moved else np.nan))
     inputs = [(default | columns)[name] for name in known[1:]]
     return Recording(stamps, np.diff(stamps, prepend=stamps[:1]) * NANOSECOND, *inputs)

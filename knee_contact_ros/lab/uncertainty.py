@@ -21,10 +21,10 @@ import numpy as np
 
 from knee_contact_ros.bags.provenance import Provenance
 from knee_contact_ros.bags.reader import OWN_NAMES, Names
-from knee_contact_ros.lab.sweep import Floats, Knees, compute, read_recording
+from knee_contact_ros.lab.sweep import Floats, Knees, Recording, compute, read_recording
 from knee_contact_ros.model.compiler import worth_compiling
 from knee_contact_ros.model.types import Rows
-from knee_contact_ros.offline.notebooks import Name, in_python_words, solve_inputs
+from knee_contact_ros.offline.notebooks import Name, _warn, in_python_words, solve_inputs
 from knee_contact_ros.offline.solve import parameters_in, texts_of
 from knee_contact_ros.parameters.files import Source, all_values, curve_files, dotted, known_parameters
 from knee_contact_ros.parameters.schema import LATERAL, Parameters, has_both
@@ -42,6 +42,8 @@ SECTIONS = ("load.", "femur.", "tibia.", "contact.", "body_weight", LATERAL)
 """Beginnings of the names of the parameters that may be uncertain"""
 LARGEST = 1.0
 """Largest relative deviation: beyond it linear propagation does not hold"""
+MOST = {"rad": 0.35, "m": 0.01, "": 1.0}
+"""Largest deviation of an input by its unit, and of any angle"""
 DEPTH_AND_FORCE = ("penetration_depth", "contact_force")
 LEVEL = 0.95
 """Default probability of an interval"""
@@ -92,6 +94,7 @@ def deviations_of(given: Mapping[str, Any] | Name, parameters: Parameters) -> tu
     sections = SECTIONS if has_both(parameters) else SECTIONS[:-1]
     known = [name for name, value in all_values(parameters).items()
              if name.startswith(sections) and isinstance(value, float)]  # fmt: skip
+    values = all_values(parameters) | {"axial_load": parameters.body_weight}
     streams, found = [name for name in STREAMS if name not in left_out], []
     for name, size in dotted(given).items():
         if name not in (*streams, *known):
@@ -104,9 +107,15 @@ def deviations_of(given: Mapping[str, Any] | Name, parameters: Parameters) -> tu
         percent = re.fullmatch(r"\s*(\d+\.?\d*(?:[eE][+-]?\d+)?)\s*%\s*", size) if relative and part else None
         number: Any = size if isinstance(size, Real) and not isinstance(size, bool | np.bool_) else math.nan
         number = 0.01 * float(percent[1]) if percent else number
-        if not 0.0 < number < (LARGEST + 1e-9 if relative else 1e30):
-            more = ", or up to '100 %'" if part else ""
-            raise UsageError(f"uncertainty: {name}: {size!r} is not allowed; a number > 0 in SI units{more}")
+        unit = STREAMS[name][1] if name in STREAMS else known_parameters()[name].unit
+        by_unit = unit == "rad" or name not in values
+        most = LARGEST if relative else MOST[unit] if by_unit else abs(values[name]) or 1e30
+        if not 0.0 < number <= most + 1e-9 * most:
+            allowed = f"a number > 0{f' and up to {most:g}' if not relative and most < 1e30 else ''} in SI units"
+            raise UsageError(
+                f"uncertainty: {name}: {size!r} is not allowed; {allowed}{part * ', or up to 100 %'}"
+                f"{(unit == 'rad') * '; is it in degrees?'}"
+            )
         found.append(Deviation(name, float(number), relative))
     return tuple(found)
 
@@ -171,8 +180,11 @@ def factor(level: float) -> float:
 def propagated(
     bag: Path, basis: Parameters | Provenance, sizes: Mapping[str, Any] | Name, names: Names = OWN_NAMES,
     advance: Callable[[int, int], None] = lambda _done, _total: None, *, compiled: bool | None = None,
+    tell: Callable[[Recording], object] = id,
 ) -> Uncertainty:  # fmt: skip
     """Propagate standard deviations linearly; see `deviations_of` for `sizes`, and `solve` for the other arguments.
+
+    `tell` is called with the recording, which says what is damaged or implausible.
 
     All answers are held in memory: 300 B for each tick and compartment.
 
@@ -188,6 +200,7 @@ def propagated(
         )
     files = {name: texts[parameter] for parameter, name in curve_files(parameters).items()}
     recording, rows = read_recording(bag, basis, texts, names, compiled=compiled)
+    tell(recording)
     replays = 2 * len(deviations) * sum(map(len, rows))
     compiled = worth_compiling(replays) if compiled is None else compiled
 
@@ -260,10 +273,15 @@ def uncertainty(
         namespace: Namespace of the inputs in the bag.
         compiled: As for `load_model`.
 
+    An implausible or damaged bag causes warnings.
+
     Raises:
         UsageError: an argument cannot be used, or parameters changed while the recording was made.
     """
     with in_python_words():
         path, basis, names = solve_inputs(bag, params, values, subject, remap, namespace)
         with progress("Propagating") as advance:
-            return propagated(path, basis, deviations or {}, names, advance, compiled=compiled)
+            return propagated(
+                path, basis, deviations or {}, names, advance, compiled=compiled,
+                tell=lambda read: _warn(path, "solved", read.doubts, read.damage),
+            )  # fmt: skip

@@ -165,10 +165,12 @@ class KneeModel:
         Implausible angles, loads or times (degrees instead of radians, a load of the wrong sign) cause a warning.
 
         Raises:
-            ValueError: shapes differ, a value is not finite or is beyond `LARGEST_LOAD`, `LARGEST_ANGLE` or
+            ValueError: shapes differ, a value is masked, is not finite or is beyond `LARGEST_LOAD`, `LARGEST_ANGLE` or
                 `LARGEST_HEIGHT`, time does not increase, or `femoral_height` does not fit the drive.
         """
         given = (time, flexion_angle, load) if femoral_height is None else (time, flexion_angle, load, femoral_height)
+        if any(map(np.ma.is_masked, given)):
+            raise ValueError(f"time, {_listed(INPUTS[: len(given) - 1])} must not be masked")
         columns = [np.asarray(column, dtype=float) for column in given]
         if any(column.ndim != 1 or column.shape != columns[0].shape for column in columns):
             shapes = ", ".join(str(column.shape) for column in columns)

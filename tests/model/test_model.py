@@ -131,6 +131,7 @@ def test_sliding_is_that_of_the_femurs_material_point(kind: str, apart: float) -
     ([0.0, math.nan], [0.0, 0.0], [1.0, 1.0], "finite"),
     ([1e10], [0.1], [800.0], "time must be finite"),
     ([0.0, 1.0], [0.0, math.inf], [1.0, 1.0], "^flexion_angle and load must be finite, got inf, 1.0$"),
+    ([0.0], [0.1], np.ma.array([800.0], mask=True), "masked|must be finite"),
     ([0.0, 1.0], [0.0, 1e300], [1.0, 1.0], "must not exceed 10 rad"),
     ([0.0, 1.0], [0.0, 0.0], [1.0, -1e9], "must not exceed 10 rad and 1e\\+06 N, got 0.0, -1000000000.0$"),
     ([0.0, 0.0], [0.0, 0.0], [1.0, 1.0], "increase"),

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Sequence
 from importlib.metadata import version
 from importlib.util import find_spec
@@ -142,10 +141,6 @@ def read_knee(side: str, files: Files, settings: Settings, work: Path) -> Gait:
         UsageError: a file cannot be used, a column is missing, or a unit, sign or frame is wrong or unclear.
     """
     start, end = settings.start, settings.end
-    for name in ("start", "end", "rate"):
-        value = getattr(settings, name)
-        if value is not None and not math.isfinite(value):
-            raise UsageError(f"--{name} {value}: it must be a finite number")
     kinematics, reactions = read_storage(files.kinematics), read_storage(files.reactions)
     column = results.angle_column(kinematics, side, settings.coordinate)
     kinematics = kinematics.needed([column], start, end)

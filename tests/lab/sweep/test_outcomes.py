@@ -13,7 +13,9 @@ from knee_contact_ros.lab.sweep import OUTCOMES, Knees, Recording, compute
 from knee_contact_ros.model.types import FLAT, ContactState, Status
 from knee_contact_ros.parameters.files import load_parameters
 
-TIME = np.cumsum(np.tile([0.004, 0.006, 0.005], 40))
+PAUSE = 0.51
+"""[s] of the bag's hole, longer than `gait_events.GAP`"""
+TIME = np.cumsum(np.tile([0.004, 0.006, 0.005], 40)) + PAUSE * (np.arange(120) >= 70)
 ANGLE = 0.4 + 0.3 * np.sin(7.0 * TIME)
 LOAD = np.where((TIME > 0.2) & (TIME < 0.23), -150.0, 1400.0 + 1200.0 * np.sin(13.0 * TIME))
 TWO_LAYERS = {"contact.law": "two_layer_viscoelastic"}
@@ -23,7 +25,7 @@ RESETS = (37, 38, 90)
 def assert_outcomes(row: Any, series: Any, begins: list[int]) -> None:
     """All outcomes are those of the plain formulas over a series with its model, whose runs begin where stated."""
     readouts, steps = series.readouts, np.diff(np.asarray(series["stamp"])) * 1e-9
-    follows = ~np.isin(np.arange(1, len(series)), begins)
+    follows = ~np.isin(np.arange(1, len(series)), begins) & (steps < PAUSE)
     touching = np.asarray(series["contact_state"]) != ContactState.SEPARATED
     way = np.hypot(np.diff(series["contact_point"]["x"]), np.diff(series["contact_point"]["y"]))
 
@@ -85,8 +87,32 @@ def test_cases_have_the_bits_of_single_runs_with_time_resets(threads: int, compi
         series = whole.view(type(parts[0]))
         series.model = knee
         assert_outcomes(computed.outcomes[0][i], series, [0, *RESETS])
-        assert computed.outcomes[0][i]["contact_time"] < TIME[-1] - TIME[0]  # it lifts off
+        assert computed.outcomes[0][i]["contact_time"] < TIME[-1] - TIME[0] - PAUSE  # it lifts off
         assert (computed.outcomes[0][i]["bone_time"] > 0.0) == (case == TWO_LAYERS)
+
+
+STILL = {"time": [0.0, 0.01], "flexion_angle": [0.3, 0.3]}
+LOADED = STILL | {"axial_load": [700.0, 700.0]}
+
+
+@pytest.mark.parametrize(
+    ("gait", "params", "said"),
+    [
+        (STILL, {}, "need time, flexion_angle, axial_load and allow time, flexion_angle, axial_load, frontal_moment$"),
+        (LOADED | {"femoral_height": [0.0, 0.0]}, {}, "femoral_height is not allowed"),
+        (LOADED, {"drive": "displacement"}, "need time, flexion_angle, femoral_height and allow"),
+        (LOADED, {"load.compartment": "moment_balance"}, "need time, flexion_angle, axial_load, frontal_moment"),
+        (STILL | {"axial_load": np.ma.masked_less([1.0, 7.0], 5.0)}, {}, "must be finite, and not masked"),
+    ],
+)
+def test_arrays_that_the_parameters_need_are_not_assumed(gait: Any, params: dict[str, Any], said: str) -> None:
+    with pytest.raises(knee_contact_ros.UsageError, match=f"^gait: .*{said}"):
+        knee_contact_ros.sweep(gait, {"contact.damping": [1e3]}, params)
+
+
+def test_a_case_whose_rule_needs_a_moment_fails_without_one() -> None:
+    found = knee_contact_ros.sweep(LOADED, {"load.compartment": ["total", "moment_balance"]})
+    assert found.failed.tolist() == ["", "gait: load rule moment_balance needs frontal_moment"]
 
 
 @pytest.mark.parametrize(

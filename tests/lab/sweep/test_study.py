@@ -20,15 +20,17 @@ from hypothesis import strategies as st
 import knee_contact_ros
 from knee_contact_ros.commands.main import main
 from knee_contact_ros.lab import study as studies
-from knee_contact_ros.lab.study import MOST, Shards, Study, groups_of
+from knee_contact_ros.lab.study import MOST, Shards, Study, groups_of, run_study
 from knee_contact_ros.lab.sweep import OUTCOMES
 from knee_contact_ros.system.errors import IncompleteError, UsageError
 from tests import ROOT
 from tests.lab.sweep.studies import DAMPINGS, assert_same, computed, started, study, table
+from tests.offline.test_solve import make_bag
 
 pytestmark = pytest.mark.xdist_group("cluster of cohorts")
 GRID = {"contact.damping": DAMPINGS, "contact.layer_depth": [3e-4, 5e-4, 7e-4, 9e-4]}
 TWO = {"contact.damping": DAMPINGS[:2]}
+RADII = {"femur.radius": [0.033, 0.034]}
 RANGES = {"contact.damping": [1e3, 1e4], "femur.mass": {"from": 1.0, "to": 10.0, "scale": "log"}}
 Capture = pytest.CaptureFixture[str]
 
@@ -93,7 +95,35 @@ def test_failed_cases_are_rows_with_a_reason(right_bag: Path, address: str, tmp_
     assert found["failed"][0] == "parameter tibia.radius: 0.02 is not allowed; it must exceed femur.radius, 0.034"
     assert list(found["failed"] == "") == [False, False, True]
     assert list(found["peak_force"].isna()) == [True, True, False]
-    assert computed(asked, tmp_path / "out", scheduler=address)[:2] == (3, 0)
+    *numbers, missing = run_study(asked, str(tmp_path / "out"), scheduler=address)
+    assert (numbers, missing) == ([3, 0, 2], f"2 of 3 cases failed: {found['failed'][0]}")
+
+
+def test_a_damaged_or_implausible_bag_is_told_and_a_recording_whose_parameters_are_not_used(
+    right_bag: Path, address: str, tmp_path: Path, capfd: Capture
+) -> None:
+    (file,) = right_bag.glob("*.mcap")
+    damaged, upside_down, recorded = (tmp_path / f"{name}.mcap" for name in ("damaged", "upside_down", "recorded"))
+    damaged.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+    make_bag(upside_down, [(i * 10_000_000, 0.3, -1000.0) for i in range(300)])
+    knee_contact_ros.solve(right_bag, "osteoarthritis", output=recorded)
+    asked, out = tmp_path / "study.yaml", str(tmp_path / "out")
+    asked.write_text(f"bags: [{damaged}, {upside_down}, {recorded}]\n")
+    last = f"knee-contact: bag {damaged} is damaged, and computed as far as it can be read: "
+    doubts = {upside_down: "negative", recorded: "its own parameters are not used, but healthy"}
+    for again in (False, True):
+        assert main(["sweep", str(asked), "--output", out, "--scheduler", address]) == 1
+        *warned, end = capfd.readouterr().err.splitlines()
+        assert end.startswith(last)
+        for bag, doubt in doubts.items():
+            told = [line for line in warned if line.startswith(f"knee-contact: warning: bag {bag}: ") and doubt in line]
+            assert len(told) == (bag == recorded or not again)
+    for bag, doubt in (doubts | {damaged: f"bag {damaged} is damaged, and solved as far as it can be read"}).items():
+        with pytest.warns(UserWarning, match=doubt):
+            knee_contact_ros.sweep(bag, TWO)
+        if bag != recorded:
+            with pytest.warns(UserWarning, match=doubt):
+                knee_contact_ros.uncertainty(bag, "healthy", {"axial_load": "5 %"})
 
 
 def test_series_of_both_compartments(address: str, right_bag: Path, tmp_path: Path) -> None:
@@ -109,6 +139,11 @@ def test_series_of_both_compartments(address: str, right_bag: Path, tmp_path: Pa
             assert (own["contact_force"].to_numpy() == alone.contact_force).all()
             assert (own["stamp"].to_numpy() == np.asarray(alone["stamp"])).all()
         assert row["lateral_peak_force"] == medial.lateral.contact_force.max()
+    next(out.glob("cases-*")).unlink()  # a damaged one that is moved away: its series must not stay
+    computed(study(right_bag, series=True, grid=TWO | RADII, params=["both_compartments"]), out, scheduler=address)
+    again = pd.read_parquet(out / "_series")
+    assert len(again) == 2 * len(series)
+    assert not again.duplicated(["case", "compartment", "stamp"]).any()
     computed(study(right_bag, grid=GRID), tmp_path / "without", scheduler=address)
     with pytest.raises(UsageError, match="holds cases without their series; use a new folder"):
         computed(study(right_bag, grid=GRID, series=True), tmp_path / "without", scheduler=address)
@@ -189,12 +224,14 @@ def test_a_folder_of_others_a_foreign_table_and_a_damaged_one(right_bag: Path, a
     computed(asked, out, scheduler=address)
     expected, first = table(out), min(out.glob("cases-*"))
     whole = first.read_bytes()
+    last = len(whole) - 9 - int.from_bytes(whole[-8:-4], "little")  # the last byte of data
     foreign = tmp_path / "foreign.parquet"
     pd.DataFrame({"a": [1]}).to_parquet(foreign)
     for name, content, said in (
         ("holiday.jpg", b"", r"holds holiday\.jpg, which is not a result of a study"),
         ("cases-mine.parquet", foreign.read_bytes(), r"cases-mine\.parquet is damaged, or is not a result of a study"),
         *((first.name, whole[:size], f"{first.name} is damaged") for size in (0, 100, len(whole) // 2)),
+        (first.name, whole[:last] + bytes([whole[last] ^ 1]) + whole[last + 1 :], f"{first.name} is damaged"),
     ):
         (out / name).write_bytes(content)
         with pytest.raises(UsageError, match=said) as told:
@@ -204,7 +241,7 @@ def test_a_folder_of_others_a_foreign_table_and_a_damaged_one(right_bag: Path, a
     (out / "_unfinished").write_bytes(whole[:100])  # of one that was killed
     assert computed(asked, out, scheduler=address)[1] > 0
     assert_same(table(out), expected)
-    with pytest.raises(UsageError, match=r"holds foreign\.parquet, which is not"):
+    with pytest.raises(UsageError, match=r"foreign\.parquet: is a file; a folder is needed"):
         computed(asked, foreign, scheduler=address)
 
 
@@ -250,7 +287,7 @@ BAD = {
     "'to': 1} is not allowed; from < to": "bags: [a]\ngrid: {femur.mass: {from: 2, to: 1}}",
     "ranges.femur.mass: [1] is not allowed; a list of": "bags: [a]\nsample: {n: 2, ranges: {femur.mass: [1]}}",
     "method: 'dice' is not allowed": "bags: [a]\nsample: {n: 2, method: dice, ranges: {femur.mass: [1, 2]}}",
-    f"{MOST} at most": f"bags: [a, b]\nsample: {{n: {MOST}, ranges: {{femur.mass: [1, 2]}}}}",
+    f"{MOST} at most": f"bags: [a, a]\nsample: {{n: {MOST}, ranges: {{femur.mass: [1, 2]}}}}",
     "/nobody.mcap: No such file or directory": "bags: [nobody.mcap]",
     "bag file:///nobody.mcap: cannot be fetched: ": "bags: ['file:///nobody.mcap']",
     "parameter femur.profile: cannot read nobody.csv": "bags: [{bag}]\nparams: [mri_femur]\nvalues: "
