@@ -23,7 +23,7 @@ from knee_contact_ros.model.laws import ContactLaw
 from knee_contact_ros.model.readouts import ContactPatch
 from knee_contact_ros.model.surfaces import ContactPair
 from knee_contact_ros.model.types import NANOSECOND, ROW, ContactState, Rows, Status
-from knee_contact_ros.offline.notebooks import Name, _warn, in_python_words
+from knee_contact_ros.offline.notebooks import Name, in_python_words, warn_of
 from knee_contact_ros.offline.solve import parameters_for, parameters_in, solve
 from knee_contact_ros.parameters.build import build_model, contact_pair, load_rule
 from knee_contact_ros.parameters.files import (
@@ -456,7 +456,7 @@ def sweep(
         params: The knee, as for `load_model`.
         remap: Other names of the input topics in a bag.
         namespace: Namespace of the input topics in a bag.
-        series: Whether to keep all answers, 330 B a tick.
+        series: Whether to keep all answers, 224 B a tick.
         threads: Number of threads; 0: one for each processor. Compiled code runs without Python's lock.
 
     An implausible or damaged bag causes warnings.
@@ -477,7 +477,7 @@ def sweep(
             names = names_in_bag([f"{ours}:={theirs}" for ours, theirs in (remap or {}).items()], namespace)
             recording, _ = read_recording(expanded(str(gait)), parameters, file_texts(parameters, files), names)
             own = recorded_doubt(expanded(str(gait))) if params == DEFAULT_PARAMETERS else []
-            _warn(expanded(str(gait)), "solved", [*own, *recording.doubts], recording.damage)
+            warn_of(expanded(str(gait)), "solved", [*own, *recording.doubts], recording.damage)
         knees = Knees(recording, parameters, files)
     compiled = worth_compiling(len(cases) * len(recording.steps))
     computed = compute(knees, cases, series=series, threads=threads, compiled=compiled)

@@ -24,7 +24,7 @@ from knee_contact_ros.bags.reader import OWN_NAMES, Names
 from knee_contact_ros.lab.sweep import Floats, Knees, Recording, compute, read_recording
 from knee_contact_ros.model.compiler import worth_compiling
 from knee_contact_ros.model.types import Rows
-from knee_contact_ros.offline.notebooks import Name, _warn, in_python_words, solve_inputs
+from knee_contact_ros.offline.notebooks import Name, in_python_words, solve_inputs, warn_of
 from knee_contact_ros.offline.solve import parameters_in, texts_of
 from knee_contact_ros.parameters.files import Source, all_values, curve_files, dotted, known_parameters
 from knee_contact_ros.parameters.schema import LATERAL, Parameters, has_both
@@ -283,5 +283,5 @@ def uncertainty(
         with progress("Propagating") as advance:
             return propagated(
                 path, basis, deviations or {}, names, advance, compiled=compiled,
-                tell=lambda read: _warn(path, "solved", read.doubts, read.damage),
+                tell=lambda read: warn_of(path, "solved", read.doubts, read.damage),
             )  # fmt: skip

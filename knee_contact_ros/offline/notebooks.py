@@ -82,7 +82,7 @@ def solve(
         written = checked_output(Path(output), "output", ".mcap") if output else None
         results, summary = answers_of(path, basis, names, written, overwrite, compiled)
         doubts = [*weight_doubt(path, parameters_in(basis)), *summary.warnings, summary.unanswered]
-        _warn(path, "solved", doubts, summary.damage)
+        warn_of(path, "solved", doubts, summary.damage)
     return results
 
 
@@ -102,7 +102,7 @@ def answers_of(
     return medial, summary
 
 
-def _warn(bag: Path, done: str, doubts: Sequence[str], damage: Sequence[str]) -> None:
+def warn_of(bag: Path, done: str, doubts: Sequence[str], damage: Sequence[str]) -> None:
     """Warn of doubts, if they are not empty, of other recordings in the bag's folder, and of its damage."""
     damaged = f"bag {bag} is damaged, and {done} as far as it can be{' read' * (done == 'solved')}"
     for sentence in filter(None, [*others_beside(bag), *doubts, *([f"{damaged}: {in_a_line(damage)}"] * bool(damage))]):
@@ -209,5 +209,5 @@ def estimate_load(
         written = checked_output(Path(output), "output", ".mcap") if output else None
         with progress("Estimating") as advance:
             summary = estimate(path, parameters, written, advance, overwrite, names)
-        _warn(path, "read", [*changed, *summary.implausible], summary.damage)
+        warn_of(path, "read", [*changed, *summary.implausible], summary.damage)
     return summary.estimates.view(Records)

@@ -544,10 +544,8 @@ def _of_cloud(surface: Surface, z: float, slab: float) -> Slices:
             f"--slice {1e3 * z:g}: only {np.count_nonzero(inside)} points of {surface.path} lie within "
             f"{1e3 * slab:g} mm of it (--slab); it reaches from {surface.lateral_range}"
         )
-    remarks, nearest = (
-        ["all points of a cloud are used: it must hold the articular side only"],
-        np.abs(distance).argmin(),
-    )
+    nearest = np.abs(distance).argmin()
+    remarks = ["all points of a cloud are used: it must hold the articular side only"]
     if abs(distance[nearest]) > DISTANCE:
         z_there = 1e3 * surface.points[nearest, 2]
         remarks.append(f"no point lies within {1e3 * DISTANCE:g} mm of the slice; the nearest has z = {z_there:.2f} mm")
