@@ -15,6 +15,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from importlib.util import find_spec
+from itertools import count
 from pathlib import Path
 from typing import NamedTuple
 
@@ -342,10 +343,11 @@ def test_it_is_opened_beside_a_node_that_runs(said: Path, start_node: Start, pee
     command = [sys.executable, "-c", RUN, share_folder() / "launch" / "rviz.launch.py"]
     arguments = ["replay:=false", "clock:=false", "frame:=tibia_isb"]
     launched = subprocess.Popen([*command, *arguments], stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
-    numbers = iter(range(10_000))
+    numbers = count()
 
     def closed() -> bool:
         peer.send(next(numbers) * STEP, 0.2, 900.0)
+        peer.spin(1e-9 * STEP)
         return launched.poll() is not None
 
     peer.wait_until(closed)
