@@ -7,6 +7,7 @@ import io
 import sys
 import tokenize
 from functools import cache
+from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from types import CodeType, FrameType
 from typing import Any
@@ -45,6 +46,19 @@ def room(module: str) -> str:
     """The part of the package in which a module lies; empty for the root."""
     parts = module.split(".")
     return parts[1] if len(parts) > 2 or (ROOT / PACKAGE / parts[-1]).is_dir() else ""
+
+
+def floors_of(below: dict[str, set[str]]) -> tuple[int, int]:
+    """Floors of the rooms, which import those `below`, and 0; or, if there is a circle, 0 and 1."""
+    sorter, floors = TopologicalSorter({one: rooms for one, rooms in below.items() if one}), 0
+    try:
+        sorter.prepare()
+    except CycleError:
+        return 0, 1
+    while rooms := sorter.get_ready():
+        sorter.done(*rooms)
+        floors += 1
+    return floors, 0
 
 
 def longest_chain(folder: Path) -> int:
@@ -90,7 +104,11 @@ def figures() -> dict[str, int]:
     inner = [module for module in graph.modules if module != PACKAGE]
     importers = {module: graph.find_modules_that_directly_import(module) for module in inner}
     packages = {module for module in inner if graph.find_children(module)}
-    between = sum(room(one) != room(module) for module in inner for one in importers[module])
+    arrows = [(room(one), room(module)) for module in inner for one in importers[module] if room(one) != room(module)]
+    floors, circles = floors_of(
+        {one: {lower for upper, lower in arrows if upper == one and lower} for one, _ in arrows}
+    )
+    sources = [p.read_text(encoding="utf-8") for p in (ROOT / PACKAGE).rglob("*.py") if p.name != "__init__.py"]
     model_modules, _, model_code = lines_in(ROOT / PACKAGE / "model")
     functions, files = entered_in_a_tick()
     return {
@@ -99,7 +117,10 @@ def figures() -> dict[str, int]:
         "lines": lines,
         "lines of code": code,
         "rooms": len({room(module) for module in inner} - {""}),
-        "imports between rooms": between,
+        "floors": floors,
+        "circles of rooms": circles,
+        "imports between rooms": len(arrows),
+        "modules of less than 25 lines of code": sum(code_lines(source) < 25 for source in sources),
         "modules with one importer": sum(len(importers[module]) == 1 for module in inner if module not in packages),
         "modules of the model": model_modules,
         "lines of code of the model": model_code,
